@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from app.api.analytic_values import ANALYTIC, THEORIES
-from app.base.errors import InputError, call_collectively, check_alike, format_exact
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.contact.contact_moments import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, as_number
@@ -79,7 +79,7 @@ class LoadPath:
         self._problem = solver.problem
         self._rank = solver.comm.rank  # the solver may be closed when the table is saved
         self.numbers = call_collectively(solver.comm, _as_numbers, kind, numbers)
-        check_alike(solver.comm, (self.numbers, stiffness), "path")
+        check_equal_on_ranks(solver.comm, (self.numbers, stiffness), "path")
         solver.check_all([{kind: number} for number in self.numbers])
         self.go_on_after(rows)
         self.operator_applications = self.solve_seconds = 0.0
@@ -89,7 +89,7 @@ class LoadPath:
         """Take the `rows` of steps done already, before one is solved here. Collective."""
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
-        check_alike(comm, len(self.rows), "path")
+        check_equal_on_ranks(comm, len(self.rows), "path")
         if len(self.rows) > len(self.numbers):
             raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
 

@@ -12,7 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.api.strategy import STRATEGIES
-from app.base.errors import InputError, call_collectively, described, shorten
+from app.base.errors import InputError, call_collectively, format_error, shorten
 from app.base.numba_cache import check_compiler
 from app.base.petsc import as_raised, check_cells, error_message
 from app.contact.history import Listener
@@ -90,7 +90,7 @@ def _check_parts(texts):
         except (ImportError, AttributeError):
             continue
         except Exception as error:
-            raise InputError(f"-{name} {text}: {described(error)}") from None
+            raise InputError(f"-{name} {text}: {format_error(error)}") from None
         if not callable(part):
             if not isinstance(part, ModuleType):
                 raise InputError(f"-{name} {text}: is {type(part).__name__}; needed: a class")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from app.api.method_solver import check_kind
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
-from app.base.errors import InputError, call_collectively, check_alike, format_exact
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.multigrid.hierarchy import check_room
@@ -86,7 +86,7 @@ def refine(
     """
     comm = mpi_abort.abort_on_exception(mpi_comm(comm))
     call_collectively(comm, check, problem, until, most_cells)
-    check_alike(comm, (until, most_cells, stiffness), "refine")
+    check_equal_on_ranks(comm, (until, most_cells, stiffness), "refine")
     rows, numbers, asked = [], [], None
     options = call_collectively(comm, as_texts, options or {})
     while True:

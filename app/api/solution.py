@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from app.base.errors import InputError, call_collectively, check_alike
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.contact.certificate import Certificate
 from app.contact.grid_errors import GridErrors
 from app.halfspace.grid import Grid
@@ -259,7 +259,7 @@ class Solution(ContactFields):
         from app.io.result import Result
         from app.io.write import ByRows, write_result
 
-        check_alike(self.comm, list(attributes), f"result file {path}: names of attributes")
+        check_equal_on_ranks(self.comm, list(attributes), f"result file {path}: names of attributes")
         h, u = self.undeformed_distance, self.displacement
         fields = {
             "pressure": self.pressure,
@@ -272,7 +272,7 @@ class Solution(ContactFields):
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
         more = call_collectively(self.comm, self._fields_among, attributes, own, f"result file {path}")
         kinds = {name: field.dtype.str for name, field in more.items()}
-        check_alike(self.comm, kinds, f"result file {path}: names and types of fields")
+        check_equal_on_ranks(self.comm, kinds, f"result file {path}: names and types of fields")
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
         try:

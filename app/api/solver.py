@@ -27,7 +27,7 @@ from app.api.notes import notes_on
 from app.api.solution import Solution, identity
 from app.api.stiffness import contact_stiffness
 from app.api.strategy import check_single
-from app.base.errors import InputError, call_collectively, check_alike, warn_caller
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.petsc import Resources, mpi_comm, one_at_a_time
 from app.contact import measures
 from app.contact.certificate import certify
@@ -147,7 +147,7 @@ class ContactSolver:
             self.listeners, grid = [*listeners, *monitors], problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
-            check_alike(
+            check_equal_on_ranks(
                 self.comm, (grid.shape, grid.periodic, sizes, chosen, prefix), "grid, material or options"
             )
             self.comm.shares_memory = chosen.shared_memory
@@ -255,7 +255,7 @@ class ContactSolver:
         self._refuse_if_closed()
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         mpi_abort.abort_on_exception(self._outer_comm)
-        check_alike(self.comm, (given, identity(start)), "loading or start")
+        check_equal_on_ranks(self.comm, (given, identity(start)), "loading or start")
         with ExitStack() as to_end:
             for listener in self.listeners:
                 listener.begin(self.settings)
@@ -328,7 +328,7 @@ class ContactSolver:
     def check_all(self, loadings):
         """Refuse the first of some loadings, as keywords of `solve`, that it would refuse. Collective."""
         self._refuse_if_closed()
-        check_alike(self.comm, loadings, "loading")
+        check_equal_on_ranks(self.comm, loadings, "loading")
         for given in loadings:
             self._loading(given)
 
@@ -341,7 +341,7 @@ class ContactSolver:
         """
         self._refuse_if_closed()
         before, ours = self.problem, self.problem.fits(problem)
-        check_alike(self.comm, ours, "grid or material")
+        check_equal_on_ranks(self.comm, ours, "grid or material")
         if not ours:
             raise InputError("problem: needed: a ContactProblem of the solver's grid and material")
         self.problem = problem

@@ -38,7 +38,7 @@ class PackageMissing(ModuleNotFoundError, PackageError):
     """A package is not installed; the message says how to get it."""
 
 
-class FailedElsewhere(RuntimeError):
+class OtherRankError(RuntimeError):
     """Another rank has met a mistake of the program; the message says which."""
 
 
@@ -67,18 +67,18 @@ def format_distinct(number, other, digits=3):
     return next((mine for mine, its in zip(texts, others, strict=True) if mine != its), texts[0])
 
 
-def one_line(error):
+def format_message(error):
     """Text of an exception on one line; its type if it says nothing. Not collective."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def described(error):
+def format_error(error):
     """Type and text of an exception on one line. Not collective."""
-    name, text = type(error).__name__, one_line(error)
+    name, text = type(error).__name__, format_message(error)
     return name if text == name else f"{name}: {text}"
 
 
-def yaml_fault(error, content):
+def format_yaml_error(error, content):
     """Line of a text that is no YAML, and what is wrong there, to stand behind the text's name. Not collective."""
     mark = getattr(error, "problem_mark", None)
     line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
@@ -102,9 +102,9 @@ def call_collectively(comm, function, *args, only_root=False):
         if comm.rank == 0 or not only_root:
             result = function(*args)
     except (ValueError, OSError, MemoryError) as error:
-        complaint = one_line(error)
+        complaint = format_message(error)
     except Exception as error:
-        mistake, complaint = error, (described(error),)
+        mistake, complaint = error, (format_error(error),)
     if only_root:
         result, complaint = comm.bcast((result, complaint))
         complaints = [complaint]
@@ -114,7 +114,7 @@ def call_collectively(comm, function, *args, only_root=False):
         raise mistake
     for told in complaints:
         if isinstance(told, tuple):
-            raise FailedElsewhere(f"on another rank: {told[0]}")
+            raise OtherRankError(f"on another rank: {told[0]}")
     if complaints.count(None) == len(complaints):
         return result
     hosts = comm.allgather(socket.gethostname())
@@ -123,7 +123,7 @@ def call_collectively(comm, function, *args, only_root=False):
     raise InputError(f"host {host}: {message}" if alone else message)
 
 
-def check_alike(comm, value, what):
+def check_equal_on_ranks(comm, value, what):
     """Refuse what is not the same on all ranks, which would wait for each other.
 
     Collective over the mpi4py communicator `comm`.

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import wraps
 
 from app import __version__
-from app.base.errors import InputError, one_line, shorten
+from app.base.errors import InputError, format_message, shorten
 from app.cli import streams
 from app.options import option_table
 
@@ -66,7 +66,9 @@ def writing(output):
     try:
         yield
     except OSError as error:
-        raise InputError(f"-o {output}: cannot be written: {error.strerror or one_line(error)}") from None
+        raise InputError(
+            f"-o {output}: cannot be written: {error.strerror or format_message(error)}"
+        ) from None
 
 
 def command(main):
@@ -82,7 +84,7 @@ def command(main):
         try:
             return main(argv)
         except (InputError, OSError, MemoryError) as error:
-            streams.complain(f"error: {one_line(error)}")
+            streams.complain(f"error: {format_message(error)}")
             return 2
         except KeyboardInterrupt:
             return 130

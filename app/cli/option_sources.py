@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
-from app.base.errors import InputError, shorten, yaml_fault
+from app.base.errors import InputError, format_yaml_error, shorten
 from app.options.option_table import (
     FILES,
     Option,
@@ -340,7 +340,7 @@ def _check_yaml(content, where):
         for document in yaml.compose_all(content, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             look(document)
     except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{where}{yaml_fault(error, content)}") from None
+        raise InputError(f"{where}{format_yaml_error(error, content)}") from None
 
 
 def _overridden(places):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import contextmanager
 
-from app.base.errors import InputError, call_collectively, check_alike
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.cli import load_path
 from app.cli.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC, read_method_file
@@ -93,7 +93,7 @@ class Request:
             # With those of the problem's own options.
             call_collectively(comm, check_output_path, self.output, inputs)
         for file in inputs:
-            check_alike(comm, call_collectively(comm, fingerprint, file), f"input {file}")
+            check_equal_on_ranks(comm, call_collectively(comm, fingerprint, file), f"input {file}")
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}

@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from app import __version__
-from app.base.errors import FailedElsewhere, InputError, call_collectively, described, one_line
+from app.base.errors import InputError, OtherRankError, call_collectively, format_error, format_message
 from app.base.memory import check_process, tell_malloc
 from app.base.packages import HOW_TO_GET, mismatch
 from app.cli import streams
@@ -72,7 +72,9 @@ def start(argv):
             if "numpy" in str(error):
                 raise mismatch("petsc4py") from None
             place = petsc4py.__path__[0]
-            raise InputError(f"{place} does not load: {one_line(error)}. {HOW_TO_GET['petsc4py']}") from None
+            raise InputError(
+                f"{place} does not load: {format_message(error)}. {HOW_TO_GET['petsc4py']}"
+            ) from None
         except Exception:
             raise InputError(f"PETSc does not start: {said()}") from None
     for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
@@ -205,17 +207,17 @@ def run(main, argv=None):
         status = main(given) or 0
         write_logs(given.of_petsc)
     except InputError as error:
-        status, complaint = 2, one_line(error)
+        status, complaint = 2, format_message(error)
     except MemoryError as error:
-        status, complaint = 2, f"not enough memory: {one_line(error)}"
+        status, complaint = 2, f"not enough memory: {format_message(error)}"
     except KeyboardInterrupt:
         from app.parallel import mpi_abort
 
         streams.complain("interrupted")
         mpi_abort.abort_all(status := 130)
     except BaseException as error:
-        status, complaint, trace = 1, described(error), traceback.format_exc().rstrip()
-        if isinstance(error, FailedElsewhere):
+        status, complaint, trace = 1, format_error(error), traceback.format_exc().rstrip()
+        if isinstance(error, OtherRankError):
             trace = ""
     # Outside the except blocks: no traceback holds a Mat any more that PETSc would destroy too late.
     if complaint is not None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.base.errors import InputError, call_collectively, check_alike
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.options.option_table import nearest
 
 # What a Solution calls some attributes of the file.
@@ -169,7 +169,7 @@ class ContactFields:
             check()
         else:
             call_collectively(self.comm, check)
-            check_alike(self.comm, (name, bins, bool(logarithmic)), "distribution")
+            check_equal_on_ranks(self.comm, (name, bins, bool(logarithmic)), "distribution")
         values = getattr(self, name)
         values = values[(self.contact == (name == "pressure")) & (values > 0)]
         low, high = minimum_over(self.comm, [values.min(initial=np.inf), -values.max(initial=0.0)])

@@ -33,7 +33,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.base.errors import InputError, one_line
+from app.base.errors import InputError, format_message
 from app.base.memory import check_fits
 from app.base.quantities import QUANTITIES
 from app.io.contact_fields import ContactFields
@@ -174,13 +174,13 @@ def opened(path):
         with h5py.File(path, "r") as file:
             yield file
     except ValueError as error:
-        raise InputError(f"result file {path}: {one_line(error)}") from error
+        raise InputError(f"result file {path}: {format_message(error)}") from error
     except TypeError as error:
         if "No NumPy equivalent" not in str(error):  # of the type of something in the file
             raise
-        raise InputError(f"result file {path}: {one_line(error)}") from error
+        raise InputError(f"result file {path}: {format_message(error)}") from error
     except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
-        raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
+        raise InputError(f"result file {path}: not a readable HDF5 file ({format_message(error)})") from error
 
 
 def holds_heights(path):

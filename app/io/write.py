@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from app.base.errors import InputError, call_collectively, one_line
+from app.base.errors import InputError, call_collectively, format_message
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, publish, remove, temporary_name
@@ -193,7 +193,7 @@ def _together(comm, step, only_root=False):
             step()
     except Exception as error:
         # Its text only: an exception in a variable would keep alive all objects of this rank, but not of the others.
-        complaint = one_line(error)
+        complaint = format_message(error)
     for rank, message in enumerate(comm.allgather(complaint)):
         if message is not None:
             raise OSError(message if comm.size == 1 else f"rank {rank}: {message}")

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from app.base.errors import FailedElsewhere, InputError, described
+from app.base.errors import InputError, OtherRankError, format_error
 from app.base.mpi import MPI
 from app.base.petsc import log_messages, log_reduction, refusal
 
@@ -107,7 +107,7 @@ class Communicator(MPI.Intracomm):
         """Return what rank 0 tells; if that is a `Failure`, raise it on the others. Collective."""
         told = self.bcast(known)
         if isinstance(told, Failure) and self.rank > 0:
-            raise (InputError if told.refused else FailedElsewhere)(told.why)
+            raise (InputError if told.refused else OtherRankError)(told.why)
         return told
 
     def exchange_barrier(self):
@@ -152,7 +152,7 @@ class Failure:
     def __init__(self, error):
         error = refusal(error)
         self.refused = isinstance(error, InputError)
-        self.why = str(error) if self.refused else f"on another rank: {described(error)}"
+        self.why = str(error) if self.refused else f"on another rank: {format_error(error)}"
 
 
 class propagate_errors:

@@ -10,7 +10,7 @@ import sys
 import time
 from contextlib import suppress
 
-from app.base.errors import described
+from app.base.errors import format_error
 from app.base.mpi import MPI
 
 TIMEOUT = 3.0  # s; of a rank that has met an error, until it believes that the others have not
@@ -106,7 +106,7 @@ def _after(previous):
             return
         rank = MPI.COMM_WORLD.rank
         with suppress(OSError):
-            print(f"error: rank {rank}: {described(error)}; all ranks are ended", file=sys.stderr)
+            print(f"error: rank {rank}: {format_error(error)}; all ranks are ended", file=sys.stderr)
         abort_all(1)
 
     return end

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from app.base.errors import InputError, yaml_fault
+from app.base.errors import InputError, format_yaml_error
 from app.options.option_table import number, option_file
 from app.parameter_study.run import Run
 
@@ -58,7 +58,7 @@ def read_sweep(path):
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"sweep {path}: {getattr(error, 'strerror', None) or error}") from None
     except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"sweep {path}{yaml_fault(error, text)}") from None
+        raise InputError(f"sweep {path}{format_yaml_error(error, text)}") from None
     except InputError as error:
         raise InputError(f"sweep {path}: {error}") from None
 

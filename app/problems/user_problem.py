@@ -27,7 +27,7 @@ import sysconfig
 import traceback
 from pathlib import Path
 
-from app.base.errors import InputError, described, one_line
+from app.base.errors import InputError, format_error, format_message
 from app.options.option_table import OptionReader
 from app.problems.contact_problem import ContactProblem
 from app.problems.problem import Problem, checked_shape
@@ -148,7 +148,7 @@ def _called(name, function, *parts):
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         if frames[-1].filename == __file__:  # found here, not there
-            raise InputError(f"-problem_type {name}: {one_line(error)}") from None
+            raise InputError(f"-problem_type {name}: {format_message(error)}") from None
         theirs = [frame for frame in frames if not _NOT_THE_USERS.search(frame.filename)]
         where = f" ({theirs[-1].filename}, line {theirs[-1].lineno})" if theirs else ""
-        raise InputError(f"-problem_type {name}: {described(error)}{where}") from error
+        raise InputError(f"-problem_type {name}: {format_error(error)}{where}") from error

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, Sphere, read_result, refine
-from app.base.errors import FailedElsewhere, InputError
+from app.base.errors import InputError, OtherRankError
 
 TIGHT = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 32}
 
@@ -160,13 +160,13 @@ def test_what_fails_on_a_grid_of_some_ranks_is_heard_by_those_who_wait(comm, met
         for grid in sorted(set(before.history["level"])):
             failure = Fails(grid, error)
             solver.listeners.append(failure)
-            with pytest.raises((error, FailedElsewhere), match="this one") as caught:
+            with pytest.raises((error, OtherRankError), match="this one") as caught:
                 solver.solve(**prescribed)
             solver.listeners.remove(failure)
             told |= set(comm.allgather(caught.type))
             again = solver.solve(**prescribed)
             assert again.max_pressure == pytest.approx(before.max_pressure, rel=1e-6)
-    assert told == ({InputError} if error is InputError else {error, FailedElsewhere})
+    assert told == ({InputError} if error is InputError else {error, OtherRankError})
 
 
 class NoPickles(MPI.Intracomm):

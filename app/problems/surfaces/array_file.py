@@ -11,7 +11,7 @@ from tokenize import TokenError
 
 import numpy as np
 
-from app.base.errors import InputError, one_line
+from app.base.errors import InputError, format_message
 from app.base.memory import check_fits
 from app.problems.arrays import refuse_large
 from app.problems.surfaces.formats import format_of, suffix_of
@@ -109,7 +109,7 @@ class ArrayFile:
             other = self.elsewhere and (binary or known.kind == "unknown")
             elsewhere = f"{self.elsewhere}; else: " if other else ""
             refusal = (UnknownFormat if isinstance(error, UnknownText) else InputError)(
-                f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}"
+                f"{self.what} {name}: cannot be read: {elsewhere}{format_message(error)}"
             )
             refusal.is_text = self.is_text and not binary
             raise refusal from None
@@ -176,7 +176,7 @@ class ArrayFile:
             self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
             _ = file[name].dtype
         except TypeError as error:  # a type that numpy has not
-            raise ValueError(one_line(error)) from None
+            raise ValueError(format_message(error)) from None
         return file[name]
 
     def _read_text(self, channel):
