@@ -30,7 +30,7 @@ from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid
 from app.base.petsc import _counter
-from app.contact.full_multigrid import Visits
+from app.contact.full_multigrid import GridSequence
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.influence import Material
@@ -139,10 +139,10 @@ def recording():
                     return
         events.append(("row", field.shape[1] * field.itemsize))
 
-    def told(found, visits, state, *_):
-        hierarchy = visits.hierarchy
-        level = hierarchy.levels[visits.following]
-        if hierarchy.joined(state.operator, visits.following):
+    def told(found, grids, state, *_):
+        hierarchy = grids.hierarchy
+        level = hierarchy.levels[grids.following]
+        if hierarchy.gains_ranks(state.operator, grids.following):
             events.pop()
         wide = ALL if hierarchy.may_be_windowed(level) else level.slabs.key
         events.append(("told", state.operator.slabs.key, wide))
@@ -184,7 +184,7 @@ def recording():
         wrap(EvenMultiplier, "apply", before=multiplied)
         wrap(EvenMultiplier, "set_kernel", before=set_kernel)
         wrap(MultilevelOperator, "apply", before=by_stencils)
-        wrap(Visits, "leave", after=told)
+        wrap(GridSequence, "leave", after=told)
         for name in ("apply", "end"):  # ranks outside of the window are called, and let go
             wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))
         yield events

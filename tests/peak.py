@@ -61,7 +61,7 @@ if __name__ == "__main__":
     for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
         tell_malloc(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
-    pressure, solver_cache.LARGEST_KEPT = more[0] if more else "50", 0
+    pressure, solver_cache.MAX_CACHED_CELLS = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")
     for small in (32, 352):  # loads all there is to be loaded
         solve(small, method, periodic, pressure)

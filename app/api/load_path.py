@@ -18,14 +18,14 @@ import numpy as np
 
 from app.api.analytic_values import ANALYTIC, THEORIES
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
-from app.contact.contact_moments import ContactExtent
+from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, as_number
 
 # Columns of the table that a solution has by these names, after `load` and the like what beside it is known.
 COLUMNS = (
     "load", "approach", "indentation", "mean_pressure", "mean_gap", "contact_area", "contact_fraction",
-    "contact_fraction_corrected", "perimeter", "max_pressure", "mean_contact_pressure", *ContactExtent._fields,
+    "contact_fraction_corrected", "perimeter", "max_pressure", "mean_contact_pressure", *ContactMoments._fields,
     *GridErrors._fields, "error_bound", "residual", "iterations", "fallbacks",
 )  # fmt: skip
 

@@ -99,7 +99,7 @@ def refine(
             numbers.append(GridNumbers(*found, grid.cell_area))
             if len(numbers) > 1:
                 [prescribed] = (kind for kind, number in loading.items() if number is not None)
-                errors = errors_from(numbers, solver.touching, prescribed).with_rim(solution)
+                errors = errors_from(numbers, solver.touching, prescribed).with_contact_edge(solution)
             rows.append(_row(solution, errors))
             # Without a pressure there is nothing to refine.
             reached = solution.converged and (errors.largest <= until or not solution.load)

@@ -31,7 +31,7 @@ from app.base.errors import InputError, call_collectively, check_equal_on_ranks,
 from app.base.petsc import Resources, mpi_comm, one_at_a_time
 from app.contact import measures
 from app.contact.certificate import certify
-from app.contact.contact_moments import measure_extent
+from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
 from app.contact.loading_input import make_loading
@@ -386,9 +386,9 @@ class ContactSolver:
         found = measures.measure_contact(state)
         proof = proof.under(loading.load, found.load)
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
-        found = loading.exactly(found)
+        found = loading.restore_prescribed(found)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
-        approach, extent = loading.found_approach(state), measure_extent(state)
+        approach, extent = loading.solved_approach(state), measure_moments(state)
         notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         counted = applied, history.entries, self.comm.traffic.since(before)
@@ -408,7 +408,7 @@ class ContactSolver:
             work_units=sum(entry["work_units"] for entry in history.entries),
             operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
-            **outcome.grid_errors.with_rim(found)._asdict(),
+            **outcome.grid_errors.with_contact_edge(found)._asdict(),
             fallbacks=outcome.fallbacks,
             **found._asdict(),
             **extent._asdict(),

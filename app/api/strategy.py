@@ -27,7 +27,7 @@ from app.methods.reference_solvers import REFERENCE_SOLVERS
 from app.multigrid import direct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.multigrid.solver_cache import KeptSolvers
+from app.multigrid.solver_cache import SolverCache
 
 
 class Strategy:
@@ -107,7 +107,7 @@ class Strategy:
             state.destroy()
             del state
         state, outcome = self._solve(loading, history, start)
-        if full and full.put_off and not (outcome.converged and state.cells_in_contact() < state.grid.n):
+        if full and full.postponed and not (outcome.converged and state.cells_in_contact() < state.grid.n):
             return self._in_full_contact(full, loading, history, state, outcome)
         return state, outcome
 
@@ -163,7 +163,7 @@ class Strategy:
         state.values[...] = start.pressure
         state.project()  # that of a problem with other holes
         if state.sum([np.count_nonzero(state.p != start.pressure)])[0]:
-            state.u_is = Displacement.STALE
+            state.displacement_status = Displacement.STALE
         state.contact[...] = start.contact & state.admissible
         loading.resume(state, start.load)
         return state
@@ -224,16 +224,16 @@ class Fast(Inexact):
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
         self._kept = Kept(hierarchy, self.solver)
-        tried = hierarchy.levels[hierarchy.finest_whole]
+        tried = hierarchy.levels[hierarchy.finest_unwindowed]
         if tried.active:
-            self._kept.solver(hierarchy.finest_whole, tried)  # refuses what cannot be had
+            self._kept.solver(hierarchy.finest_unwindowed, tried)  # refuses what cannot be had
 
     def _make_solver(self):
         hierarchy = self._hierarchy
         return None if hierarchy.may_be_windowed(hierarchy.target) else TrackingSolver(hierarchy)
 
     def _first(self):
-        return int(direct.begins_directly(self._hierarchy, 0))
+        return int(direct.starts_directly(self._hierarchy, 0))
 
     def prepare(self):
         """See `Strategy.prepare`."""
@@ -260,7 +260,7 @@ class Primal(Inexact):
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-        self._kept = KeptSolvers(PrimalSolver, hierarchy, self.solver)
+        self._kept = SolverCache(PrimalSolver, hierarchy, self.solver)
 
     def _make_solver(self):
         primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from app.contact.history import Outcome
 from app.contact.state import Displacement
-from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
+from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 
 CONVERGED = "contact area unchanged and residual small enough"
 NO_CONTACT = "the bodies do not touch"
@@ -26,7 +26,7 @@ def active_set(state, solver, loading, stop, history):
     Collective over the ranks of `state`, for which step 1, the first contact set, is done. `solver` is a LinearSolver
     or DirectSolver on its operator. Returns the Outcome.
     """
-    if not begin(state, solver, loading, history):
+    if not start_grid(state, solver, loading, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
         state.keep_solvable()  # periodic patches only
@@ -39,15 +39,19 @@ def active_set(state, solver, loading, stop, history):
         update = state.activate_penetrating()  # (4.b)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
-        if wrong := what_is_wrong(failure, residual):
+        if wrong := failure_reason(failure, residual):
             return Outcome(False, wrong, k, residual)
         if not update.changed and stop(state, update.residual):  # 5. and 6. (5.1)
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, residual)
-        if not update.changed and history.stagnates() and update.residual <= ROUNDING * update.h_on_contact:
+        if (
+            not update.changed
+            and history.stagnates()
+            and update.residual <= ROUNDING_RESIDUAL * update.h_on_contact
+        ):
             loading.settle(state, update)
-            return Outcome(False, ROUNDING_LEAVES, k, residual, to_rounding=True)
+            return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
     return Outcome(False, TOO_MANY.format(stop.max_it), stop.max_it, residual)
 
 
@@ -71,7 +75,7 @@ def active_set_or_search(state, solver, loading, stop, history):
     return outcome._replace(fallbacks=outcome.fallbacks + 1)
 
 
-def begin(state, solver, loading, history):
+def start_grid(state, solver, loading, history):
     """Begin a grid; return whether there is contact. Collective.
 
     A coarser grid may have missed it; without pressure the gap decides.
@@ -83,12 +87,12 @@ def begin(state, solver, loading, history):
     if not touches:
         state.start_from_interpenetration()
         touches = state.cells_in_contact() > 0
-    if state.u_is is Displacement.STALE:
+    if state.displacement_status is Displacement.STALE:
         state.compute_displacement()
     return touches
 
 
-def what_is_wrong(failure, residual):
+def failure_reason(failure, residual):
     """Say why an iteration cannot go on, empty if it can. Not collective."""
     if failure:
         return f"the linear solver failed: {failure}"

@@ -107,7 +107,7 @@ def certify(state, wanted=np.inf):
     -------
     Certificate
     """
-    if state.u_is is not Displacement.EXACT:
+    if state.displacement_status is not Displacement.EXACT:
         state.compute_displacement(exact=True)
     return estimate(state, wanted)
 

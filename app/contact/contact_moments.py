@@ -14,7 +14,7 @@ from app.base.numba_cache import njit
 from app.parallel.reductions import njit_reassoc
 
 
-class ContactExtent(NamedTuple):
+class ContactMoments(NamedTuple):
     """Of a solution on a free patch, NaN on a periodic one; the same on all ranks."""
 
     pressure_centre_x: float  # sum(p x) / sum(p) [mm]
@@ -26,10 +26,10 @@ class ContactExtent(NamedTuple):
     major_axis_angle: float  # from the x axis, above -90 to 90 [degree]
 
 
-_NOWHERE = ContactExtent(*[float("nan")] * 7)
+_NOWHERE = ContactMoments(*[float("nan")] * 7)
 
 
-def measure_extent(state):
+def measure_moments(state):
     """Measure a `ContactState` of all cells of a grid. Collective; one pass over pressure and contact set.
 
     The semi-axes of an ellipse are twice the roots of its principal second moments over its area; those of the cells
@@ -37,7 +37,7 @@ def measure_extent(state):
 
     Returns
     -------
-    ContactExtent
+    ContactMoments
     """
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.periodic:
@@ -60,7 +60,7 @@ def measure_extent(state):
     low, high = max(mean - half, 0.0), mean + half
     angle = degrees(atan2(2 * xy, xx - yy) / 2) if 2 * half > 1e-9 * high else 0.0
     angle = 90.0 if angle == -90 else angle
-    return ContactExtent(*centre, *moments, 2 * sqrt(high), 2 * sqrt(low), angle)
+    return ContactMoments(*centre, *moments, 2 * sqrt(high), 2 * sqrt(low), angle)
 
 
 @njit_reassoc

@@ -32,11 +32,11 @@ class FullContact:
 
     Attributes
     ----------
-    put_off : bool
+    postponed : bool
         Not tried, on a coarser grid's word.
     """
 
-    work_units, put_off = 0.0, False
+    work_units, postponed = 0.0, False
 
     def __init__(self, hierarchy, distances):
         self.hierarchy, self._distances, self.level = hierarchy, distances, len(distances) - 1
@@ -66,9 +66,9 @@ class FullContact:
         prescribed, (least, most) = wanted < np.inf, distance.full_contact_pressures
         if prescribed and not least <= wanted <= most:
             return None
-        if prescribed and np.isinf(least) and not self.put_off:
-            self.put_off = self._far(wanted)
-            if self.put_off:
+        if prescribed and np.isinf(least) and not self.postponed:
+            self.postponed = self._far(wanted)
+            if self.postponed:
                 return None
         p = state.values
         least, most = self._find_allowed(state.operator.exact_inverse, distance, p)

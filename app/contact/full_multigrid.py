@@ -10,10 +10,10 @@ from functools import partial
 import numpy as np
 
 from app.contact.active_set import active_set_or_search
-from app.contact.grid_sequence import Visits
+from app.contact.grid_sequence import GridSequence
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
-from app.multigrid.direct import DirectSolver, begins_directly
+from app.multigrid.direct import DirectSolver, starts_directly
 from app.multigrid.linear_solver import LinearSolver
 from app.parallel.communicator import propagate_errors
 
@@ -45,8 +45,8 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     ContactState, Outcome
         On the target grid.
     """
-    visits, coarse = Visits(hierarchy, distances, loading, nested), None
-    for number in visits:  # Sec. 4.3, 4: steps 2 and 3 up to the target grid
+    grids, coarse = GridSequence(hierarchy, distances, loading, nested), None
+    for number in grids:  # Sec. 4.3, 4: steps 2 and 3 up to the target grid
         level = hierarchy.levels[number]
         state = contact_state(level, distances[number])
         if coarse is not None:
@@ -58,19 +58,21 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
             coarse.destroy()
         if level.active:
             solver = target_solver
-            if not visits.at_target:
+            if not grids.at_target:
                 solver = _solver_on(hierarchy, number, first=coarse is None)
             # Sec. 4.3, 3, (3.b): until the contact area is unchanged, and on the target grid (5.1)
-            solve = partial(active_set_or_search, state, solver, stop=visits.test(stop), history=history)
+            solve = partial(
+                active_set_or_search, state, solver, stop=grids.stopping_test(stop), history=history
+            )
             # Sec. 4.3, 1: the coarsest grid, directly if it is small
-            with propagate_errors(visits.waiting(state)):
+            with propagate_errors(grids.waiting_ranks(state)):
                 found = loading.first_solve(state, solve) if coarse is None else solve(loading)
-            visits.solved(found, state.depth)
+            grids.record(found, state.depth)
             if solver is not target_solver:
                 solver.destroy()
-        visits.leave(state)
+        grids.broadcast_to_next(state)
         coarse = state
-    return state, visits.outcome
+    return state, grids.outcome
 
 
 def prolongate(transfer, coarse, state, beta, prolong):
@@ -79,7 +81,7 @@ def prolongate(transfer, coarse, state, beta, prolong):
     Collective.
     """
     transfer.interpolate(coarse.u, state.u)
-    state.u_is = Displacement.STALE
+    state.displacement_status = Displacement.STALE
     if not (prolong and prolong(transfer, coarse, state)):
         copy_prolongation(transfer, coarse, state, beta)
 
@@ -97,6 +99,6 @@ def copy_prolongation(transfer, coarse, state, beta):
 def _solver_on(hierarchy, number, first):
     """Make the solver of a level: directly if it is the first and small enough. Collective over its ranks."""
     operator = hierarchy.levels[number]
-    if first and begins_directly(hierarchy, number):
+    if first and starts_directly(hierarchy, number):
         return DirectSolver(operator, number)
     return LinearSolver(hierarchy, number)

@@ -47,7 +47,7 @@ class GridErrors(NamedTuple):
     max_pressure_error: float = float("nan")
     contact_area_error: float = float("nan")
 
-    def with_rim(self, solution):
+    def with_contact_edge(self, solution):
         """Let the area be no more certain than the cells on its rim are: see ``contact_fraction_corrected``.
 
         Not collective. Counts of cells scatter: on two grids they may agree by chance.
@@ -72,7 +72,7 @@ _SLOWEST = (
 )  # largest ratio of neighbouring differences in a series; it adds up to ten times the last one
 
 
-def numbers_on(state, comm, load=None, depth=None):
+def compute_grid_numbers(state, comm, load=None, depth=None):
     """Numbers of a ContactState; with a better load and depth, if known.
 
     Collective over `comm`, all ranks that want to know.
@@ -89,7 +89,7 @@ def estimated_errors(coarser, state, comm, prescribed):
     """Estimate the errors of the numbers of `state`, by those of coarser grids. Collective over `comm`."""
     if not coarser:
         return UNKNOWN
-    return errors_from([*coarser, numbers_on(state, comm)], state.first_touch(), prescribed)
+    return errors_from([*coarser, compute_grid_numbers(state, comm)], state.first_touch(), prescribed)
 
 
 def errors_from(grids, touching, prescribed):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 
 from app.contact.grid_errors import estimated_errors
-from app.multigrid.direct import may_begin
+from app.multigrid.direct import can_start_on
 
 
-class Visits:
+class GridSequence:
     """The levels that a nested iteration goes through, from coarse to fine, and what is found on the way.
 
     Iterate over it for their numbers. What is found, ranks that share a grid know; when it is left they tell those
@@ -44,20 +44,20 @@ class Visits:
             self.following, self.at_target = following, number == self._last
             yield number
 
-    def test(self, stop):
+    def stopping_test(self, stop):
         """Return the test to be met on this grid, by that of the target. Not collective."""
         return stop if self.at_target else stop.for_coarse_grid()
 
-    def solved(self, outcome, depth):
+    def record(self, outcome, depth):
         """Take note of the outcome on a grid, and of its depth [mm]. Not collective."""
-        self.outcome = outcome.on_from(self.outcome)
+        self.outcome = outcome.add_fallbacks(self.outcome)
         self._loading.record(depth)
 
-    def waiting(self, state):
+    def waiting_ranks(self, state):
         """Communicator of rank 0 and those that wait while a grid is solved, or None. Collective over these."""
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
-    def leave(self, state, found=None):
+    def broadcast_to_next(self, state, found=None):
         """Go on to the next grid.
 
         Collective.
@@ -74,7 +74,7 @@ class Visits:
         any
             That, on all ranks of the next grid.
         """
-        if self.hierarchy.joined(state.operator, self.following) and (comm := self.waiting(state)):
+        if self.hierarchy.gains_ranks(state.operator, self.following) and (comm := self.waiting_ranks(state)):
             known = comm.bcast_or_raise(
                 (state.depth, self._loading.shared, self.outcome, self.grid_numbers, found)
             )
@@ -102,5 +102,5 @@ def _route(hierarchy, distances, loading, nested):
     sighted = [number for number, distance in enumerate(distances) if distance.statistics.cells]
     if nested:
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
-    small = [number for number in sighted if may_begin(hierarchy, number)]
+    small = [number for number in sighted if can_start_on(hierarchy, number)]
     return [last] if loading.approach_is_known else [*small[-1:], last]

@@ -145,7 +145,7 @@ class Outcome(NamedTuple):
         doubt = f"the pressure is proved to {proved} only (-lcp_error_bound {asked}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
-    def on_from(self, coarser):
+    def add_fallbacks(self, coarser):
         """Return this outcome with the fallbacks of that of the coarser grids, if there is one, added."""
         return self._replace(fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
 

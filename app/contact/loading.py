@@ -52,11 +52,11 @@ class Loading:
         """Return whether no cell can carry pressure."""
         return False
 
-    def found_approach(self, state):
+    def solved_approach(self, state):
         """Return the approach of a solution, exactly as prescribed [mm]."""
         return state.approach
 
-    def exactly(self, measures):
+    def restore_prescribed(self, measures):
         """Return ContactMeasures with the prescribed number as given, from which they differ by rounding."""
         return measures
 
@@ -136,8 +136,8 @@ class PrescribedApproach(Loading):
         """See `Loading.misses_contact`."""
         return self.depth_on(distance) <= distance.touching
 
-    def found_approach(self, state):
-        """See `Loading.found_approach`."""
+    def solved_approach(self, state):
+        """See `Loading.solved_approach`."""
         return self.approach
 
     def first_solve(self, state, solve):
@@ -174,8 +174,8 @@ class PrescribedMeanGap(PrescribedApproach):
         super().__init__(distance.approach_at(depth), depth)
         self._mean, self._mean_gap = distance.statistics.mean, max(mean_gap, 0.0)
 
-    def exactly(self, measures):
-        """See `Loading.exactly`."""
+    def restore_prescribed(self, measures):
+        """See `Loading.restore_prescribed`."""
         return measures._replace(mean_gap=self._mean_gap)
 
     def depth_on(self, distance):

@@ -16,7 +16,7 @@ import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.loading import Loading, PrescribedApproach
-from app.contact.stopping import ROUNDING_LEAVES
+from app.contact.stopping import BELOW_ROUNDING
 
 MIN_SECANT_STEP = 3.0  # rms residuals by which the approach must have moved for a secant to count
 MAX_SLOPE_RATIO = 3.0  # factor by which the slope may change in one step
@@ -62,8 +62,8 @@ class PrescribedLoad(Loading):
         """See `Loading.least_displacement`."""
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
-    def exactly(self, measures):
-        """See `Loading.exactly`; not if the load was missed."""
+    def restore_prescribed(self, measures):
+        """See `Loading.restore_prescribed`; not if the load was missed."""
         if not isclose(measures.load, self.load, rel_tol=LOAD_ROUNDING):
             return measures
         in_contact = self.load / measures.contact_area if measures.contact_area else 0.0
@@ -86,7 +86,7 @@ class PrescribedLoad(Loading):
         if not outcome.converged:
             return outcome  # the load is right, if nothing else is
         if stop.final and residual > stop.allowed(state):
-            return outcome._replace(converged=False, reason=ROUNDING_LEAVES)
+            return outcome._replace(converged=False, reason=BELOW_ROUNDING)
         return outcome
 
     def search(self, state, solve, rtol, step=None):

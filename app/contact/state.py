@@ -83,7 +83,7 @@ class Displacement(IntEnum):
     """What u is."""
 
     STALE = 0  # not A p
-    CARRIED = 1  # A p, but for what single precision, or changes that have been added up, leave
+    UPDATED = 1  # A p, except for what single precision and summed changes leave
     EXACT = 2  # A p in double precision
 
 
@@ -100,7 +100,7 @@ class ContactState:
         On the same cells.
     u : ndarray, shape (local rows, nx), [mm], optional
         Displacement, if there is one already. Taken over.
-    u_is : Displacement
+    displacement_status : Displacement
         What it will be to the pressure that it comes with.
 
     Attributes
@@ -113,7 +113,7 @@ class ContactState:
 
     highest = highest_searched = np.inf
 
-    def __init__(self, operator, distance, u=None, u_is=Displacement.CARRIED):
+    def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.bounds, self.admissible = distance, distance.bounds, distance.admissible
         self._p = np.zeros(operator.local_shape)
@@ -123,7 +123,7 @@ class ContactState:
         self.pressure.setName("pressure")  # in PETSc's views and files
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.revision = 0
-        self.u_is = Displacement.EXACT if u is None else u_is
+        self.displacement_status = Displacement.EXACT if u is None else displacement_status
         self._released = np.zeros(operator.local_shape, bool)
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
@@ -131,13 +131,13 @@ class ContactState:
     # -- what it is -------------------------------------------------------------------------------------
 
     @property
-    def u_is(self):
+    def displacement_status(self):
         """What u is to p, a `Displacement`; set by whoever changes one of them. Not collective."""
-        return self._u_is
+        return self._displacement_status
 
-    @u_is.setter
-    def u_is(self, value):
-        self._u_is = value
+    @displacement_status.setter
+    def displacement_status(self, value):
+        self._displacement_status = value
         self.revision += 1
 
     @property
@@ -219,7 +219,7 @@ class ContactState:
         self.contact &= self.admissible
         self.pressure.set(0)
         self.u[...] = 0
-        self.u_is = Displacement.EXACT
+        self.displacement_status = Displacement.EXACT
 
     def first_contact(self):
         """Without contact: approach until the first cell touches, which becomes C. Collective."""
@@ -247,7 +247,7 @@ class ContactState:
     def add(self, correction):
         """Sec. 4.1, step 3: p += correction. Not collective."""
         self.pressure.axpy(1.0, correction)
-        self.u_is = Displacement.STALE
+        self.displacement_status = Displacement.STALE
 
     def project(self):
         """Clip p to its bounds. Not collective."""
@@ -267,7 +267,7 @@ class ContactState:
         cells = self.bounds.release(self.values, self.contact, self._released, change)
         cells = int(self.sum([cells])[0]) if some is None else some
         if cells:
-            self.u_is = Displacement.STALE
+            self.displacement_status = Displacement.STALE
         return cells
 
     def compute_displacement(self, exact=False):
@@ -275,7 +275,7 @@ class ContactState:
         exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
         compute(self.p, self.u)
-        self.u_is = Displacement.EXACT if exact else Displacement.CARRIED
+        self.displacement_status = Displacement.EXACT if exact else Displacement.UPDATED
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):

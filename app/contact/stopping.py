@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
-ROUNDING_LEAVES = "rounding leaves a larger residual than -lcp_rtol allows: choose a larger one"
+ROUNDING_RESIDUAL = 1e-13  # of ||h|| on C: what it leaves of displacements there
+BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choose a larger one"
 
 
 @dataclass(frozen=True)

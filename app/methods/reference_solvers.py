@@ -103,7 +103,7 @@ class _ReferenceSolver:
         state.project()
         state.contact[...] = state.bounds.between(state.p)
         self.operator.exact_displacement(state.p, state.u)
-        state.u_is = Displacement.EXACT
+        state.displacement_status = Displacement.EXACT
         e = state.gap()
         defect, overlap = e[state.contact], state.bounds.overlap(state.p, e)
         return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()

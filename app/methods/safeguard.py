@@ -22,10 +22,10 @@ import math
 
 import numpy as np
 
-from app.contact.active_set import CONVERGED, what_is_wrong
+from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
-from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
+from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import Halvings
 
 _NEARLY_NONE = 0.01  # of the largest pressure, at most: cells with less and a gap are left out of the system
@@ -63,7 +63,7 @@ def projected_newton(state, solver, stop, history):
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
         if not math.isfinite(descent):
             _contact_from(state, gap, before)
-            return Outcome(False, what_is_wrong(failure, float("inf")), k, residual)
+            return Outcome(False, failure_reason(failure, float("inf")), k, residual)
         for _ in range(_HALVINGS):
             change = bounds.change(p, alpha * d)
             trial_u, trial_gap = _displaced(state, p + change)
@@ -77,23 +77,25 @@ def projected_newton(state, solver, stop, history):
             return Outcome(False, "rounding leaves no step that makes it better", k, residual)
         np.add(p, change, out=state.values)
         state.u[...], gap = trial_u, trial_gap
-        state.u_is = Displacement.CARRIED if state.operator.needs_verification else Displacement.EXACT
+        state.displacement_status = (
+            Displacement.UPDATED if state.operator.needs_verification else Displacement.EXACT
+        )
         update = _contact_from(state, gap, before)
-        if update.residual <= stop.allowed(state) and state.u_is is not Displacement.EXACT:
+        if update.residual <= stop.allowed(state) and state.displacement_status is not Displacement.EXACT:
             state.compute_displacement(exact=True)
             gap = state.gap()
             update = _contact_from(state, gap, before)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
-        if wrong := what_is_wrong(failure, residual):
+        if wrong := failure_reason(failure, residual):
             return Outcome(False, wrong, k, residual)
         if update.residual <= stop.allowed(state):
             if stop.certified(state):
                 return Outcome(True, CONVERGED, k, residual)
             stop, progress = stop.tighter(0.1), Halvings()
         progress.after(update.residual)
-        if progress.stalls and update.residual <= ROUNDING * state.on_contact(with_h=True).h:
-            return Outcome(False, ROUNDING_LEAVES, k, residual, to_rounding=True)
+        if progress.stalls and update.residual <= ROUNDING_RESIDUAL * state.on_contact(with_h=True).h:
+            return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
     too_few = f"{stop.max_it} iterations of the safeguard were not enough: more by -lcp_max_it"
     return Outcome(False, too_few, stop.max_it, residual)
 

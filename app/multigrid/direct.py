@@ -9,31 +9,31 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from app.base.errors import InputError
 from app.base.numba_cache import njit
 from app.halfspace.influence import dense_matrix
-from app.multigrid.hierarchy import LARGEST_DIRECT
+from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
     """Whether a grid is small enough, and on one rank, to be solved directly. Not collective."""
-    return operator.slabs.size == 1 and operator.grid.n <= LARGEST_DIRECT
+    return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
-def may_begin(hierarchy, number):
+def can_start_on(hierarchy, number):
     """Whether a level is one to begin with: it is small, on however many ranks, and not the target. Not collective."""
-    return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= LARGEST_DIRECT
+    return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= MAX_DIRECT_CELLS
 
 
-def begins_directly(hierarchy, number):
+def starts_directly(hierarchy, number):
     """Whether a level is solved directly, if an iteration begins with it. Not collective."""
-    return may_begin(hierarchy, number) and solves_directly(hierarchy.levels[number])
+    return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):
-    """Dense A of a grid of at most `LARGEST_DIRECT` cells on one rank; without rows on the others. Not collective."""
+    """Dense A of a grid of at most `MAX_DIRECT_CELLS` cells on one rank; without rows on the others. Not collective."""
     grid = operator.grid
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
-        if grid.n > LARGEST_DIRECT:
-            raise InputError(f"{what} too large for a direct solve; allowed: {LARGEST_DIRECT} cells in all")
+        if grid.n > MAX_DIRECT_CELLS:
+            raise InputError(f"{what} too large for a direct solve; allowed: {MAX_DIRECT_CELLS} cells in all")
         raise InputError(
             f"{what} on {operator.slabs.size} ranks, a direct solve is on one; allowed: a larger -lcp_cells_per_rank, "
             "or more -pc_mg_levels"
@@ -58,7 +58,7 @@ class DirectSolver:
     Parameters
     ----------
     operator : InfluenceOperator
-        On a grid of at most `LARGEST_DIRECT` cells.
+        On a grid of at most `MAX_DIRECT_CELLS` cells.
     level : int
         Its number in the hierarchy.
     """

@@ -23,7 +23,7 @@ from app.parallel.rank_groups import RankGroups
 from app.problems.problem import checked_shape
 
 _TELLING = 0.08, 0.37, 0.79  # of the rows: those by which ranks compare their problems
-LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
+MAX_DIRECT_CELLS = 1024  # cells of a grid whose matrix may be stored and factorised
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
 
 
@@ -96,7 +96,7 @@ def coarser_levels(operator):
     if operator.coarser_levels is None:
         grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
         ranks = RankGroups(MPI.COMM_SELF if operator.comm is None else operator.comm, 1)
-        _make_coarser(operator, grids, [1 if grid.n <= LARGEST_DIRECT else size for grid in grids], ranks)
+        _make_coarser(operator, grids, [1 if grid.n <= MAX_DIRECT_CELLS else size for grid in grids], ranks)
     return operator.coarser_levels
 
 
@@ -159,7 +159,7 @@ class Hierarchy:
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
         _, *grids = plan_grids(grid, coarsest, target_only)
         sizes = [*map(self.ranks.count_for, grids)]
-        if grids and grids[-1].n <= LARGEST_DIRECT:
+        if grids and grids[-1].n <= MAX_DIRECT_CELLS:
             sizes[-1] = 1
         target = InfluenceOperator(grid, compliance, *self.ranks.distribute(grid, self.ranks.size), dtype)
         target.mask[...] = False
@@ -177,7 +177,7 @@ class Hierarchy:
         """PETSc communicator of all ranks. Not collective."""
         return petsc_comm(self.comm)
 
-    def joined(self, operator, number):
+    def gains_ranks(self, operator, number):
         """Whether ranks without a part in an operator have one in a level, as all have if it may be windowed.
 
         Not collective.
@@ -218,7 +218,7 @@ class Hierarchy:
         return shapes
 
     @cached_property
-    def finest_whole(self):
+    def finest_unwindowed(self):
         """Number of the largest level that is always worked on as a whole."""
         whole = [number for number, level in enumerate(self.levels) if not self.may_be_windowed(level)]
         return max(whole, default=0)
@@ -234,7 +234,7 @@ class Hierarchy:
         if not self.may_be_windowed(self.target):
             return None
         lowest = shapes[-1]
-        for transfer in self.transfers[: self.finest_whole : -1]:
+        for transfer in self.transfers[: self.finest_unwindowed : -1]:
             lowest = transfer.restrict_minimum(lowest)
         return lowest
 

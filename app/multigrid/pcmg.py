@@ -64,7 +64,7 @@ class MaskedMatrix:
     Parameters
     ----------
     operator : InfluenceOperator
-        On a grid of at most `LARGEST_DIRECT` cells.
+        On a grid of at most `MAX_DIRECT_CELLS` cells.
     comm : PETSc communicator
     """
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-LARGEST_KEPT = 256 * 256  # cells; what larger grids hold is no longer than it is needed
+MAX_CACHED_CELLS = 256 * 256  # cells; what larger grids hold is no longer than it is needed
 
 
 def is_large(grid):
     """Whether the memory of a grid or a window counts for more than what is made for it. Not collective."""
-    return grid.n > LARGEST_KEPT
+    return grid.n > MAX_CACHED_CELLS
 
 
-class KeptSolvers:
+class SolverCache:
     """Linear solvers of one hierarchy.
 
     Parameters

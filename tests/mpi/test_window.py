@@ -66,8 +66,8 @@ def test_memory_that_is_let_go_changes_nothing(comm, load):
         Material.combined(80000.0, 0.3),
         lambda x, y: (x**2 + y**2) / 2 + 1e-3 * np.cos(40 * x) * np.cos(31 * y),
     )
-    for largest in (solver_cache.LARGEST_KEPT, 0):
-        with mock.patch.object(solver_cache, "LARGEST_KEPT", largest):
+    for largest in (solver_cache.MAX_CACHED_CELLS, 0):
+        with mock.patch.object(solver_cache, "MAX_CACHED_CELLS", largest):
             solutions.append(solve(wavy, None, "fast", load, comm))
     for field in ("pressure", "displacement", "contact"):
         one, other = (getattr(solution, field) for solution in solutions)

@@ -28,7 +28,7 @@ from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator, wrap_vec
 from app.halfspace.product import DenseProduct
 from app.methods.free.lift import lift
-from app.methods.free.stopping import IN_CONTACT, ROUNDING, InexactStop
+from app.methods.free.stopping import IN_CONTACT, ROUNDING_RESIDUAL, InexactStop
 from app.methods.periodic import stencil
 from app.multigrid.hierarchy import Hierarchy
 
@@ -78,7 +78,9 @@ def test_a_contact_small_in_its_patch_is_solved_by_its_own_measure():
     assert stop.allowed(Norms(10.0, 0.0)) == pytest.approx(1e-6 * 10)  # nothing there to measure
     assert stop.allowed(Norms(10.0, 5.0)) == pytest.approx(1e-6 * 10)
     assert stop.allowed(Norms(10.0, 1e-3)) == pytest.approx(IN_CONTACT * 1e-6 * 1e-3)
-    assert InexactStop(1e-15, 100).allowed(Norms(10.0, 1e-3)) == pytest.approx(min(1e-14, ROUNDING * 1e-3))
+    assert InexactStop(1e-15, 100).allowed(Norms(10.0, 1e-3)) == pytest.approx(
+        min(1e-14, ROUNDING_RESIDUAL * 1e-3)
+    )
 
 
 def test_lift_is_trusted_and_does_not_ask_for_the_unit_of_pressure(monkeypatch):
@@ -206,7 +208,7 @@ def test_nothing_is_proved_of_a_pressure_that_is_not_allowed(periodic, p, smalle
         state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
         with state.pressure as values:
             values[:] = [p[0], *(share * value for value in p[1:])]
-        state.u_is = Displacement.STALE
+        state.displacement_status = Displacement.STALE
         found = certify(state)
         assert np.isfinite(found.error_bound) == bounded
         assert found.smallest_pressure == pytest.approx(share * smallest)

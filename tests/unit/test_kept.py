@@ -68,7 +68,7 @@ def test_windows_elsewhere_and_of_other_sizes(made):
 
 
 def test_of_large_windows_spectra_are_kept_and_nothing_else(made, monkeypatch):
-    monkeypatch.setattr(solver_cache, "LARGEST_KEPT", 0)
+    monkeypatch.setattr(solver_cache, "MAX_CACHED_CELLS", 0)
     with ContactSolver(bowl(160)) as solver:
         solver.solve(approach=0.3)
         made.clear()
@@ -188,7 +188,7 @@ def test_nobody_works_in_what_is_lent():
 
 @pytest.mark.parametrize("more", [-1, 0, 1])
 def test_only_a_large_target_gives_back_what_it_does_not_need(more):
-    assert solver_cache.is_large(SimpleNamespace(n=solver_cache.LARGEST_KEPT + more)) == (more > 0)
+    assert solver_cache.is_large(SimpleNamespace(n=solver_cache.MAX_CACHED_CELLS + more)) == (more > 0)
 
 
 @pytest.mark.parametrize("holes_first", [False, True])

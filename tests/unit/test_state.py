@@ -79,15 +79,15 @@ def test_displacement_is_a_times_p_and_state_knows_when_it_is_not(state):
     set_pressure(state, random_pressure(state))
     state.compute_displacement()
     np.testing.assert_allclose(state.u.reshape(-1), A @ state.p.reshape(-1), rtol=1e-13)
-    assert state.u_is is Displacement.EXACT
+    assert state.displacement_status is Displacement.EXACT
     correction = state.pressure.duplicate()
     correction.set(0)
     state.add(correction)
-    assert state.u_is is Displacement.STALE
+    assert state.displacement_status is Displacement.STALE
     correction.destroy()
     state.compute_displacement()
     assert state.release_tensile() > 0
-    assert state.u_is is Displacement.STALE
+    assert state.displacement_status is Displacement.STALE
 
 
 def test_release_takes_tensile_cells_only(state):
@@ -169,7 +169,7 @@ def test_numbers(state):
     state.scale(1.5)
     np.testing.assert_allclose(state.p, 1.5 * p, rtol=1e-15)
     np.testing.assert_allclose(state.u, 1.5 * u, rtol=1e-15)
-    assert state.u_is is Displacement.EXACT
+    assert state.displacement_status is Displacement.EXACT
 
 
 def test_start_forgets_everything(state):
@@ -179,5 +179,5 @@ def test_start_forgets_everything(state):
     state.start_from_interpenetration()
     np.testing.assert_array_equal(state.contact, state.distance.h_at(state.depth) <= 0)
     assert not state.p.any() and not state.u.any()
-    assert state.u_is is Displacement.EXACT
+    assert state.displacement_status is Displacement.EXACT
     assert state.contact is state.operator.mask

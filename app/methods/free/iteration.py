@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.contact.active_set import CONVERGED, NO_CONTACT, begin, what_is_wrong
+from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
 from app.methods.progress import NeedsSafeguard, Progress
@@ -42,7 +42,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     NeedsSafeguard
         If the residual stagnates, or the linear solver fails.
     """
-    if not begin(state, solver, loading, history):
+    if not start_grid(state, solver, loading, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     sets = _ContactSets(state, solver, loading, stop)
     for k in range(1, stop.max_it + 1):
@@ -50,7 +50,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         found = sets.exchange(solved)  # 4. p < 0 leaves C, e < 0 enters; 5. and 6. on the last one
         history.add(state, solver, found.update, solved.iterations)
         residual = found.update.residual / state.distance.norm()
-        if wrong := what_is_wrong(solved.failure, residual):
+        if wrong := failure_reason(solved.failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if found.done and sets.stop.certified(state):
             return Outcome(True, CONVERGED, k, residual)
@@ -173,7 +173,7 @@ class _ContactSets:
             state.release_tensile(tension > 0)  # (4.a)
         self._rehearsal_failed = False
         solver.rest()
-        if state.u_is is not Displacement.EXACT:
+        if state.displacement_status is not Displacement.EXACT:
             state.compute_displacement(exact=True)
             solver.check_levels(state, self._levels_may_leave(solved.allowed))
         loading.update(state)
@@ -191,7 +191,11 @@ class _ContactSets:
 
         By approach a release of next to no pressure is not rehearsed. By load it is: the approach may move by it.
         """
-        if self.state.u_is is Displacement.EXACT or self._rehearsal_failed or self._load_has_fallen:
+        if (
+            self.state.displacement_status is Displacement.EXACT
+            or self._rehearsal_failed
+            or self._load_has_fallen
+        ):
             return False
         return not (self.loading.approach_is_known and tension)
 

@@ -6,15 +6,15 @@ from functools import partial
 
 from app.contact.active_set import active_set
 from app.contact.full_multigrid import prolongate
-from app.contact.grid_errors import numbers_on, pressure_difference
-from app.contact.grid_sequence import Visits
+from app.contact.grid_errors import compute_grid_numbers, pressure_difference
+from app.contact.grid_sequence import GridSequence
 from app.contact.stopping import StoppingTest
 from app.methods.free.iteration import inexact_active_set
 from app.methods.free.lift import lift
 from app.methods.free.windows import Stage
 from app.methods.progress import NeedsSafeguard
 from app.methods.safeguard import projected_newton
-from app.multigrid.direct import begins_directly
+from app.multigrid.direct import starts_directly
 from app.multigrid.linear_solver import LinearSolver
 from app.parallel.communicator import propagate_errors
 
@@ -45,12 +45,12 @@ def nested_iteration(
     ContactState, Outcome
         On the target grid.
     """
-    visits, comm = Visits(hierarchy, distances, loading, nested), hierarchy.comm
+    grids, comm = GridSequence(hierarchy, distances, loading, nested), hierarchy.comm
     coarse = boxes = None
     difference = float("nan")
-    for number in visits:
+    for number in grids:
         stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, boxes)
-        state, first, target = stage.state, coarse is None, visits.at_target
+        state, first, target = stage.state, coarse is None, grids.at_target
         if not first:
             state.depth = loading.predict(coarse.depth)
             if nested:
@@ -61,33 +61,35 @@ def nested_iteration(
             coarse.destroy()
         coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
-            with propagate_errors(visits.waiting(state)):
-                solved = solve_on(hierarchy, number, state, loading, visits.test(stop), history, first, kept)
-            visits.solved(solved, state.depth)
+            with propagate_errors(grids.waiting_ranks(state)):
+                solved = solve_on(
+                    hierarchy, number, state, loading, grids.stopping_test(stop), history, first, kept
+                )
+            grids.record(solved, state.depth)
             if not target:
                 boxes = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
                 if nested:
-                    visits.grid_numbers.append(numbers_on(state, state.comm))
+                    grids.grid_numbers.append(compute_grid_numbers(state, state.comm))
         stage.end_verification()
-        boxes = visits.leave(state, boxes)
+        boxes = grids.broadcast_to_next(state, boxes)
         if nested and target and not first:
             difference = pressure_difference(comm, stage.transfer, coarse_pressure, state)
         stage.close()
         if target and stage.windowed:
             coarse = None  # the window's arrays go
-            state, complete = stage.on_all_cells(visits.outcome.converged)
+            state, complete = stage.on_all_cells(grids.outcome.converged)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
-                visits.outcome = rest.after(visits.outcome)
+                grids.outcome = rest.after(grids.outcome)
     if stop.coarse_rtol > _TELLING * difference:
         difference = float("nan")
-    return state, visits.result(state, difference)
+    return state, grids.result(state, difference)
 
 
 def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
-    if first and begins_directly(hierarchy, number):
+    if first and starts_directly(hierarchy, number):
         test = StoppingTest(max_it=stop.max_it).for_coarse_grid()
         solve = partial(active_set, state, kept.direct(number, operator), stop=test, history=history)
     else:

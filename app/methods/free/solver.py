@@ -79,7 +79,7 @@ class TrackingSolver(LinearSolver):
         iterations, failure = self._run(state.distance.rhs, state.pressure, allowed)
         cg.displacement, cg.shift = None, 0.0  # not for longer than the state
         if iterations:
-            self._change_not_in_u, state.u_is = True, Displacement.STALE
+            self._change_not_in_u, state.displacement_status = True, Displacement.STALE
         return iterations, failure, self._cg.residual
 
     def _multiply(self, p, u):
@@ -120,7 +120,7 @@ class TrackingSolver(LinearSolver):
         if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
-            self._change_not_in_u, state.u_is = False, Displacement.CARRIED
+            self._change_not_in_u, state.displacement_status = False, Displacement.UPDATED
 
     def predict(self, state, factor):
         """Predict what the reduction of the residual will add to u beside C.

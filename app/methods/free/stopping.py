@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from app.contact.certificate import estimate
-from app.contact.stopping import ROUNDING, StoppingTest
+from app.contact.stopping import ROUNDING_RESIDUAL, StoppingTest
 
 # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch.
 IN_CONTACT = 100.0
@@ -43,15 +43,15 @@ class InexactStop(StoppingTest):
         if not h_on_contact:
             return self.rtol * whole
         if not self.final:
-            return max(self.coarse_rtol, ROUNDING) * min(whole, h_on_contact)
-        return min(self.rtol * whole, max(IN_CONTACT * self.rtol, ROUNDING) * h_on_contact)
+            return max(self.coarse_rtol, ROUNDING_RESIDUAL) * min(whole, h_on_contact)
+        return min(self.rtol * whole, max(IN_CONTACT * self.rtol, ROUNDING_RESIDUAL) * h_on_contact)
 
     def certified(self, state, work=None):
         """Return whether the certificate, computed with the u there is, is within `error_bound`. Collective.
 
         Always true on coarse grids, and where a smaller rtol would be rounding. `work`: a field to work in.
         """
-        if not self.final or IN_CONTACT * self.rtol <= ROUNDING:
+        if not self.final or IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL:
             return True
         return estimate(state, self.error_bound, work).error_bound <= self.error_bound
 

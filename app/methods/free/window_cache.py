@@ -11,11 +11,11 @@ from app.halfspace.fft.multiplier import SpectrumCache
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.solver import TrackingSolver
 from app.multigrid.direct import DirectSolver
-from app.multigrid.solver_cache import KeptSolvers, is_large
+from app.multigrid.solver_cache import SolverCache, is_large
 
 
-class Kept(KeptSolvers):
-    """`KeptSolvers`, direct ones, and operators of windows, of one hierarchy.
+class Kept(SolverCache):
+    """`SolverCache`, direct ones, and operators of windows, of one hierarchy.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class WindowState(ContactState):
     def compute_displacement(self, exact=False):
         """See `ContactState.compute_displacement`."""
         super().compute_displacement(exact)
-        self.scaled = 1.0 if self.u_is is Displacement.EXACT else self.scaled
+        self.scaled = 1.0 if self.displacement_status is Displacement.EXACT else self.scaled
 
     def scale(self, factor):
         """See `ContactState.scale`."""
@@ -164,13 +164,13 @@ class Stage:
         Boxes or None
             None if the next grid has no window.
         """
-        state, finest_whole = self.state, self._hierarchy.finest_whole
-        if self._number < finest_whole:
+        state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
+        if self._number < finest_unwindowed:
             return None
         masks, predicted = [state.contact], None
         if self._predicted:
             predicted = self._predicted.refine(self.transfer.factors, self._level.grid)
-        elif coarse_minimum is not None and self._number == finest_whole:
+        elif coarse_minimum is not None and self._number == finest_unwindowed:
             with np.errstate(invalid="ignore"):
                 masks.append(coarse_minimum - depth + state.u <= 0)
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
@@ -206,7 +206,9 @@ class Stage:
         self._distance.move_to(inside.depth)
         inside.distance.destroy()
         inside.distance = inside.u = None  # room for the state of all cells
-        self.state = state = ContactState(self._level, self._distance, u=u, u_is=Displacement.EXACT)
+        self.state = state = ContactState(
+            self._level, self._distance, u=u, displacement_status=Displacement.EXACT
+        )
         scatter.reverse(inside.p, state.values)
         scatter.reverse(inside.contact, state.contact)
         inside.destroy()

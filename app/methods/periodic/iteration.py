@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.contact.active_set import CONVERGED, what_is_wrong
+from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement
-from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
+from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import Halvings, NeedsSafeguard
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
@@ -74,7 +74,7 @@ def primal_active_set(primal, solver, stop, history):
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
         residual = norm / state.distance.norm()  # not (5.1): about the error of w
-        if wrong := what_is_wrong(failure, residual):
+        if wrong := failure_reason(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if accurate and not stop.final and update.changed <= _LOOSE * primal.cells:
             primal.commit(solver)
@@ -101,10 +101,10 @@ def primal_active_set(primal, solver, stop, history):
                 primal.close_captured_gaps(solver)  # the gaps of captured cells, by a product
         progress.after(norm, update.changed)
         if progress.stalls:
-            if not (stop.final and norm <= ROUNDING * primal.largest() * np.sqrt(primal.cells)):
+            if not (stop.final and norm <= ROUNDING_RESIDUAL * primal.largest() * np.sqrt(primal.cells)):
                 raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
             residual = _end_unsolved(primal, solver)
-            return Outcome(False, ROUNDING_LEAVES, k, residual)
+            return Outcome(False, BELOW_ROUNDING, k, residual)
     primal.commit(solver)
     if stop.final:
         residual = _end_unsolved(primal, solver)
@@ -247,7 +247,10 @@ def allowed_gap(primal, stop):
     that where they are hardly uneven. On a coarse grid the approach beyond first touch, if that is less: what is left
     of a contact that is small in its patch is large there.
     """
-    distance, rtol = primal.state.distance, stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING)
+    distance, rtol = (
+        primal.state.distance,
+        stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL),
+    )
     flat, displaced = _FLAT * distance.norm() / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
         displaced = abs(primal.depth)
@@ -287,4 +290,4 @@ def verify(primal, found):
 def accept(primal, found):
     """Take the pressure that `verify` has found. Not collective."""
     primal.state.values[...] = found
-    primal.state.u_is = Displacement.EXACT
+    primal.state.displacement_status = Displacement.EXACT

@@ -6,7 +6,7 @@ import numpy as np
 
 from app.contact.active_set import NO_CONTACT
 from app.contact.grid_errors import pressure_difference
-from app.contact.grid_sequence import Visits
+from app.contact.grid_sequence import GridSequence
 from app.contact.history import Outcome
 from app.contact.periodic_state import PeriodicState
 from app.contact.state import Displacement
@@ -36,7 +36,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
     ----------
     hierarchy, distances, loading, stop, history, nested
         See `app.methods.free.nested.nested_iteration`.
-    kept : KeptSolvers
+    kept : SolverCache
         Whose solvers are a `PrimalSolver`.
     start : Solution, optional
         On the target grid, to start from there: coarser grids are left out.
@@ -55,12 +55,12 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
-    visits = Visits(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
+    grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
     coarse, coarse_pressure, difference = None, None, float("nan")
-    for number in visits:
-        level, coarser = hierarchy.levels[number], visits.grid_numbers
+    for number in grids:
+        level, coarser = hierarchy.levels[number], grids.grid_numbers
         no_u = np.empty(level.local_shape)  # before `verify`
-        state = PeriodicState(level, distances[number], u=no_u, u_is=Displacement.STALE)
+        state = PeriodicState(level, distances[number], u=no_u, displacement_status=Displacement.STALE)
         if level.active:
             solver = kept.solver(number, level)
             primal = PrimalState(state, solver.inverse, loading)
@@ -78,19 +78,19 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             coarse.state.destroy()
             coarse = None
         if level.active:
-            with propagate_errors(visits.waiting(state)):
-                outcome = _solve_on(hierarchy, number, primal, solver, visits.test(stop), history)
+            with propagate_errors(grids.waiting_ranks(state)):
+                outcome = _solve_on(hierarchy, number, primal, solver, grids.stopping_test(stop), history)
             kept.release_solver(level)
             depth = state.depth
-            if not visits.at_target:
+            if not grids.at_target:
                 coarser.append(primal.numbers())
                 depth = coarser[-1].depth
-            visits.solved(outcome, depth)
-        primal.mean_pressure = visits.leave(state, primal.mean_pressure)
-        if visits.at_target and coarse_pressure is not None:
+            grids.record(outcome, depth)
+        primal.mean_pressure = grids.broadcast_to_next(state, primal.mean_pressure)
+        if grids.at_target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
-    return state, visits.result(state, difference)
+    return state, grids.result(state, difference)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from app.contact.grid_errors import numbers_on
+from app.contact.grid_errors import compute_grid_numbers
 from app.contact.state import Displacement, Update
 from app.methods.periodic import kernels as loops
 from app.methods.periodic import stencil
@@ -91,7 +91,7 @@ class PrimalState:
         p = self.state.values
         (self.inverse.exact_pressure if exact else self.inverse.pressure)(self.w, p)
         p += self.mean_pressure
-        self.state.u_is = Displacement.STALE
+        self.state.displacement_status = Displacement.STALE
         self.lags = self.is_nearly = False
 
     def balance_free_cells(self, solver):
@@ -107,7 +107,7 @@ class PrimalState:
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_smoothly(coarse.w, self.w)
         transfer.interpolate_smoothly(coarse.state.p, self.state.values)
-        self.state.u_is = Displacement.STALE
+        self.state.displacement_status = Displacement.STALE
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
@@ -163,7 +163,7 @@ class PrimalState:
 
     def numbers(self):
         """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
-        return numbers_on(self.state, self.state.comm, self.load, self.depth)
+        return compute_grid_numbers(self.state, self.state.comm, self.load, self.depth)
 
     def guess(self, solver, exact=False):
         """The contact set by projected sweeps with the centre of B: an obstacle problem; w and p follow. Collective.
@@ -247,7 +247,7 @@ class PrimalState:
         self.inverse.pressure(solver.change, z)
         p = state.values
         p += z
-        state.u_is, self.lags = Displacement.STALE, False
+        state.displacement_status, self.lags = Displacement.STALE, False
 
     def commit(self, solver):
         """Let w and p be as the solver has carried them along. Not collective."""
@@ -256,7 +256,7 @@ class PrimalState:
         self.w += solver.change
         self.state.values[...] = solver.carried
         self.is_nearly |= solver.doubt > 0
-        self.state.u_is, self.lags = Displacement.STALE, False
+        self.state.displacement_status, self.lags = Displacement.STALE, False
 
     @contextmanager
     def shown(self, solver):
