@@ -16,7 +16,7 @@ from app.halfspace.gauss_seidel.sweep import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.methods.multilevel_operators import circulant_inverse, influence_by_levels
+from app.methods.multilevel_operators import create_circulant_inverse, create_multilevel_influence
 from app.parallel.slabs import Slabs
 from app.problems.random_surfaces import WavySurface
 from benchmarks.plain import seconds
@@ -57,9 +57,9 @@ def main():
     measure("product32", partial(product.apply, low, of_low))
     measure(
         "levels32",
-        partial(influence_by_levels(grid, compliance, Layout(dtype=np.float32)).apply, low, of_low),
+        partial(create_multilevel_influence(grid, compliance, Layout(dtype=np.float32)).apply, low, of_low),
     )
-    circulant = circulant_inverse(grid, compliance, apart=True)
+    circulant = create_circulant_inverse(grid, compliance, apart=True)
     measure("circulant", partial(circulant.apply, p, u))
     sweeps = GaussSeidel(quadrant, grid.shape, slabs, comm)
     rough = WavySurface((48, 40), 0.95, 1.0, 7, (20.0, 12.0), (-10.0, -6.0)).height(grid.x(), grid.y())

@@ -16,10 +16,10 @@ from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.methods.free import circulant, lift
-from app.methods.free.nested import nested_iteration, solve_on
+from app.methods.free.nested import nested_iteration, solve_level
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.stopping import InexactStop
-from app.methods.free.window_cache import Kept
+from app.methods.free.window_cache import WindowCache
 from app.methods.periodic import solver as primal_solver
 from app.methods.periodic.nested import primal_iteration
 from app.methods.periodic.solver import PrimalSolver
@@ -61,7 +61,7 @@ class Strategy:
         if self._settings.lifted:
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
-                    circulant.circulant_of(operator)
+                    circulant.circulant_inverse(operator)
 
     def use_distances(self, distances, coarse_minimum):
         """Solve for these undeformed distances from now on. Not collective.
@@ -223,7 +223,7 @@ class Fast(Inexact):
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-        self._kept = Kept(hierarchy, self.solver)
+        self._kept = WindowCache(hierarchy, self.solver)
         tried = hierarchy.levels[hierarchy.finest_unwindowed]
         if tried.active:
             self._kept.solver(hierarchy.finest_unwindowed, tried)  # refuses what cannot be had
@@ -244,7 +244,7 @@ class Fast(Inexact):
         chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            return state, solve_on(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
+            return state, solve_level(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
         try:
             return nested_iteration(
                 hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,

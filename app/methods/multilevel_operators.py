@@ -3,11 +3,11 @@
 The inverse, B, differs from that by transforms by less than CG could notice. Contact at one edge of the patch is no
 neighbour of that at the other: between them are some cells of the coarsest grid.
 
-A by levels (`influence_by_levels`) is wrong by about 1% on short waves and less on long ones, in a quarter to a third
-of the time of a product in single precision: enough for corrections of the pressure, whose displacement the next
-product replaces (defect correction [1]_).
+A by levels (`create_multilevel_influence`) is wrong by about 1% on short waves and less on long ones, in a quarter to
+a third of the time of a product in single precision. That is enough for corrections of the pressure, whose displacement
+the next product replaces (defect correction [1]_).
 
-On a periodic patch it is the inverse that corrections are multiplied by (`periodic_inverse_by_levels`): wrong by up to
+On a periodic patch it is the inverse that corrections are multiplied by (`create_multilevel_inverse`): wrong by up to
 0.5% on short waves of ``love``'s cells, and by up to 9% on those of the ``spectral`` symbol, which has a kink there.
 
 On small grids transforms are quick: there are no stencils.
@@ -29,14 +29,14 @@ from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import middle_displacement, quadrant_rows
 from app.methods.multilevel_product import MultilevelOperator, coarse_shape
-from app.methods.symbol import cells_in_one, coarser, eigenvalues, left_near_by, stencils
+from app.methods.symbol import coarsening_factors, coarser, eigenvalues, near_field_correction, stencils
 
 # Cells in a direction to be coarsened from which on stencils take less time than transforms.
-_LEAST = 128
-_LEAST_PERIODIC = 512  # there transforms are not padded, and right
+MIN_CELLS = 128
+MIN_CELLS_PERIODIC = 512  # there transforms are not padded, and right
 
 
-def circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
+def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
     """The inverse of A on a free patch, continued periodically.
 
     Collective over the ranks of the layout.
@@ -57,7 +57,7 @@ def circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
     """
     unit = 1 / (compliance * max(grid.dx, grid.dy))
     near = [level.times(unit) for level in (_stencils(grid, -1) if apart else ())]
-    (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
+    (cy, cx), shape = coarsening_factors(near), _coarsest_shape(grid, near)
     periods = shape
     if apart:  # coarse cells cover more than the patch already; without them a cell is added
         periods = tuple(next_fast_len(n, real=True) if near else fast_length(n + 1) for n in shape)
@@ -70,7 +70,7 @@ def circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
 
 def _coarsest_inverse(grid, compliance, near, periods, constants):
     """Return a function that makes what is left of the inverse by transforms; `constants`: their eigenvalue of A."""
-    cy, cx = cells_in_one(near)
+    cy, cx = coarsening_factors(near)
 
     def symbol(columns, rows):
         x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
@@ -86,7 +86,7 @@ def _coarsest_inverse(grid, compliance, near, periods, constants):
     return coarsest
 
 
-def influence_by_levels(grid, compliance, layout=SERIAL, other=None):
+def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
     """A on a free patch, nearly.
 
     Collective over the ranks of the layout.
@@ -94,7 +94,7 @@ def influence_by_levels(grid, compliance, layout=SERIAL, other=None):
     Parameters
     ----------
     grid, compliance, layout
-        See `circulant_inverse`.
+        See `create_circulant_inverse`.
     other : MultilevelOperator, optional
         See there.
 
@@ -107,9 +107,9 @@ def influence_by_levels(grid, compliance, layout=SERIAL, other=None):
     near = [level.times(unit) for level in _stencils(grid, 1)]
     if not near:
         return None
-    (cy, cx), (ny, nx) = cells_in_one(near), _coarsest_shape(grid, near)
+    (cy, cx), (ny, nx) = coarsening_factors(near), _coarsest_shape(grid, near)
     far = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), compliance / (cx * cy))
-    beside = unit * left_near_by(grid, len(near))
+    beside = unit * near_field_correction(grid, len(near))
 
     def kernel(rows):
         found, offsets = far(rows), np.arange(ny)[rows]
@@ -125,7 +125,7 @@ def influence_by_levels(grid, compliance, layout=SERIAL, other=None):
     return MultilevelOperator(grid.shape, near, coarsest, layout, other)
 
 
-def periodic_inverse_by_levels(grid, compliance, layout=SERIAL):
+def create_multilevel_inverse(grid, compliance, layout=SERIAL):
     """The inverse of A on a periodic patch, nearly.
 
     Collective over the ranks of the layout.
@@ -133,7 +133,7 @@ def periodic_inverse_by_levels(grid, compliance, layout=SERIAL):
     Parameters
     ----------
     grid, compliance, layout
-        See `circulant_inverse`.
+        See `create_circulant_inverse`.
 
     Returns
     -------
@@ -148,21 +148,21 @@ def periodic_inverse_by_levels(grid, compliance, layout=SERIAL):
     return MultilevelOperator(grid.shape, near, coarsest, layout, periodic=True)
 
 
-def influence_of(operator):
+def multilevel_influence(operator):
     """A by levels on the grid of an `InfluenceOperator`, made when first asked for, or None. Collective."""
     if operator.grid.periodic:
         return None
     inverse = operator.multipliers.get("apart")
     other = inverse if isinstance(inverse, MultilevelOperator) else None
-    return known(operator, "influence", influence_by_levels, other=other)
+    return get_or_create(operator, "influence", create_multilevel_influence, other=other)
 
 
-def inverse_of(operator):
+def multilevel_inverse(operator):
     """Its inverse by levels on the grid of an `InfluenceOperator` of a periodic patch, likewise. Collective."""
-    return known(operator, "inverse", periodic_inverse_by_levels)
+    return get_or_create(operator, "inverse", create_multilevel_inverse)
 
 
-def known(operator, name, make, **more):
+def get_or_create(operator, name, make, **more):
     """What an `InfluenceOperator` has by a name, made if there is none; None on ranks without rows. Collective then."""
     made = operator.multipliers
     if name not in made and operator.active:
@@ -171,14 +171,14 @@ def known(operator, name, make, **more):
 
 
 def _stencils(grid, power):
-    least = _LEAST_PERIODIC if grid.periodic else _LEAST
+    least = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
     if max(grid.shape) < least or min(grid.shape) < least // 2:
         return ()
     found, (ny, nx) = stencils(grid, power), grid.shape
     for number, (_, (fy, fx)) in enumerate(found):
         halved = not grid.periodic or ny % fy == nx % fx == 0
         ny, nx = ny // fy, nx // fx
-        if min(ny, nx) < _LEAST // 2 or not halved:
+        if min(ny, nx) < MIN_CELLS // 2 or not halved:
             return found[:number]
     return found
 
@@ -194,4 +194,4 @@ def prepare(grid):
     """Prepare what products on a free grid, and in windows of it, need. Not collective."""
     _stencils(grid, -1)
     for levels in range(1, len(_stencils(grid, 1)) + 1):
-        left_near_by(grid, levels)
+        near_field_correction(grid, levels)

@@ -27,7 +27,9 @@ from app.parallel.halo import CoarseHalo, Halo
 from app.parallel.reductions import copy_row, njit_reassoc, scale_row, wrap_ends
 from app.parallel.slabs import Slabs, none_if_single
 
-_SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
+COST_IN_TRANSFORMS = (
+    0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
+)
 
 
 def coarse_shape(shape, factors, periodic=False):
@@ -48,7 +50,7 @@ class MultilevelOperator:
     ----------
     shape : (int, int)
         Rows and columns of the fields.
-    near : sequence of Near
+    near : sequence of StencilLevel
         This level and those below, for these cells.
     coarsest : callable
         ``coarsest(shape, layout)`` makes the product on the coarsest grid.
@@ -101,7 +103,7 @@ class MultilevelOperator:
     @property
     def points(self):
         """Points transformed so far, there and back, or what takes as many operations."""
-        return self.count * _SHARE * self.shape[0] * self.shape[1] + self._next.points
+        return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
         """Compute out = M p.

@@ -13,7 +13,7 @@ class NeedsSafeguard(Exception):
         self.outcome = outcome
 
 
-class Halvings:
+class HalvingTest:
     """Whether a number is halved from time to time. Not collective.
 
     Attributes
@@ -37,7 +37,7 @@ class Halvings:
         return self._since >= PATIENCE
 
 
-class Progress:
+class ResidualProgress:
     """Of the residual. Not collective.
 
     Parameters
@@ -47,14 +47,14 @@ class Progress:
 
     Attributes
     ----------
-    iterations, products : Halvings
+    iterations, products : HalvingTest
         In every iteration, and from product to product.
     by_product : float
         Norm by the last product, which is right whatever multiplies in between [mm].
     """
 
     def __init__(self, norm):
-        self.by_product, self.products, self.iterations = norm, Halvings(norm), Halvings()
+        self.by_product, self.products, self.iterations = norm, HalvingTest(norm), HalvingTest()
 
     def after_product(self, norm):
         """Take note of what a product tells of the residual [mm]."""

@@ -18,7 +18,7 @@ from app.multigrid.linear_solver import reason_names
 from app.options.solver_options import options_set
 
 # Codes of PETSc errors: argument out of range and inconsistent data (line searches), floating point, no convergence
-_GIVES_UP = 63, 72, 77, 82, 91
+FAILURE_CODES = 63, 72, 77, 82, 91
 
 
 class _ReferenceSolver:
@@ -91,7 +91,7 @@ class _ReferenceSolver:
         try:
             return self._run(*arguments)
         except PETSc.Error as error:
-            if error.ierr not in _GIVES_UP:
+            if error.ierr not in FAILURE_CODES:
                 raise
             return f"{self._name.upper()}: gives up: {error_message(error)}"
 

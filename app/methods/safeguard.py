@@ -26,11 +26,13 @@ from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
-from app.methods.progress import Halvings
+from app.methods.progress import HalvingTest
 
-_NEARLY_NONE = 0.01  # of the largest pressure, at most: cells with less and a gap are left out of the system
-_ARMIJO = 1e-4
-_HALVINGS = 40
+MAX_EXCLUDED_PRESSURE = (
+    0.01  # of the largest pressure, at most: cells with less and a gap are left out of the system
+)
+ARMIJO_FRACTION = 1e-4
+MAX_HALVINGS = 40
 
 
 def projected_newton(state, solver, stop, history):
@@ -53,7 +55,7 @@ def projected_newton(state, solver, stop, history):
     history.start(state, solver)
     state.project()
     state.u[...], gap = _displaced(state, state.p)
-    residual, progress = state.on_contact().residual / state.distance.norm(), Halvings()
+    residual, progress = state.on_contact().residual / state.distance.norm(), HalvingTest()
     for k in range(1, stop.max_it + 1):
         before, p, bounds = state.contact.copy(), state.p, state.bounds
         state.contact[...] = bounds.contact(p, gap, _nearly_none(state, gap))
@@ -64,12 +66,12 @@ def projected_newton(state, solver, stop, history):
         if not math.isfinite(descent):
             _contact_from(state, gap, before)
             return Outcome(False, failure_reason(failure, float("inf")), k, residual)
-        for _ in range(_HALVINGS):
+        for _ in range(MAX_HALVINGS):
             change = bounds.change(p, alpha * d)
             trial_u, trial_gap = _displaced(state, p + change)
             # f(p + change) - f(p), without the cancellation of two nearly equal numbers
             difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
-            if difference <= _ARMIJO * alpha * descent:
+            if difference <= ARMIJO_FRACTION * alpha * descent:
                 break
             alpha *= 0.5
         else:
@@ -92,7 +94,7 @@ def projected_newton(state, solver, stop, history):
         if update.residual <= stop.allowed(state):
             if stop.certified(state):
                 return Outcome(True, CONVERGED, k, residual)
-            stop, progress = stop.tighter(0.1), Halvings()
+            stop, progress = stop.tighter(0.1), HalvingTest()
         progress.after(update.residual)
         if progress.stalls and update.residual <= ROUNDING_RESIDUAL * state.on_contact(with_h=True).h:
             return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
@@ -112,7 +114,7 @@ def _nearly_none(state, gap):
     p = state.p
     step = np.abs(state.bounds.change(p, -gap / state.operator.diagonal))
     minus_highest, minus_largest = state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
-    return min(-_NEARLY_NONE * minus_highest, -minus_largest)
+    return min(-MAX_EXCLUDED_PRESSURE * minus_highest, -minus_largest)
 
 
 def _contact_from(state, gap, before):

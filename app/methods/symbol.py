@@ -29,15 +29,17 @@ from app.halfspace.grid import Grid
 from app.halfspace.periodic_symbol import influence_symbol
 
 REACH = 2  # of a stencil, cells in each direction
-_TERMS = 10  # even Chebyshev polynomials in a direction: rounding is left
-_SAMPLES = 48  # waves in a direction that a stencil is fitted to
-_LONG = 0.32  # share of the highest frequency up to which waves are long: they are left to coarser grids
-_UNLIKE = 1.75  # ratio of the sides of a cell from which on only the shorter ones are joined
-_MOST = 256  # cells in one of the coarsest grid, at most
-_STRETCHED = 16.0  # ratio of the sides of a cell from which on interpolation has too many terms
+CHEBYSHEV_TERMS = 10  # even Chebyshev polynomials in a direction: rounding is left
+SAMPLED_WAVES = 48  # waves in a direction that a stencil is fitted to
+MIN_FITTED_WAVE = (
+    0.32  # share of the highest frequency up to which waves are long: they are left to coarser grids
+)
+MAX_ASPECT = 1.75  # ratio of the sides of a cell from which on only the shorter ones are joined
+MAX_CELLS_PER_COARSE_CELL = 256  # cells in one of the coarsest grid, at most
+MAX_INTERPOLATED_ASPECT = 16.0  # ratio of the sides of a cell from which on interpolation has too many terms
 
 
-class Near(NamedTuple):
+class StencilLevel(NamedTuple):
     """What is said of a level by a stencil, and how the next one is coarser."""
 
     stencil: np.ndarray  # (REACH + 1, REACH + 1), a quadrant [x, y], whose sides count twice, as cosines do
@@ -48,7 +50,7 @@ class Near(NamedTuple):
         return self._replace(stencil=unit * self.stencil)
 
 
-def cells_in_one(near):
+def coarsening_factors(near):
     """How many cells (in y, in x) one of the grid below some levels is made of. Not collective."""
     return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
@@ -82,7 +84,7 @@ def _kind(grid):
 
 
 def _eigenvalues(kind, dx, dy, x, y):
-    if kind == "spectral" or max(dx, dy) > _STRETCHED * min(dx, dy):
+    if kind == "spectral" or max(dx, dy) > MAX_INTERPOLATED_ASPECT * min(dx, dy):
         found = _directly(kind, dx, dy, x, y)
         found[(x[:, None] == 0) & (y == 0)] = np.inf
         return found
@@ -105,7 +107,7 @@ def _directly(kind, dx, dy, x, y):
 @lru_cache(maxsize=16)
 def _smooth_part(dx, dy):
     """Coefficients [x, y] of even Chebyshev polynomials for what images in Fourier space add."""
-    counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
+    counts = [int(np.ceil(CHEBYSHEV_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
     x, y = map(chebyshev_nodes, counts)
     return fit_even_chebyshev(_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))
 
@@ -134,7 +136,7 @@ def stencils(grid, power=-1):
 
     Returns
     -------
-    tuple of Near
+    tuple of StencilLevel
         For unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
@@ -147,26 +149,26 @@ def _stencils(kind, dx, dy, power):
     t, near = _samples(), []
     cosines = _cosines(t, REACH + 1)
     shapes = np.einsum("ia,jb->ijab", cosines, cosines)
-    while np.prod(cells := cells_in_one(near)) < _MOST:
+    while np.prod(cells := coarsening_factors(near)) < MAX_CELLS_PER_COARSE_CELL:
         x, y = t / cells[1], t / cells[0]
         whole = _powers(kind, dx, dy, x, y, power)
         wanted = coarser(whole, near, x, y)
         fy, fx = factors = _coarsening(cells[1] * dx, cells[0] * dy)
-        short = np.hypot((fx - 1) * t[:, None], (fy - 1) * t) > _LONG
+        short = np.hypot((fx - 1) * t[:, None], (fy - 1) * t) > MIN_FITTED_WAVE
         weight = np.where(short, 1.0, 1e-3) / whole
         system = (weight[..., None, None] * shapes).reshape(t.size**2, -1)
         stencil, *_ = np.linalg.lstsq(system, (weight * wanted).reshape(-1), rcond=None)
-        near.append(Near(stencil.reshape(REACH + 1, REACH + 1), factors))
+        near.append(StencilLevel(stencil.reshape(REACH + 1, REACH + 1), factors))
     return tuple(near)
 
 
 def _coarsening(dx, dy):
-    if dx > _UNLIKE * dy:
+    if dx > MAX_ASPECT * dy:
         return 2, 1
-    return (1, 2) if dy > _UNLIKE * dx else (2, 2)
+    return (1, 2) if dy > MAX_ASPECT * dx else (2, 2)
 
 
-def left_near_by(grid, levels):
+def near_field_correction(grid, levels):
     """What is left of A on the coarsest grid, less that grid's own influence coefficients. Not collective.
 
     It is next to nothing far away, where only the load of a cell counts, not its shape.
@@ -189,16 +191,16 @@ def left_near_by(grid, levels):
 @lru_cache(maxsize=32)
 def _left_near_by(dx, dy, levels):
     t, near = _samples(), _stencils("love", dx, dy, 1)[:levels]
-    cy, cx = cells_in_one(near)
+    cy, cx = coarsening_factors(near)
     left = coarser(_powers("love", dx, dy, t / cx, t / cy, 1), near, t / cx, t / cy)
     side = max(cx * dx, cy * dy)  # of cells so many times as large, by whose mean pressure is multiplied
     left -= side / (cx * cy) * _powers("love", cx * dx / side, cy * dy / side, t, t, 1)
-    cosines = _cosines(t, _SAMPLES // 4)
+    cosines = _cosines(t, SAMPLED_WAVES // 4)
     return (cosines.T @ left @ cosines).T / t.size**2
 
 
 def _samples():
-    return (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    return (np.arange(SAMPLED_WAVES) + 0.5) / SAMPLED_WAVES
 
 
 def _powers(kind, dx, dy, x, y, power):
@@ -218,7 +220,7 @@ def coarser(whole, near, x, y):
     ----------
     whole : ndarray, shape (x, y)
         g_0.
-    near : sequence of Near
+    near : sequence of StencilLevel
         n_0, n_1, ...; in units of g_0.
     x, y : ndarray
         Wave numbers over the highest ones of the finest grid.

@@ -10,7 +10,7 @@ from app import ContactSolver
 from app.base.petsc import _counter
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
-from app.methods.multilevel_operators import influence_of
+from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.options.solver_options import options_set
@@ -85,7 +85,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
     for steps in (1, 3):  # so few that the norm needs no summing anew
         with options_set("", {}, options | {"ksp_max_it": str(steps)}):
             solver = LinearSolver(hierarchy)
-        nearly = influence_of(operator) if by_levels else None
+        nearly = multilevel_influence(operator) if by_levels else None
         if nearly is not None:
             solver.ksp.getPythonContext().multiply = nearly.apply
         b = solver.mat.createVecRight()

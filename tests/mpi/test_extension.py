@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from operators import STENCIL
 
-from app.methods.free.block_average import Between
-from app.methods.free.contact_edge import RimExtension
+from app.methods.free.block_average import BlockAverage
+from app.methods.free.contact_edge import EdgeExtension
 from app.parallel.slabs import Slabs
 
 SHAPES = [
@@ -32,8 +32,8 @@ SHAPES = [
 def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, steps, dtype, periodic):
     rng = np.random.default_rng([*shape, block, steps, int(100 * density)])
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
-    alone = RimExtension(shape, None, None, steps, periodic)
-    here = RimExtension((slabs.local, shape[1]), slabs, comm, steps, periodic)
+    alone = EdgeExtension(shape, None, None, steps, periodic)
+    here = EdgeExtension((slabs.local, shape[1]), slabs, comm, steps, periodic)
     for extension in (alone, here):
         extension.set_stencil(STENCIL)
     for _ in range(2):  # the second contact set replaces the first
@@ -61,16 +61,16 @@ def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, s
 def test_so_do_means_over_blocks_that_ranks_share(comm, shape, block, cells):
     rng = np.random.default_rng(8)
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
-    alone, here = Between(shape, None, None, cells), Between(shape, slabs, comm, cells)
+    alone, here = BlockAverage(shape, None, None, cells), BlockAverage(shape, slabs, comm, cells)
     contact, field = rng.random(shape) < 0.4, rng.normal(size=shape)
     expected, found = np.empty(shape), np.empty((slabs.local, shape[1]))
     r = field * contact
     alone.set_contact(contact, r)
     here.set_contact(contact[slabs.rows].copy(), r[slabs.rows].copy())
-    alone.fill(r, expected)
-    here.fill(r[slabs.rows].copy(), found)
+    alone.extend(r, expected)
+    here.extend(r[slabs.rows].copy(), found)
     np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)
     expected, found = field.copy(), field[slabs.rows].copy()
-    products = alone.take_back(r, expected), here.take_back(r[slabs.rows].copy(), found)
+    products = alone.apply_transpose(r, expected), here.apply_transpose(r[slabs.rows].copy(), found)
     assert products[0] == pytest.approx(products[1], abs=1e-5)
     np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)

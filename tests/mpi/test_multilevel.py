@@ -9,9 +9,9 @@ import pytest
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid
 from app.methods.multilevel_operators import (
-    circulant_inverse,
-    influence_by_levels,
-    periodic_inverse_by_levels,
+    create_circulant_inverse,
+    create_multilevel_influence,
+    create_multilevel_inverse,
 )
 from app.parallel.slabs import Slabs
 
@@ -23,8 +23,8 @@ def kind(multiplier):
 
 
 MULTIPLIERS = [
-    *product(SHAPES, [partial(circulant_inverse, apart=True), influence_by_levels]),
-    *product([(512, 264, 0.1), (268, 514, 0.03), (258, 514, 0.3)], [periodic_inverse_by_levels]),
+    *product(SHAPES, [partial(create_circulant_inverse, apart=True), create_multilevel_influence]),
+    *product([(512, 264, 0.1), (268, 514, 0.03), (258, 514, 0.3)], [create_multilevel_inverse]),
 ]
 
 
@@ -42,7 +42,7 @@ def test_each_rank_finds_its_rows(comm, shape, dealt, dtype, multiplier):
         "nothing at the ends": [0, 0, *[ny] * (comm.size - 1)],
     }[dealt]
     slabs = Slabs.starting(starts, comm.rank)
-    grid = Grid(nx, ny, 0.1, dy, periodic="spectral" if multiplier is periodic_inverse_by_levels else "")
+    grid = Grid(nx, ny, 0.1, dy, periodic="spectral" if multiplier is create_multilevel_inverse else "")
     alone = multiplier(grid, 1.0, Layout(dtype=dtype))
     here = multiplier(grid, 1.0, Layout(slabs, comm, dtype))
     field = np.random.default_rng(1).normal(size=grid.shape)

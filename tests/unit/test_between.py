@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from operators import STENCIL
 
-from app.methods.free.block_average import _LEAST, _SMOOTHED, Between
-from app.methods.free.contact_edge import RimExtension
+from app.methods.free.block_average import CONTACT_SHARE_OFFSET, SMOOTHING_PASSES, BlockAverage
+from app.methods.free.contact_edge import EdgeExtension
 
 SHAPES = [(1, 1), (1, 11), (7, 3), (12, 12), (17, 26)]
 each_shape = pytest.mark.parametrize("shape", SHAPES)
@@ -21,7 +21,7 @@ def field(shape, dtype=float, seed=1):
 
 
 def made(contact, cells, r):
-    between = Between(contact.shape, None, None, cells)
+    between = BlockAverage(contact.shape, None, None, cells)
     between.set_contact(contact, r)
     return between
 
@@ -33,7 +33,7 @@ def means(x, cells):
 
 
 def smooth(blocks):
-    for _ in range(2 * _SMOOTHED):
+    for _ in range(2 * SMOOTHING_PASSES):
         around = np.pad(blocks, ((1, 1), (0, 0)))
         blocks = ((around[:-2] + 2 * around[1:-1] + around[2:]) / 4).T  # in y, and then in x
     return blocks
@@ -51,11 +51,11 @@ def test_it_is_the_mean_around_by_its_definition(shape, cells, dtype):
     contact, r = contact_of(shape), field(shape, dtype)
     r *= contact
     found, between = np.full_like(r, np.nan), made(contact, cells, r)
-    between.fill(r, found)
-    blocks = smooth(means(r, cells)) / (smooth(means(contact, cells)) + _LEAST)
+    between.extend(r, found)
+    blocks = smooth(means(r, cells)) / (smooth(means(contact, cells)) + CONTACT_SHARE_OFFSET)
     expected = np.kron(blocks, np.ones((cells, cells)))[: shape[0], : shape[1]]
     np.testing.assert_allclose(found, np.where(contact, r, expected), rtol=0, atol=1e-6)
-    between.fill(r, r)
+    between.extend(r, r)
     np.testing.assert_array_equal(r, found)
 
 
@@ -67,16 +67,16 @@ def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(sha
     """<E r, b> = <r, E^T b>."""
     contact = contact_of(shape, share)
     r, b = field(shape) * contact, field(shape, seed=2)
-    between, extension = made(contact, cells, r), RimExtension(shape, None, None, steps)
+    between, extension = made(contact, cells, r), EdgeExtension(shape, None, None, steps)
     extension.set_stencil(STENCIL)
     extension.set_contact(contact)
-    extension.leave_no_rows_out()
+    extension.include_all_rows()
     extended, restricted = r.copy(), b.copy()
-    between.fill(extended, extended)
+    between.extend(extended, extended)
     extension.extend(extended)
     np.testing.assert_array_equal(extended[contact], r[contact])
     extension.restrict(restricted)
-    product = between.take_back(r, restricted)
+    product = between.apply_transpose(r, restricted)
     assert product == pytest.approx(
         np.vdot(r, restricted * contact), rel=0, abs=1e-5 * size_of(r, restricted)
     )
@@ -89,18 +89,20 @@ def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(sha
 def test_a_constant_goes_on_between_contacts_and_ends_away_from_them():
     contact = np.zeros((256, 256), bool)
     contact[:128:8, :128:8] = True
-    between, x = Between(contact.shape, None, None, 16), contact.astype(float)
+    between, x = BlockAverage(contact.shape, None, None, 16), contact.astype(float)
     assert between.set_contact(contact, x)
-    between.fill(x, x)
+    between.extend(x, x)
     share = 1 / 64
-    np.testing.assert_allclose(x[40:88, 40:88][~contact[40:88, 40:88]], share / (share + _LEAST), rtol=1e-6)
+    np.testing.assert_allclose(
+        x[40:88, 40:88][~contact[40:88, 40:88]], share / (share + CONTACT_SHARE_OFFSET), rtol=1e-6
+    )
     assert (x[192:] == 0).all() and (x[:, 192:] == 0).all()
 
 
 def test_contact_in_one_area_is_not_scattered():
     contact = np.zeros((512, 512), bool)
     contact[80:420, 60:440] = True
-    assert not Between(contact.shape, None, None, 16).set_contact(contact, np.ones(contact.shape))
+    assert not BlockAverage(contact.shape, None, None, 16).set_contact(contact, np.ones(contact.shape))
 
 
 @each_size
@@ -113,8 +115,8 @@ def test_means_follow_a_residual_that_is_reduced(cells):
     )  # q is not looked at outside contact
     between, (expected, found) = made(contact, cells, r * contact), np.empty((2, *shape))
     less = (r - 0.3 * q) * contact
-    between.reduce(0.3, between.means_here(q))
-    between.fill(less, found)
-    between.look_at(less)
-    between.fill(less, expected)
+    between.subtract(0.3, between.local_means(q))
+    between.extend(less, found)
+    between.update(less)
+    between.extend(less, expected)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)

@@ -11,9 +11,9 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, middle_displacement
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.periodic_symbol import influence_symbol
-from app.methods.free.circulant import Circulant, circulant_of
+from app.methods.free.circulant import Circulant, circulant_inverse
 from app.methods.free.tracking_cg import TrackingCG
-from app.methods.multilevel_operators import circulant_inverse
+from app.methods.multilevel_operators import create_circulant_inverse
 from app.methods.multilevel_product import MultilevelOperator
 from app.methods.symbol import eigenvalues
 from app.options.solver_options import SolverOptions
@@ -175,24 +175,24 @@ def test_it_is_near_the_inverse():
 def test_the_circulant_inverts_itself():
     grid = GRIDS["even"]
     operator = InfluenceOperator(grid, STEEL)
-    multiplier, x = circulant_of(operator), np.random.default_rng(1).normal(size=grid.shape)
+    multiplier, x = circulant_inverse(operator), np.random.default_rng(1).normal(size=grid.shape)
     assert multiplier.periods == grid.shape  # whose prime factors are small
     y, back = np.empty(grid.shape), np.empty(grid.shape)
     multiplier.apply(x, y)
     multiplier.apply_inverse(y, back)
     np.testing.assert_allclose(back, x, rtol=0, atol=1e-12 * abs(x).max())
-    assert circulant_of(operator) is multiplier  # made once
-    assert circulant_of(operator, apart=True) is not multiplier
+    assert circulant_inverse(operator) is multiplier  # made once
+    assert circulant_inverse(operator, apart=True) is not multiplier
 
 
 def test_on_a_periodic_patch_both_are_exact():
     operator = InfluenceOperator(PERIODIC["periodic"], STEEL)
-    assert circulant_of(operator, apart=True) is circulant_of(operator)
+    assert circulant_inverse(operator, apart=True) is circulant_inverse(operator)
 
 
 def test_on_a_periodic_patch_neighbours_may_cancel_out():
     operator = InfluenceOperator(Grid(2, 2, 1.0, 1.0, periodic="spectral"), 1 / np.pi)
-    stencil = circulant_of(operator).centre
+    stencil = circulant_inverse(operator).centre
     assert stencil.sum() == stencil[1, 1]
     operator.mask[...] = [[True], [False]]
     operator.mask_changed()
@@ -208,7 +208,7 @@ def test_contact_at_opposite_edges_is_kept_apart(n):
     operator.mask[...] = True
     dense, conditions = dense_matrix(grid, STEEL), []
     for apart in (False, True):
-        inverse = circulant_of(operator, apart)
+        inverse = circulant_inverse(operator, apart)
         columns = np.eye(grid.n).reshape(-1, n, n)
         for column in columns:
             inverse.apply(column, column)
@@ -250,7 +250,7 @@ LARGE = {
 def test_levels_are_as_good_as_transforms(ny, nx, aspect):
     """B by stencils is symmetric, and with the true inverse its eigenvalues lie within some percent of 1."""
     grid, rng = Grid(nx, ny, aspect, 1.0), np.random.default_rng(ny)
-    inverse = circulant_inverse(grid, 1.0, apart=True)
+    inverse = create_circulant_inverse(grid, 1.0, apart=True)
     assert isinstance(inverse, MultilevelOperator)
     alike = EvenMultiplier(grid.shape, inverse.periods)  # by transforms, in the same box
     sides = [n * d for n, d in zip(inverse.periods, (grid.dy, grid.dx), strict=True)]
@@ -278,7 +278,7 @@ def test_levels_are_as_good_as_transforms(ny, nx, aspect):
 
 def test_levels_leave_out_rows_and_work_in_place():
     grid, rng = Grid(140, 150, 1.0, 1.0), np.random.default_rng(0)
-    inverse = circulant_inverse(grid, 1.0, Layout(dtype=np.float32), apart=True)
+    inverse = create_circulant_inverse(grid, 1.0, Layout(dtype=np.float32), apart=True)
     rows = rng.random(150) < 0.5
     field = rng.normal(size=grid.shape) * rows[:, None]
     expected, found = np.empty(grid.shape), field.copy()
@@ -292,7 +292,7 @@ def test_levels_leave_out_rows_and_work_in_place():
 
 def test_few_waves_are_all_that_levels_transform():
     """What else is done costs less than transforms of as many points as there are cells."""
-    inverse = circulant_inverse(Grid(2048, 2048, 1.0, 1.0), 1.0, apart=True)
+    inverse = create_circulant_inverse(Grid(2048, 2048, 1.0, 1.0), 1.0, apart=True)
     before = inverse.points
     inverse.apply(np.zeros((2048, 2048)), np.zeros((2048, 2048)))
     assert before == 0

@@ -9,7 +9,7 @@ from app.halfspace.influence import influence_quadrant
 from app.halfspace.product import Convolution
 from app.methods import multilevel_operators
 from app.methods.free.solver import TrackingSolver
-from app.methods.multilevel_operators import influence_by_levels
+from app.methods.multilevel_operators import create_multilevel_influence
 from app.methods.multilevel_product import MultilevelOperator
 from app.problems.random_surfaces import SelfAffineSurface
 
@@ -27,7 +27,7 @@ GRIDS = {
 def test_it_is_nearly_the_product(grid, off):
     """Worst for noise; next to nothing for what is smooth; and symmetric."""
     ny, nx = grid.shape
-    nearly, rng = influence_by_levels(grid, 0.5), np.random.default_rng(ny)
+    nearly, rng = create_multilevel_influence(grid, 0.5), np.random.default_rng(ny)
     exactly = Convolution(lambda rows: influence_quadrant(grid, 0.5, rows), grid.shape)
     y, x = np.mgrid[:ny, :nx]
     corner = np.zeros(grid.shape)
@@ -55,7 +55,7 @@ def test_far_away_it_is_the_influence_of_a_point():
     grid = Grid(600, 140, 1.0, 1.0)
     p, u = np.zeros(grid.shape), np.empty(grid.shape)
     p[70, 5] = 1.0
-    influence_by_levels(grid, 1.0).apply(p, u)
+    create_multilevel_influence(grid, 1.0).apply(p, u)
     x = np.arange(200, 600)
     np.testing.assert_allclose(u[70, x], 1 / (x - 5), rtol=2e-3)
 
@@ -64,7 +64,7 @@ def test_far_away_it_is_the_influence_of_a_point():
     "grid", [Grid(100, 500, 1.0, 1.0), Grid(50, 500, 4.0, 1.0)], ids=["square", "long cells"]
 )
 def test_there_is_none_on_small_grids(grid):
-    assert influence_by_levels(grid, 1.0) is None
+    assert create_multilevel_influence(grid, 1.0) is None
 
 
 def rough():

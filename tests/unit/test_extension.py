@@ -10,8 +10,8 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free import contact_edge
-from app.methods.free.circulant import circulant_of
-from app.methods.free.contact_edge import RimExtension
+from app.methods.free.circulant import circulant_inverse
+from app.methods.free.contact_edge import EdgeExtension
 
 SHAPES = [(1, 1), (1, 11), (11, 1), (2, 3), (3, 2), (8, 8), (17, 26)]
 STEPS = [0, 1, 2, 3]
@@ -36,7 +36,7 @@ def contact_sets(shape):
 
 
 def make(contact, steps, stencil=STENCIL, periodic=False):
-    extension = RimExtension(contact.shape, None, None, steps, periodic)
+    extension = EdgeExtension(contact.shape, None, None, steps, periodic)
     extension.set_stencil(stencil)
     extension.set_contact(contact)
     return extension
@@ -152,7 +152,7 @@ def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
     inside = contact.reshape(-1)
     r = r(x, y) * contact
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
-    extension = make(contact, 2, circulant_of(InfluenceOperator(grid, 1.0)).centre)
+    extension = make(contact, 2, circulant_inverse(InfluenceOperator(grid, 1.0)).centre)
     beside = binary_dilation(contact) & ~contact
     predicted, change = apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
@@ -178,7 +178,7 @@ def test_extension_follows_the_contact_set_and_weights_the_unit_of_the_stencil()
 )
 def test_stencils_that_are_not_even_are_refused(stencil):
     with pytest.raises(ValueError, match="stencil"):
-        RimExtension((4, 4), None, None, 3).set_stencil(stencil)
+        EdgeExtension((4, 4), None, None, 3).set_stencil(stencil)
 
 
 def test_fields_that_cannot_be_changed_in_place_are_refused():
@@ -195,7 +195,7 @@ def test_fields_that_cannot_be_changed_in_place_are_refused():
 @pytest.mark.parametrize("steps", [-1, 251])
 def test_numbers_of_steps_that_cannot_be_are_refused(steps):
     with pytest.raises(ValueError, match="steps"):
-        RimExtension((4, 4), None, None, steps)
+        EdgeExtension((4, 4), None, None, steps)
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 10, 51])

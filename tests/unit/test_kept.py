@@ -15,10 +15,10 @@ from app import ContactProblem, ContactSolver, Grid, Listener, Material, SelfAff
 from app.contact.distance import UndeformedDistance
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator
-from app.methods.free.circulant import circulant_of
+from app.methods.free.circulant import circulant_inverse
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.verification_product import VerificationProduct
-from app.methods.multilevel_operators import influence_of
+from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid import solver_cache
 from app.multigrid.linear_solver import LinearSolver
 
@@ -181,7 +181,11 @@ def test_nobody_works_in_what_is_lent():
     for field in lent:
         field[...] = 7.0
     p = np.ones(operator.local_shape, np.float32)
-    for multiplier in (circulant_of(operator), circulant_of(operator, apart=True), influence_of(operator)):
+    for multiplier in (
+        circulant_inverse(operator),
+        circulant_inverse(operator, apart=True),
+        multilevel_influence(operator),
+    ):
         multiplier.apply(p, p)
     assert all((field == 7.0).all() for field in lent)
 

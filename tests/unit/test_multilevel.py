@@ -5,7 +5,7 @@ import pytest
 
 from app.halfspace.fft.multiplier import Layout
 from app.methods.multilevel_product import MultilevelOperator
-from app.methods.symbol import Near
+from app.methods.symbol import StencilLevel
 
 
 class Same:
@@ -49,7 +49,7 @@ def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype, fa
     rng = np.random.default_rng(3)
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])  # stencils are given as of a sum over waves
-    level = Near(np.outer(in_x * twice, in_y * twice), factors)
+    level = StencilLevel(np.outer(in_x * twice, in_y * twice), factors)
     operator = MultilevelOperator(shape, [level], Same, Layout(dtype=dtype))
     from_y, from_x = map(interpolation, shape, factors)
     for wanted in (np.ones(shape[0], bool), rng.random(shape[0]) < 0.5):
@@ -68,7 +68,7 @@ def test_over_a_period_as_well(shape, dtype, factors):
     rng = np.random.default_rng(4)
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])
-    level = Near(np.outer(in_x * twice, in_y * twice), factors)
+    level = StencilLevel(np.outer(in_x * twice, in_y * twice), factors)
     operator = MultilevelOperator(shape, [level], Same, Layout(dtype=dtype), periodic=True)
     (from_y, from_x), (ny, nx) = (
         (interpolation(*pair, periodic=True) for pair in zip(shape, factors, strict=True)),

@@ -9,7 +9,7 @@ import pytest
 from app import ContactProblem, ContactSolver, Grid
 from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import PeriodicProduct
-from app.methods.multilevel_operators import periodic_inverse_by_levels
+from app.methods.multilevel_operators import create_multilevel_inverse
 from app.methods.multilevel_product import MultilevelOperator
 
 
@@ -33,7 +33,7 @@ GRIDS = {
 def test_it_is_nearly_the_inverse(nx, ny, aspect, off, kind):
     """Worst for noise; zero on constants; symmetric and positive."""
     grid = Grid(nx, ny, aspect, 1.0, periodic=kind)
-    nearly, rng = periodic_inverse_by_levels(grid, 0.5), np.random.default_rng(ny)
+    nearly, rng = create_multilevel_inverse(grid, 0.5), np.random.default_rng(ny)
     exactly = PeriodicProduct(partial(influence_symbol, grid, 0.5), grid.shape).inverse()
     y, x = np.mgrid[:ny, :nx]
     corner = np.zeros(grid.shape)
@@ -61,7 +61,7 @@ def test_it_is_nearly_the_inverse(nx, ny, aspect, off, kind):
 
 @pytest.mark.parametrize(("nx", "ny"), [(256, 256), (513, 600), (600, 513), (512, 130)])
 def test_there_is_none_on_small_grids_and_odd_ones(nx, ny):
-    assert periodic_inverse_by_levels(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), 1.0) is None
+    assert create_multilevel_inverse(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), 1.0) is None
 
 
 @pytest.mark.parametrize("kind", ["spectral", "love"])

@@ -192,14 +192,14 @@ def test_every_grid_on_which_it_took_over_counts(method, monkeypatch):
         problem = periodic.rough(64, 64, 8, 0.0)
         approach = 0.8 * np.nanmean(problem.gap)
     numbers = []
-    plain = nested.safeguarded
+    plain = nested.solve_safeguarded
 
-    def safeguarded(hierarchy, number, *arguments):
+    def solve_safeguarded(hierarchy, number, *arguments):
         numbers.append(number)
         return plain(hierarchy, number, *arguments)
 
     for module in (nested, primal_nested):
-        monkeypatch.setattr(module, "safeguarded", safeguarded)
+        monkeypatch.setattr(module, "solve_safeguarded", solve_safeguarded)
     monkeypatch.setattr(progress, "PATIENCE", 0)
     found = solve(problem, approach, method, lcp_rtol=1e-9, lcp_coarse_rtol=1e-9)
     assert found.fallbacks == len(set(numbers)) > 1

@@ -27,7 +27,7 @@ class Identity:
     def precondition(self, r, z, reduced):
         z[...] = r
 
-    def wants_of(self, q):
+    def local_terms(self, q):
         return []
 
 

@@ -23,12 +23,12 @@ from app.base.numba_cache import njit
 from app.parallel.reductions import add_masked, njit_reassoc, sum_over
 from app.parallel.slabs import Slabs
 
-_LEAST = 0.15  # share of contact around a cell, beside which less counts little
-_SMOOTHED = 2  # times
-_SCATTERED = 0.08  # of the blocks are in contact in part, where this gains more than it costs
+CONTACT_SHARE_OFFSET = 0.15  # share of contact around a cell, beside which less counts little
+SMOOTHING_PASSES = 2  # times
+MIN_SCATTERED_FRACTION = 0.08  # of the blocks are in contact in part, where this gains more than it costs
 
 
-class Between:
+class BlockAverage:
     """``P D S P^T`` and its transpose on one grid; arrays hold this rank's rows. In single precision.
 
     Parameters
@@ -62,36 +62,36 @@ class Between:
         """
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
-        blocks, *of_r = sum_over(self._comm, np.stack([self.means_here(field) for field in fields]))
+        blocks, *of_r = sum_over(self._comm, np.stack([self.local_means(field) for field in fields]))
         if of_r:
             [self._of_r] = of_r
         partly = np.count_nonzero((blocks > 0) & (blocks < 1))
         _smooth(blocks, self._room)
-        np.divide(1.0, blocks + _LEAST, out=self._held)
-        return bool(partly >= _SCATTERED * blocks.size)
+        np.divide(1.0, blocks + CONTACT_SHARE_OFFSET, out=self._held)
+        return bool(partly >= MIN_SCATTERED_FRACTION * blocks.size)
 
-    def look_at(self, r):
+    def update(self, r):
         """Find the means of the residual to be filled next. Collective."""
-        self._of_r = sum_over(self._comm, self.means_here(r))
+        self._of_r = sum_over(self._comm, self.local_means(r))
 
-    def reduce(self, share, means):
-        """The residual is less by a share of q; `means`: `means_here` of q, over the ranks. Not collective."""
+    def subtract(self, share, means):
+        """The residual is less by a share of q; `means`: `local_means` of q, over the ranks. Not collective."""
         self._of_r -= share * means.reshape(self._shape)
 
-    def means_here(self, q):
+    def local_means(self, q):
         """What the rows of this rank add to means over blocks of q, or of 0 outside C. Not collective."""
         blocks = np.zeros(self._shape)
         _add_up(q, self._contact, *self._places, blocks)
         return blocks
 
-    def fill(self, r, out):
+    def extend(self, r, out):
         """out = r on C, elsewhere the mean around, which is known; float64 or float32, may be one. Not collective."""
         blocks = self._of_r.copy()
         _smooth(blocks, self._room)
         blocks *= self._held
         _fill(r, self._contact, blocks, *self._places, out)
 
-    def take_back(self, r, b):
+    def apply_transpose(self, r, b):
         """Add to b on C what the transpose makes of b elsewhere; return r.b, r what was filled last. Collective.
 
         It costs no reduction of its own: means of r are known.
@@ -163,7 +163,7 @@ def _add_up_beside(r, b, contact, cells, first, row, blocks):
 def _smooth(blocks, room):
     """Binomial means over 3 x 3 blocks, nothing beyond them; `room` has their shape."""
     ny, nx = blocks.shape
-    for _ in range(_SMOOTHED):
+    for _ in range(SMOOTHING_PASSES):
         for j in range(ny):
             for i in range(nx):
                 value = 2 * blocks[j, i]

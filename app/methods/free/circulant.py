@@ -23,14 +23,16 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator, get_operator
 from app.halfspace.periodic_symbol import influence_symbol
 from app.methods import multilevel_operators
-from app.methods.free.block_average import Between
-from app.methods.free.contact_edge import RimExtension
-from app.methods.multilevel_operators import circulant_inverse, known
+from app.methods.free.block_average import BlockAverage
+from app.methods.free.contact_edge import EdgeExtension
+from app.methods.multilevel_operators import create_circulant_inverse, get_or_create
 from app.methods.symbol import centre
 
 _event = PETSc.Log.Event("CirculantPC")
-_FEWEST = 8  # blocks in a direction; on smaller grids they gain nothing
-_STRETCHED = 1.75  # ratio of the sides of cells up to which a constant stays one; else contact sets cycle
+MIN_BLOCKS = 8  # blocks in a direction; on smaller grids they gain nothing
+MAX_SCALED_ASPECT = (
+    1.75  # ratio of the sides of cells up to which a constant stays one; else contact sets cycle
+)
 
 
 def _periodic_inverse(grid, compliance, layout):
@@ -47,16 +49,16 @@ def _periodic_inverse(grid, compliance, layout):
     return inverse
 
 
-def circulant_of(operator, apart=False):
-    """B on the grid of an `InfluenceOperator`, made when first asked for; `apart`: see `circulant_inverse`. Collective.
+def circulant_inverse(operator, apart=False):
+    """Return B on the grid of an operator, created on first use.
 
-    On a periodic patch it is exact.
+    Collective over its ranks. On a periodic patch B is exact. `apart`: see `create_circulant_inverse`.
     """
     if not operator.active:
         return operator.product
     periodic = operator.grid.periodic
-    make = _periodic_inverse if periodic else partial(circulant_inverse, apart=apart)
-    return known(operator, "apart" if apart and not periodic else "adjoining", make)
+    make = _periodic_inverse if periodic else partial(create_circulant_inverse, apart=apart)
+    return get_or_create(operator, "apart" if apart and not periodic else "adjoining", make)
 
 
 def prepare(grid):
@@ -98,18 +100,18 @@ class Circulant:
             return
         self.operator = operator
         blocks, periodic = self.blocks, bool(operator.grid.periodic)
-        self.multiplier = circulant_of(operator, apart=True)
-        self.extension = RimExtension(
+        self.multiplier = circulant_inverse(operator, apart=True)
+        self.extension = EdgeExtension(
             operator.local_shape, operator.slabs, operator.comm, self.steps, periodic
         )
         stencil = self.multiplier.centre if periodic else centre(operator.grid)
         self.between = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
-        if blocks and min(operator.grid.shape) >= _FEWEST * blocks:
-            self.between = Between(operator.grid.shape, operator.slabs, operator.comm, blocks)
+        if blocks and min(operator.grid.shape) >= MIN_BLOCKS * blocks:
+            self.between = BlockAverage(operator.grid.shape, operator.slabs, operator.comm, blocks)
         sides = operator.grid.dx, operator.grid.dy
-        square = max(sides) <= _STRETCHED * min(sides)
+        square = max(sides) <= MAX_SCALED_ASPECT * min(sides)
         # On a periodic patch there are no blocks, and neighbours may cancel out, as on 2 x 2 cells.
         scattered = _of_sum_zero(stencil) if square and self.between is not None else stencil
         self._stencils = stencil, scattered
@@ -135,7 +137,7 @@ class Circulant:
         r, z : ndarray of float64 or float32, shape `local_shape`
             May be one; r vanishes outside C.
         reduced : (float, ndarray), optional
-            If r is that of the last call on this contact set less a share of q: the share, and what `wants_of` q was,
+            If r is that of the last call on this contact set less a share of q: the share, and `local_terms` of q,
             summed over the ranks. It saves a reduction.
 
         Returns
@@ -150,18 +152,18 @@ class Circulant:
             self.extension.restrict(z)
             if not self._scattered:
                 return None
-            product = self.between.take_back(r, z)
+            product = self.between.apply_transpose(r, z)
             return None if r is z else product
 
-    def wants_of(self, q):
+    def local_terms(self, q):
         """What `precondition` has to know, summed over the ranks, of that by which r is reduced. Not collective.
 
         Nothing, where there are no others: a look at r costs less then.
         """
-        return self.between.means_here(q) if self._scattered and self.operator.comm is not None else ()
+        return self.between.local_means(q) if self._scattered and self.operator.comm is not None else ()
 
     def extend(self, r, out=None, reduced=None):
-        """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective.
+        """Continue a residual that is zero outside C over the rim, see `EdgeExtension.extend`. Collective.
 
         `reduced`: see `precondition`.
         """
@@ -169,11 +171,11 @@ class Circulant:
         if self._contact != self.operator.contact_version:
             self._take_contact(r)
         elif self._scattered and reduced:
-            self.between.reduce(*reduced)
+            self.between.subtract(*reduced)
         elif self._scattered:
-            self.between.look_at(r)
+            self.between.update(r)
         if self._scattered:
-            self.between.fill(r, out)
+            self.between.extend(r, out)
             r = out
         self.extension.extend(r, out)
 
@@ -187,9 +189,9 @@ class Circulant:
         if self._scattered != before:
             extension.set_stencil(self._stencils[self._scattered])
         if self._scattered and not before:
-            means.look_at(r)
+            means.update(r)
         if self._scattered:
-            extension.leave_no_rows_out()
+            extension.include_all_rows()
 
     applyTranspose = apply
 

@@ -30,11 +30,13 @@ from app.parallel.reductions import copy_row, copy_slab_row, njit_reassoc, nonze
 from app.parallel.slabs import Slabs, none_if_single
 
 MAX_STEPS = 250
-_CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
-_LOWEST = 0.05  # eigenvalue of the stencil, at least, in its highest one
+CHEBYSHEV_CYCLE = (
+    8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
+)
+MIN_EIGENVALUE_RATIO = 0.05  # eigenvalue of the stencil, at least, in its highest one
 
 
-class RimExtension:
+class EdgeExtension:
     """``E`` and ``E^T`` on one grid; arrays hold this rank's rows.
 
     Parameters
@@ -91,8 +93,8 @@ class RimExtension:
         self._weights = x, y, d = float(even[1, 0]), float(even[0, 1]), float(even[0, 0])
         of_waves = 1 + 2 * np.array([x + y + 2 * d, x - y - 2 * d, y - x - 2 * d, 2 * d - x - y])
         highest = of_waves.max()
-        lowest = max(of_waves.min(), _LOWEST * highest)
-        cycles = np.array_split(self._lengths, max(1, -(-self.steps // _CYCLE)))
+        lowest = max(of_waves.min(), MIN_EIGENVALUE_RATIO * highest)
+        cycles = np.array_split(self._lengths, max(1, -(-self.steps // CHEBYSHEV_CYCLE)))
         self._lengths = np.concatenate([chebyshev_steps(part.size, lowest, highest) for part in cycles])
         self._kinds = {}
 
@@ -113,7 +115,7 @@ class RimExtension:
         _take_contact(before, mask, after, self.steps, self._contact, self._away, self.rows)
         self.contact = self._contact[len(before) :][: len(mask)]
 
-    def leave_no_rows_out(self):
+    def include_all_rows(self):
         """With the contact set taken over last: fields are not zero far from it. Not collective."""
         self._away[:], self.rows[:] = 0, True
 

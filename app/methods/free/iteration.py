@@ -24,12 +24,18 @@ import numpy as np
 from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
-from app.methods.progress import NeedsSafeguard, Progress
+from app.methods.progress import NeedsSafeguard, ResidualProgress
 
-RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
-NEAR = 3.0  # on a coarse grid the approach to a load may still be off by so many times its tolerance
-SINGLE = 1e-6  # a residual below this share of ||h|| on C is noise in single precision
-FALLEN = 0.01  # a load below this share of the largest since u was computed is lost in the rounding left in u
+MAX_RELEASED_SHARE = (
+    0.01  # share of the load that may be released on a coarse grid without asking what that does to u
+)
+MAX_COARSE_LOAD_MISS = (
+    3.0  # on a coarse grid the approach to a load may still be off by so many times its tolerance
+)
+MIN_SINGLE_RESIDUAL = 1e-6  # a residual below this share of ||h|| on C is noise in single precision
+MIN_LOAD_FRACTION = (
+    0.01  # a load below this share of the largest since u was computed is lost in the rounding left in u
+)
 
 
 def inexact_active_set(state, solver, loading, stop, history):
@@ -87,7 +93,7 @@ class _ContactSets:
     ----------
     stop : InexactStop
         Becomes tighter where the certificate says that (5.1) was too loose.
-    progress : Progress
+    progress : ResidualProgress
     """
 
     def __init__(self, state, solver, loading, stop):
@@ -95,7 +101,7 @@ class _ContactSets:
         solver.begin(by_levels=stop.defect_correction > 0)
         gaps = state.on_contact(with_h=True)  # of C^k; later the last update knows
         self._h_on_contact, self._norm, self._cells = gaps.h, gaps.residual, max(gaps.cells, 1)
-        self.progress = Progress(self._norm)
+        self.progress = ResidualProgress(self._norm)
         self._rehearsal_failed = False  # the last verification was one, and did not pass
         self._heaviest, self._load_has_fallen = 0.0, False
 
@@ -136,7 +142,7 @@ class _ContactSets:
             self.solver.by_levels &= not self.progress.products.stalls
         self.progress.iterations.after(update.residual)
         self._heaviest = update.load if found.computed else max(update.load, self._heaviest)
-        self._load_has_fallen = update.load < FALLEN * self._heaviest
+        self._load_has_fallen = update.load < MIN_LOAD_FRACTION * self._heaviest
         self._h_on_contact, self._cells, self._norm = (
             update.h_on_contact,
             max(update.cells, 1),
@@ -152,7 +158,7 @@ class _ContactSets:
         computed = levels_tell_no_more or self._load_has_fallen
         released = solver.release(state, carry=not computed)  # (4.a), and u along with it
         if computed:
-            state.compute_displacement(exact=allowed < SINGLE * self._h_on_contact)
+            state.compute_displacement(exact=allowed < MIN_SINGLE_RESIDUAL * self._h_on_contact)
             if not released:
                 solver.check_levels(state, self._levels_may_leave(allowed))
         self.loading.update(state)
@@ -218,12 +224,12 @@ class _ContactSets:
         What little the last release does to u is for the finer grid to find out, if the load is nearly met.
         """
         state, solver, loading = self.state, self.solver, self.loading
-        if tension > RELEASED:
+        if tension > MAX_RELEASED_SHARE:
             solver.release(state, tension)  # (4.a), and u along with it
             loading.update(state)
             return _Exchanged(state.activate_penetrating())  # (4.b)
         solver.carry(state)
-        met = loading.update(state) <= NEAR * solved.allowed / np.sqrt(self._cells)
+        met = loading.update(state) <= MAX_COARSE_LOAD_MISS * solved.allowed / np.sqrt(self._cells)
         if met:
             state.release_tensile(tension > 0)  # (4.a)
         else:  # the approach has moved by this pressure already

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from app.base.numba_cache import njit
 from app.contact.kernels import gap
-from app.methods.free.circulant import circulant_of
+from app.methods.free.circulant import circulant_inverse
 
 # Factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer.
-_TRUSTED = 20.0
+MAX_LOAD_RATIO = 20.0
 
 
 def lift(transfer, coarse, state):
@@ -31,17 +31,17 @@ def lift(transfer, coarse, state):
     bool
         False if the load came out so different that the coarse grid cannot be trusted; u is as it was.
     """
-    circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
+    circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
     p = state.values  # T until it is B T
     transfer.interpolate(coarse.u, p)  # 1.
     _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
-    circulant_of(state.operator).apply(p, p)  # 3.
+    circulant_inverse(state.operator).apply(p, p)  # 3.
     after = state.bounds.project(state.p, state.contact, p)
     state.contact &= state.bounds.between(p)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
     before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
-    return bool(before < _TRUSTED * after < _TRUSTED**2 * before)
+    return bool(before < MAX_LOAD_RATIO * after < MAX_LOAD_RATIO**2 * before)
 
 
 @njit()

@@ -11,7 +11,7 @@ from app.contact.grid_sequence import GridSequence
 from app.contact.stopping import StoppingTest
 from app.methods.free.iteration import inexact_active_set
 from app.methods.free.lift import lift
-from app.methods.free.windows import Stage
+from app.methods.free.windows import WindowedLevel
 from app.methods.progress import NeedsSafeguard
 from app.methods.safeguard import projected_newton
 from app.multigrid.direct import starts_directly
@@ -19,7 +19,7 @@ from app.multigrid.linear_solver import LinearSolver
 from app.parallel.communicator import propagate_errors
 
 # The difference of the pressures on two grids says something if coarser ones are solved to this share of it.
-_TELLING = 0.02
+MAX_COARSE_ERROR = 0.02
 
 
 def nested_iteration(
@@ -37,7 +37,7 @@ def nested_iteration(
         Pressures of finer grids by `lift`, else by copy.
     coarse_minimum : ndarray or None
         See `Hierarchy.coarse_minimum`.
-    kept : Kept
+    kept : WindowCache
         Solvers, and operators of windows.
 
     Returns
@@ -49,7 +49,7 @@ def nested_iteration(
     coarse = boxes = None
     difference = float("nan")
     for number in grids:
-        stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, boxes)
+        stage = WindowedLevel(hierarchy, kept, number, distances[number], coarse if nested else None, boxes)
         state, first, target = stage.state, coarse is None, grids.at_target
         if not first:
             state.depth = loading.predict(coarse.depth)
@@ -62,7 +62,7 @@ def nested_iteration(
         coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
             with propagate_errors(grids.waiting_ranks(state)):
-                solved = solve_on(
+                solved = solve_level(
                     hierarchy, number, state, loading, grids.stopping_test(stop), history, first, kept
                 )
             grids.record(solved, state.depth)
@@ -77,16 +77,16 @@ def nested_iteration(
         stage.close()
         if target and stage.windowed:
             coarse = None  # the window's arrays go
-            state, complete = stage.on_all_cells(grids.outcome.converged)
+            state, complete = stage.expand_to_grid(grids.outcome.converged)
             if not complete:
-                rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
+                rest = solve_level(hierarchy, number, state, loading, stop, history, False, kept)
                 grids.outcome = rest.after(grids.outcome)
-    if stop.coarse_rtol > _TELLING * difference:
+    if stop.coarse_rtol > MAX_COARSE_ERROR * difference:
         difference = float("nan")
     return state, grids.result(state, difference)
 
 
-def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
+def solve_level(hierarchy, number, state, loading, stop, history, first, kept):
     """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
     if first and starts_directly(hierarchy, number):
@@ -100,10 +100,10 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
         outcome = stagnation.outcome
     finally:
         kept.release_solver(operator)
-    return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
+    return solve_safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 
-def safeguarded(hierarchy, number, state, loading, stop, history):
+def solve_safeguarded(hierarchy, number, state, loading, stop, history):
     """Solve on one grid by the safeguard, from what is there. Collective over the ranks of `state`."""
     operator = state.operator
     with operator.double_precision():

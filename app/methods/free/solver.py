@@ -8,7 +8,7 @@ from app.contact import kernels
 from app.contact.state import Displacement
 from app.halfspace.operator import apply_logged
 from app.methods.free.tracking_cg import TrackingCG, add
-from app.methods.multilevel_operators import influence_of
+from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.solver_cache import is_large
 
@@ -45,7 +45,10 @@ class TrackingSolver(LinearSolver):
 
     def begin(self, by_levels):
         """Begin to solve on the grid, with changes of u by levels if it has such. Collective."""
-        self.by_levels, self._change_not_in_u = by_levels and influence_of(self.operator) is not None, False
+        self.by_levels, self._change_not_in_u = (
+            by_levels and multilevel_influence(self.operator) is not None,
+            False,
+        )
 
     def improve(self, state, allowed, norm):
         """Step 3, inexactly: p towards (2.11) on C. What that does to u is left to `release` or `carry`.
@@ -86,7 +89,7 @@ class TrackingSolver(LinearSolver):
         """Compute u = A p, by levels if that will do."""
         if not self.by_levels:
             return self.operator.displacement(p, u)
-        apply_logged(_event, influence_of(self.operator), p, u)
+        apply_logged(_event, multilevel_influence(self.operator), p, u)
 
     def rest(self):
         """See `LinearSolver.rest`. Who calls it computes u anew."""

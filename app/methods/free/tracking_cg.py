@@ -22,7 +22,7 @@ from app.multigrid.ksp_context import KspContext
 from app.parallel.reductions import add_row, add_tuples, njit_reassoc, nonzero_span
 
 # So much may be left of r.r before it is summed anew, by the digits of r.
-_DIGITS = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
+MIN_CARRIED_SQUARES = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
 
 # r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
 
@@ -197,12 +197,12 @@ class TrackingCG(KspContext):
     def solve(self, ksp, b, x):
         """Improve x."""
         operator, multiply = self._operator, self.multiply
-        precondition, wants_of, r, z = self._preconditioner(ksp.getPC())
+        precondition, local_terms, r, z = self._preconditioner(ksp.getPC())
         contact, spans, q, change = operator.mask, self._spans, self.product, self.change
         d = self._room_for_d(z)
         norm, cells = self._start(ksp, b, x, r)
         d[...] = change[...] = 0  # outside the new spans too
-        squares, digits = norm**2, _DIGITS[r.dtype]
+        squares, digits = norm**2, MIN_CARRIED_SQUARES[r.dtype]
         summed, reduced = squares, None
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
@@ -213,7 +213,7 @@ class TrackingCG(KspContext):
             _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
             multiply(d, q)
-            numbers, wanted = _dots(d, q, r, contact, spans), wants_of(q)
+            numbers, wanted = _dots(d, q, r, contact, spans), local_terms(q)
             more = len(wanted)
             found = self._sum(np.append(numbers, wanted) if more else numbers)
             (dq, rd, qr, qq), of_q = found[:4], found[4:]
@@ -248,14 +248,14 @@ class TrackingCG(KspContext):
     def _preconditioner(self, pc):
         """What computes z from r, what it wants to know of q, r and z.
 
-        In the operator's precision, if the PC has `precondition` and `wants_of` as `Circulant` has, else Vecs.
+        In the operator's precision, if the PC has `precondition` and `local_terms` as `Circulant` has, else Vecs.
         """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)
         if self._r is None:
             self._r = np.zeros(self._operator.local_shape, self._operator.dtype if precondition else float)
         if precondition:
-            return partial(precondition, self._r, self.product), context.wants_of, self._r, self.product
+            return partial(precondition, self._r, self.product), context.local_terms, self._r, self.product
         residual = wrap_vec(self._r, self._operator)
 
         def apply(_):

@@ -14,7 +14,7 @@ from app.multigrid.direct import DirectSolver
 from app.multigrid.solver_cache import SolverCache, is_large
 
 
-class Kept(SolverCache):
+class WindowCache(SolverCache):
     """`SolverCache`, direct ones, and operators of windows, of one hierarchy.
 
     Parameters

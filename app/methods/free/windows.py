@@ -25,9 +25,9 @@ from app.halfspace.window import Scatter, Window, bounding_boxes, whole_window
 from app.methods.free.verification_product import VerificationProduct
 from app.multigrid.transfer import Transfer
 
-_LEAST = 4  # cells of the coarser grid around contact
-_STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
-_MOST = 0.85  # of the cells; a larger window is not worth its own spectra
+MIN_MARGIN = 4  # cells of the coarser grid around contact
+SIZE_STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
+MAX_WINDOW_FRACTION = 0.85  # of the cells; a larger window is not worth its own spectra
 
 
 @dataclass
@@ -77,7 +77,7 @@ class Boxes(NamedTuple):
     predicted: Window | None  # where the target grid may have contact that this one cannot see
 
 
-class Stage:
+class WindowedLevel:
     """A grid of a nested iteration, or a window of it, ready to start from what the coarser one found.
 
     Collective.
@@ -86,7 +86,7 @@ class Stage:
     ----------
     hierarchy : Hierarchy
         Says which levels may have a window, and how large it is.
-    kept : Kept
+    kept : WindowCache
         Where operators of windows come from.
     number : int
         Level.
@@ -187,7 +187,7 @@ class Stage:
             for operator in self._operators:
                 self._kept.close(operator)
 
-    def on_all_cells(self, converged):
+    def expand_to_grid(self, converged):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
 
         Parameters
@@ -231,7 +231,7 @@ def _choose(boxes, patch, margin, possible, transfer):
     transfer : Transfer
     """
     outer, contact = boxes.worked_on, boxes.contact
-    otherwise, most = (None, _MOST) if outer == whole_window(patch) else (outer, 1.0)
+    otherwise, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)
     if contact is None:
         return otherwise
     possible = possible.coarsen(transfer.factors)
@@ -239,23 +239,26 @@ def _choose(boxes, patch, margin, possible, transfer):
     columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
     box = Window(*rows, *columns)
     box = box.join(boxes.predicted) if boxes.predicted else box
-    window = Window(*_fill(box.y0, box.y1, outer.y0, outer.y1), *_fill(box.x0, box.x1, outer.x0, outer.x1))
+    window = Window(
+        *_round_up_size(box.y0, box.y1, outer.y0, outer.y1),
+        *_round_up_size(box.x0, box.x1, outer.x0, outer.x1),
+    )
     return window if 0 < window.n <= most * outer.n else otherwise
 
 
 def _widen(first, last, margin, lowest, highest):
     """Add the margin on both sides, as far as contact is possible there."""
-    by = max(_LEAST, int(np.ceil(margin * (last - first))))
+    by = max(MIN_MARGIN, int(np.ceil(margin * (last - first))))
     return max(first - by, lowest), min(last + by, highest)
 
 
-def _fill(first, last, lowest, highest):
+def _round_up_size(first, last, lowest, highest):
     """Grow to a length that many windows have, between `lowest` and `highest`; nothing stays nothing."""
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
         return lowest, lowest
-    length = max(-(-(last - first) // _STEP), 2) * _STEP
-    if length > 4 * _STEP:
+    length = max(-(-(last - first) // SIZE_STEP), 2) * SIZE_STEP
+    if length > 4 * SIZE_STEP:
         length = next_fast_len(last - first, real=True)
     length = min(length, highest - lowest)
     first = max(lowest, min(first - (length - (last - first)) // 2, highest - length))

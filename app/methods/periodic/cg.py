@@ -113,7 +113,7 @@ class CarryingCG(KspContext):
 
     Attributes
     ----------
-    levels_leave : float
+    multilevel_share : float
         Share of the residual of p down to which B is multiplied by levels; 0: by FFT. Set by the caller.
     carried : ndarray, shape (local rows, nx)
         A place for what p becomes [N/mm2], set by the caller: in double precision if B is by FFT.
@@ -132,7 +132,7 @@ class CarryingCG(KspContext):
 
     norm_type = PETSc.KSP.NormType.PRECONDITIONED
     pressure, carried, goes_on = None, None, False
-    levels_leave = residual = doubt = 0.0
+    multilevel_share = residual = doubt = 0.0
 
     def setUp(self, ksp):
         """Make the work arrays: z and `change` in a place for doubles, d, q."""
@@ -157,13 +157,13 @@ class CarryingCG(KspContext):
         """Find by how much w is to change."""
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
-        multiply = operator.pressure_by_levels if self.levels_leave else operator.pressure
+        multiply = operator.multilevel_pressure if self.multilevel_share else operator.pressure
         left = self.carried if self.goes_on else self._read(self.pressure)
         iteration, max_it = 0, ksp.getTolerances()[3]
         smooth(left, z)
         beta, norm = 0.0, sqrt(self._sum(_normed(z, z))[0])
         if not self.goes_on:
-            self.doubt = self.levels_leave * norm
+            self.doubt = self.multilevel_share * norm
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             if iteration:

@@ -15,23 +15,25 @@ from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
-from app.methods.progress import Halvings, NeedsSafeguard
+from app.methods.progress import HalvingTest, NeedsSafeguard
 
-_LOOSE = 0.005  # share of the cells that may still change on a coarse grid
-_SLIGHT = (
+MAX_CHANGED_FRACTION = 0.005  # share of the cells that may still change on a coarse grid
+NEGLIGIBLE_OVERLAP = (
     0.3  # of the error aimed at: overlap, or displacement by tension, below which a cell stays where it is
 )
-_SURE = 0.5  # of the allowed error is aimed at, because the preconditioned residual underestimates it
-_UNSURE = 0.5  # of the error aimed at: what levels may have left in p when it is verified
-_FAR = 10.0  # times the error aimed at: where the gap of a cell changes by more, the contact set is not the last one
-_OFF = 100.0  # true error over the residual beyond which p itself has drifted and is computed anew
-_DOUBT = 0.6  # margin below what the verification asks for, after it has failed
-_LEAST = 1e-15  # of the largest displacement: error that can be aimed at
-_LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
-_SETTLED = "residual small enough, and so is what the contact area still changes by"
-_FLAT = 1e-12  # of the root mean square height: deviation that is rounding
-_HARDLY = 1e-4  # of a displacement: deviation of a surface with holes that it hardly depends on
-_NO_PRESSURE = "the load is less than rounding leaves of the pressure"
+AIM_FRACTION = 0.5  # of the allowed error is aimed at, because the preconditioned residual underestimates it
+MAX_MULTILEVEL_ERROR = 0.5  # of the error aimed at: what levels may have left in p when it is verified
+MAX_GAP_CHANGE = 10.0  # in errors aimed at: the contact set is not final if the gap of a cell changes by more
+MAX_ERROR_RATIO = 100.0  # true error over the residual beyond which p itself has drifted and is computed anew
+FAILED_AIM_FRACTION = 0.6  # margin below what the verification asks for, after it has failed
+MIN_RELATIVE_AIM = 1e-15  # of the largest displacement: error that can be aimed at
+NO_PRESSURE_AIM_FRACTION = (
+    0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
+)
+REST_NEGLIGIBLE = "residual small enough, and so is what the contact area still changes by"
+MIN_DEVIATION = 1e-12  # of the root mean square height: deviation that is rounding
+MIN_SHAPE_SHARE = 1e-4  # of a displacement: deviation of a surface with holes that it hardly depends on
+NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
 
 def primal_active_set(primal, solver, stop, history):
@@ -62,21 +64,23 @@ def primal_active_set(primal, solver, stop, history):
     history.start(state, solver)
     primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
-        goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
+        goal, slight = accuracy.aim * np.sqrt(primal.cells), NEGLIGIBLE_OVERLAP * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         accurate = norm <= goal
         # Levels have left little enough in p; after a failed verification p has to be by FFT.
-        p_is_trusted = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
+        p_is_trusted = not primal.lags or solver.doubt <= (
+            0 if accuracy.doubted else MAX_MULTILEVEL_ERROR * goal
+        )
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(
-            solver, slight * solver.preconditioner.stiffness, -slight, _FAR * accuracy.aim, norm
+            solver, slight * solver.preconditioner.stiffness, -slight, MAX_GAP_CHANGE * accuracy.aim, norm
         )
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
         residual = norm / state.distance.norm()  # not (5.1): about the error of w
         if wrong := failure_reason(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
-        if accurate and not stop.final and update.changed <= _LOOSE * primal.cells:
+        if accurate and not stop.final and update.changed <= MAX_CHANGED_FRACTION * primal.cells:
             primal.commit(solver)
             return Outcome(True, CONVERGED, k, residual)
         # 5. No cell changes, or those that do are, like the residual, too little to matter.
@@ -88,13 +92,13 @@ def primal_active_set(primal, solver, stop, history):
             if np.isfinite(verdict.residual):
                 residual = verdict.residual / state.distance.norm()
             if verdict.solved:
-                return Outcome(True, _SETTLED if update.changed else CONVERGED, k, residual)
+                return Outcome(True, REST_NEGLIGIBLE if update.changed else CONVERGED, k, residual)
             aim = accuracy.aim
             _go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), update.added > 0)
             if accuracy.aim <= 0.5 * aim:
                 progress.restart()
             if accuracy.exhausted:
-                raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
+                raise NeedsSafeguard(Outcome(False, NO_PRESSURE, k, residual))
         else:
             levels_tell_no_more = norm <= solver.doubt
             if update.added or levels_tell_no_more or (accurate and not p_is_trusted):
@@ -147,7 +151,7 @@ class _Accuracy:
     """
 
     def __init__(self, allowed):
-        self.allowed, self.aim = allowed, _SURE * allowed
+        self.allowed, self.aim = allowed, AIM_FRACTION * allowed
         self.doubted = self.exhausted = False
 
     def keep(self):
@@ -168,9 +172,9 @@ class _Accuracy:
         """
         no_pressure = np.isnan(error)
         self.exhausted = no_pressure and self.aim <= lowest
-        share = _LOWER if no_pressure else 0.5
+        share = NO_PRESSURE_AIM_FRACTION if no_pressure else 0.5
         if error > 0:
-            share = min(share, _DOUBT * self.allowed / error)
+            share = min(share, FAILED_AIM_FRACTION * self.allowed / error)
         self.aim = max(share * min(self.aim, reached), lowest)
         self.doubted = True
 
@@ -179,11 +183,11 @@ class _Progress:
     """Whether the residual is halved, or fewer cells change, from time to time. Not collective."""
 
     def __init__(self):
-        self._residual, self._fewest = Halvings(), float("inf")
+        self._residual, self._fewest = HalvingTest(), float("inf")
 
     def restart(self):
         """Begin anew, where a smaller error is aimed at. Not collective."""
-        self._residual = Halvings()
+        self._residual = HalvingTest()
 
     def after(self, norm, changed):
         """Hear of an iteration: the residual [mm], 0 if nothing is free, and the cells that changed."""
@@ -226,7 +230,7 @@ def _go_on_after(verdict, primal, solver, accuracy, reached, captured):
     Collective. `reached`: error by the solver's residual [mm]; `captured`: whether cells have just been.
     """
     primal.restore_contact()
-    off = verdict.error > _OFF * reached
+    off = verdict.error > MAX_ERROR_RATIO * reached
     if captured:
         primal.touch_captured()
     # The second time, or for the certificate, too: what is carried along may have become inaccurate.
@@ -236,7 +240,7 @@ def _go_on_after(verdict, primal, solver, accuracy, reached, captured):
     if off and not accuracy.doubted:
         accuracy.keep()
     else:
-        accuracy.lower(reached, verdict.error, _LEAST * primal.largest())
+        accuracy.lower(reached, verdict.error, MIN_RELATIVE_AIM * primal.largest())
 
 
 def allowed_gap(primal, stop):
@@ -251,15 +255,15 @@ def allowed_gap(primal, stop):
         primal.state.distance,
         stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL),
     )
-    flat, displaced = _FLAT * distance.norm() / np.sqrt(primal.cells), 0.0
+    flat, displaced = MIN_DEVIATION * distance.norm() / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
         displaced = abs(primal.depth)
         displaced = max(displaced, primal.loading.least_displacement(primal.state.operator))
-    if distance.deviation <= max(flat, _FLAT * displaced):
+    if distance.deviation <= max(flat, MIN_DEVIATION * displaced):
         return rtol * displaced
     beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
     shape = min(beyond, distance.deviation) if beyond > 0 else distance.deviation
-    return rtol * max(shape, _HARDLY * displaced)
+    return rtol * max(shape, MIN_SHAPE_SHARE * displaced)
 
 
 def verify(primal, found):

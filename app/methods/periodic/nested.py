@@ -10,7 +10,7 @@ from app.contact.grid_sequence import GridSequence
 from app.contact.history import Outcome
 from app.contact.periodic_state import PeriodicState
 from app.contact.state import Displacement
-from app.methods.free.nested import safeguarded
+from app.methods.free.nested import solve_safeguarded
 from app.methods.periodic.iteration import accept, primal_active_set, verify
 from app.methods.periodic.operator import InverseOperator
 from app.methods.periodic.state import PrimalState
@@ -101,7 +101,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         verify(primal, solver.scratch)
         accept(primal, solver.scratch)
         with options_set(hierarchy.prefix, {}, _SAFEGUARD):
-            rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
+            rest = solve_safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)
         return rest.after(stagnation.outcome)

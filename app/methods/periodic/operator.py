@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.operator import apply_logged, symmetric_mat
-from app.methods.multilevel_operators import inverse_of
+from app.methods.multilevel_operators import multilevel_inverse
 
 _mult_event = PETSc.Log.Event("InverseMult")
 _levels_event = PETSc.Log.Event("InverseByLevels")
@@ -55,7 +55,7 @@ class InverseOperator:
     @property
     def nearly(self):
         """B nearly, for corrections, or None; made when first asked for. Collective then."""
-        return inverse_of(self.influence)
+        return multilevel_inverse(self.influence)
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
@@ -69,7 +69,7 @@ class InverseOperator:
         """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
         apply_logged(_mult_event, self.product, d, q)
 
-    def pressure_by_levels(self, d, q):
+    def multilevel_pressure(self, d, q):
         """Compute q = B d nearly, if there is such a B, `nearly`. Collective; arrays of shape `local_shape`."""
         apply_logged(_levels_event, self.nearly, d, q)
 

@@ -8,15 +8,15 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.operator import wrap_vec
-from app.methods.multilevel_operators import inverse_of
+from app.methods.multilevel_operators import multilevel_inverse
 from app.methods.periodic.cg import CarryingCG
 from app.methods.periodic.operator import InverseOperator
 from app.methods.periodic.two_grid import TwoGrid
 from app.multigrid.linear_solver import LinearSolver
 from app.parallel.halo import Halo
 
-_GUESSES = 8  # projected sweeps that guess the first contact set of a grid
-_LONG_WAVES = 2  # grids between one and that of the long waves in its preconditioner
+GUESS_SWEEPS = 8  # projected sweeps that guess the first contact set of a grid
+LONG_WAVE_LEVELS = 2  # grids between one and that of the long waves in its preconditioner
 
 
 class PrimalSolver(LinearSolver):
@@ -51,7 +51,7 @@ class PrimalSolver(LinearSolver):
         If the KSP or the PC is another one.
     """
 
-    carried, _constrained, _levels_leave = None, False, 0.0
+    carried, _constrained, _multilevel_share = None, False, 0.0
 
     def __init__(self, hierarchy, level=-1, operator=None):
         _check_kinds(PETSc.Options(hierarchy.prefix))
@@ -60,7 +60,7 @@ class PrimalSolver(LinearSolver):
             operator or hierarchy.levels[number], coarser_operator(hierarchy, number)
         )
         super().__init__(hierarchy, number, self.inverse)
-        self.guesses = _GUESSES
+        self.guesses = GUESS_SWEEPS
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
         # A right-hand side and a solution that are not touched: they cost no memory. PETSc may ask for the norm of the
         # first, and for that of zero takes the first residual's.
@@ -75,23 +75,23 @@ class PrimalSolver(LinearSolver):
         self.change, self.scratch = self._cg.change, self._cg.scratch
         self._set()
 
-    def begin(self, state, loading, levels_leave=0.0):
+    def begin(self, state, loading, multilevel_share=0.0):
         """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w.
 
-        Collective. Until the verification, and `end`, u of the ContactState is the place of `carried`. `levels_leave`:
-        see `CarryingCG`; without levels there are products by FFT.
+        Collective. Until the verification, and `end`, u of the ContactState is the place of `carried`. For
+        `multilevel_share` see `CarryingCG`; without levels there are products by FFT.
         """
-        if levels_leave and self.inverse.nearly is None:
-            levels_leave = 0.0
-        kind = self.inverse.dtype if levels_leave else np.dtype(float)
+        if multilevel_share and self.inverse.nearly is None:
+            multilevel_share = 0.0
+        kind = self.inverse.dtype if multilevel_share else np.dtype(float)
         self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
-        self._constrained, self._levels_leave = loading.approach_is_known, levels_leave
+        self._constrained, self._multilevel_share = loading.approach_is_known, multilevel_share
         self._set()
 
     def _set(self):
         """Tell the parts, which after an interrupted solve are new ones."""
         self.preconditioner.constrained = self._constrained
-        self._cg.carried, self._cg.levels_leave = self.carried, self._levels_leave
+        self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
     def end(self):
         """Let go of the place of `carried`, which is the solution's. Not collective."""
@@ -156,7 +156,7 @@ def prepare(hierarchy, by_levels):
         if coarser is not None and coarser.active:
             coarser.prepare("screened_product")
         if by_levels and operator.active:
-            inverse_of(operator)
+            multilevel_inverse(operator)
 
 
 def _check_kinds(options):
@@ -173,4 +173,4 @@ def _check_kinds(options):
 
 def coarser_operator(hierarchy, number):
     """A on the grid of the long waves; None if there is none. Not collective."""
-    return hierarchy.levels[max(number - _LONG_WAVES, 0)] if number else None
+    return hierarchy.levels[max(number - LONG_WAVE_LEVELS, 0)] if number else None

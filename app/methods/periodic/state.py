@@ -11,8 +11,10 @@ from app.contact.state import Displacement, Update
 from app.methods.periodic import kernels as loops
 from app.methods.periodic import stencil
 
-_BACK = 0.75  # of the way to first touch: as far as a predicted retreat is believed
-_SHARE = 0.9  # damping of the preconditioned residual that is added to w when captured gaps are closed
+MAX_RETREAT_FRACTION = 0.75  # of the way to first touch: as far as a predicted retreat is believed
+CLOSING_DAMPING = (
+    0.9  # damping of the preconditioned residual that is added to w when captured gaps are closed
+)
 
 
 class PrimalState:
@@ -120,7 +122,7 @@ class PrimalState:
         if back > 0:
             np.less_equal(self.w, state.distance.b, out=state.contact)
             state.contact &= state.admissible
-            back = min(back, _BACK * max(depth - state.first_touch(), 0.0))
+            back = min(back, MAX_RETREAT_FRACTION * max(depth - state.first_touch(), 0.0))
         self.w += back
 
     def add_mean_pressure(self, missing, carried=None):
@@ -242,7 +244,7 @@ class PrimalState:
         """
         state, z = self.state, solver.product
         solver.preconditioner.smooth(solver.carried, z)
-        loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, solver.change)
+        loops.close(self.w, state.distance.b, self._captured, z, -CLOSING_DAMPING, solver.change)
         self.restore_mean(solver, solver.change)
         self.inverse.pressure(solver.change, z)
         p = state.values

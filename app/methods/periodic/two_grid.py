@@ -18,12 +18,14 @@ from app.parallel.slabs import Slabs
 _event = PETSc.Log.Event("TwoGridPC")
 # Compliance of a constant, times E*, over the spacing of contact; and by the root of one and so many times the share of
 # contact there long waves move less beside it. The second ones are for sweeps before the coarser grid, too.
-_CONSTANT, _CONSTANT_LEFT = 9.0, 12.0
-_BESIDE, _BESIDE_LEFT = 7.0, 5.0
-_INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
-_LONG = 1.7  # from this highest one on sweeps come before the coarser grid, too: cells 4 times as long as wide have it
-_HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
-_ROUNDING = 1e-6  # of a coarse cell: so near to a row, the one beyond is at hand, too
+CONSTANT_COMPLIANCE, CONSTANT_COMPLIANCE_PRESWEPT = 9.0, 12.0
+CONTACT_STIFFNESS, CONTACT_STIFFNESS_PRESWEPT = 7.0, 5.0
+DAMPED_EIGENVALUES = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
+MIN_PRESWEPT_EIGENVALUE = (
+    1.7  # highest one from which on sweeps precede the coarser grid, too; reached by 4:1 cells
+)
+DAMPED_FRACTION = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
+ROW_TOLERANCE = 1e-6  # of a coarse cell: so near to a row, the one beyond is at hand, too
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
 
 
@@ -77,13 +79,13 @@ class TwoGrid:
         self.operator = operator
         self.weights = _weights(operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
-        (low, high), highest = _INTERVAL, _highest(*self.weights[1:])
+        (low, high), highest = DAMPED_EIGENVALUES, _highest(*self.weights[1:])
         if highest > low + high:
-            high = _HIGHEST * highest
+            high = DAMPED_FRACTION * highest
         self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
-        springs = _CONSTANT, _BESIDE
-        if highest > _LONG:
-            springs = _CONSTANT_LEFT, _BESIDE_LEFT
+        springs = CONSTANT_COMPLIANCE, CONTACT_STIFFNESS
+        if highest > MIN_PRESWEPT_EIGENVALUE:
+            springs = CONSTANT_COMPLIANCE_PRESWEPT, CONTACT_STIFFNESS_PRESWEPT
             self._before = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
             self._after = np.append(np.float32(0), self._before[::-1])
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
@@ -206,8 +208,8 @@ class _LongWaves:
         self._left = np.empty((high[rank] - low[rank], coarse.grid.nx))
         self._to_coarse = Fetch(made, [coarse.slabs.bounds(ranks)], comm)
         (ay, by), in_x = fine.grid.places_in(coarse.grid)
-        above = np.floor(ay * (first - width) + by - _ROUNDING).astype(int)
-        below = np.floor(ay * (last - 1 + width) + by + _ROUNDING).astype(int) + 2
+        above = np.floor(ay * (first - width) + by - ROW_TOLERANCE).astype(int)
+        below = np.floor(ay * (last - 1 + width) + by + ROW_TOLERANCE).astype(int) + 2
         self._around = Fetch(coarse.slabs, [(above, np.where(some, below, above))], comm)
         self._places = (ay, ay * (first[rank] - width) + by - above[rank]), in_x
         # Of each coarse row, how many ranks begin inside; they follow the one that makes it.
