@@ -56,7 +56,7 @@ def cli_here(capfd, monkeypatch):
             patch.chdir(cwd)
             patch.setattr(sys, "argv", line)
             patch.setattr(sys, "path", [*sys.path])
-            patch.setattr(numba_cache, "tell", numba_cache.tell)
+            patch.setattr(numba_cache, "on_first_compile", numba_cache.on_first_compile)
             session.run(main)
         signal.signal(signal.SIGPIPE, handler)
         for name in PETSc.Options().getAll().keys() - before.keys():

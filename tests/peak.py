@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.base import numba_cache
-from app.base.memory import doubles_per_cell, tell_malloc
+from app.base.memory import doubles_per_cell, set_malloc_option
 from app.multigrid import solver_cache
 
 
@@ -57,9 +57,9 @@ def status(name):
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    numba_cache.tell = lambda: print("compiling", file=sys.stderr)
+    numba_cache.on_first_compile = lambda: print("compiling", file=sys.stderr)
     for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
-        tell_malloc(option, 65536)
+        set_malloc_option(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
     pressure, solver_cache.MAX_CACHED_CELLS = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from app.api.strategy import STRATEGIES
 from app.base.errors import InputError, call_collectively, format_error, shorten
 from app.base.numba_cache import check_compiler
-from app.base.petsc import as_raised, check_cells, error_message
+from app.base.petsc import check_cells, error_message, unwrap_errors
 from app.contact.history import Listener
 from app.multigrid.hierarchy import Hierarchy
 from app.options.method import settings
@@ -148,14 +148,14 @@ def make_strategy(hierarchy, chosen):
     except InputError as error:
         refusal = f"solver options: {error}"
     # Now, not while the error holds what the refused solver has made; PETSc keeps that, and communicators for it.
-    hierarchy.free_forgotten()
+    hierarchy.collect_garbage()
     raise InputError(refusal)
 
 
 def _strategy(hierarchy, chosen):
     """As `make_strategy`, with a ValueError on the ranks that meet it."""
     try:
-        with as_raised():
+        with unwrap_errors():
             return STRATEGIES[chosen.strategy](chosen, hierarchy)
     except PETSc.Error as error:
         raise ValueError(error_message(error)) from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.base.errors import format_distinct
-from app.base.units import in_words
+from app.base.units import format_lengths
 from app.contact.measures import contact_width
 from app.problems.contact_problem import is_measured
 
@@ -65,13 +65,15 @@ def notes_on(state, problem, contact, roughness):
         exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
         if abs(shape) > 1e-3 and (exchanged or abs(shape) < SQUARISH):
             what = "square if the sides of the patch are exchanged" if exchanged else "nearly square"
-            found.append(f"cells are {in_words(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?")
+            found.append(
+                f"cells are {format_lengths(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?"
+            )
     across, beside = roughness.steps_at_sides
     if across > SEAM * beside > 0:
         what = "a measured surface is not periodic, and" if measured else "what is not periodic"
         found.append(
-            f"where the patch repeats distances step by {in_words(across)} (rms), from cell to cell beside by "
-            f"{in_words(beside)}: {what} touches there as at a cliff"
+            f"where the patch repeats distances step by {format_lengths(across)} (rms), from cell to cell beside by "
+            f"{format_lengths(beside)}: {what} touches there as at a cliff"
         )
     if roughness.rms_height > TALL * side:
         found.append(
@@ -157,9 +159,9 @@ def spiked(surface):
     if steps <= SPIKE or height <= surface.rounding:
         return None
     return (
-        f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands {in_words(height)} "
-        f"above all beside it, {steps:.0f} times the rms step from cell to cell; they carry the load: take "
-        "them out first"
+        f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands "
+        f"{format_lengths(height)} above all beside it, {steps:.0f} times the rms step from cell to cell; they "
+        "carry the load: take them out first"
     )
 
 

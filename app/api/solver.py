@@ -28,7 +28,7 @@ from app.api.solution import Solution, identity
 from app.api.stiffness import contact_stiffness
 from app.api.strategy import check_single
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
-from app.base.petsc import Resources, mpi_comm, one_at_a_time
+from app.base.petsc import Resources, mpi_comm, synchronized
 from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.contact_moments import measure_moments
@@ -126,11 +126,11 @@ class ContactSolver:
         If something asked for cannot be done; before any work, on all ranks.
     """
 
-    @one_at_a_time
+    @synchronized
     def __init__(self, problem, method=None, options=None, comm=None, prefix=None, listeners=()):
         started, comm = time.perf_counter(), mpi_comm(comm)
         self._resources, self._distances = Resources(), []
-        self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
+        self._finalizer = weakref.finalize(self, synchronized(self._resources.free))
         self.problem, self._outer_comm = problem, mpi_abort.abort_on_exception(comm)
         self._resources.add(mpi_abort.AbortGroup(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
@@ -216,7 +216,7 @@ class ContactSolver:
     def _mend(self):
         """After a call that was cut short: an update may have come half way."""
         if self._cut_short:
-            self.hierarchy.free_forgotten()
+            self.hierarchy.collect_garbage()
             self._measure_shapes()
             self._cut_short = False
 
@@ -225,7 +225,7 @@ class ContactSolver:
         """KSP of the target grid, or None. Not collective."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
-    @one_at_a_time
+    @synchronized
     def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
         """Solve for exactly one of approach, load, mean pressure and mean gap.
 
@@ -324,7 +324,7 @@ class ContactSolver:
         """Refuse a loading that `solve` would refuse. Collective."""
         self.check_all([loading])
 
-    @one_at_a_time
+    @synchronized
     def check_all(self, loadings):
         """Refuse the first of some loadings, as keywords of `solve`, that it would refuse. Collective."""
         self._refuse_if_closed()
@@ -332,7 +332,7 @@ class ContactSolver:
         for given in loadings:
             self._loading(given)
 
-    @one_at_a_time
+    @synchronized
     def update(self, problem):
         """Solve another problem from now on, of the same grid and material: a gap that is worn, or slides.
 
@@ -351,7 +351,7 @@ class ContactSolver:
             self.problem, self._cut_short = before, True
             raise
 
-    @one_at_a_time
+    @synchronized
     def stiffness(self, solution):
         """Contact stiffness dF/d(approach) of a solution, exactly, by one more linear solve on its contact set.
 
@@ -396,7 +396,7 @@ class ContactSolver:
         return Solution(
             pressure=state.p,
             displacement=state.u,
-            distance=one_at_a_time(lambda: distance.h_at(depth)),
+            distance=synchronized(lambda: distance.h_at(depth)),
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 from app.api.solution import Solution
 from app.base.errors import InputError
 from app.base.mpi import MPI
-from app.base.petsc import refusal
+from app.base.petsc import to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
@@ -91,7 +91,7 @@ class Strategy:
         try:
             return self._run(loading, history, start)
         except PETSc.Error as error:
-            if (refused := refusal(error)) is error:
+            if (refused := to_input_error(error)) is error:
                 raise
             raise refused from None
 

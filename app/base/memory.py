@@ -26,7 +26,7 @@ LOADING, SOLVING = 384 << 20, 192 << 20
 SMALL = 1 << 20  # bytes that nobody asks after
 
 
-def tell_malloc(option, value):
+def set_malloc_option(option, value):
     """Set an option of glibc's malloc, by mallopt's number; other C libraries have none. Not collective."""
     with suppress(AttributeError, ValueError):
         ctypes.CDLL(None).mallopt(option, value)
@@ -56,7 +56,7 @@ def doubles_in_strips(grid):
     return STRIPS * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 
-def check_hosts(comm, grid, doubles):
+def check_host_memory(comm, grid, doubles):
     """Refuse a grid that does not fit into the memory of a host, or of one process.
 
     Collective.
@@ -79,7 +79,7 @@ def check_hosts(comm, grid, doubles):
     needed = 8.0 * doubles * (1 + EXCHANGE * (comm.size > 1))
     host = comm.node
     together, ranks = host.allreduce(needed), host.size
-    there = host.allreduce(available(), MPI.MIN)
+    there = host.allreduce(available_memory(), MPI.MIN)
 
     def check():
         _check(grid, together, there, f"on one host ({ranks} rank{'s'[: ranks > 1]})")
@@ -88,7 +88,7 @@ def check_hosts(comm, grid, doubles):
     call_collectively(comm, check)
 
 
-def check_process():
+def check_address_space():
     """Refuse to start in a process that may not load what a solve needs. Not collective."""
     free = _address_space()
     if free < LOADING:
@@ -98,9 +98,9 @@ def check_process():
         )
 
 
-def check_share(grid, cells):
-    """Refuse a grid of whose cells this rank cannot hold its share by any method. Not collective; see `check_hosts`."""
-    _check(grid, 8.0 * LEAST * cells, available(), "on one host")
+def check_rank_memory(grid, cells):
+    """Refuse a grid of whose cells this rank cannot hold its share by any method."""
+    _check(grid, 8.0 * LEAST * cells, available_memory(), "on one host")
 
 
 def _check(grid, needed, there, where):
@@ -127,12 +127,12 @@ def check_fits(size, what):
     """
     if size < SMALL:
         return
-    there = min(available(), _address_space())
+    there = min(available_memory(), _address_space())
     if size > there:
         raise InputError(f"{what}: needs {_size(size, there)} of memory; {_size(there, size)} are free")
 
 
-def available():
+def available_memory():
     """Bytes that this process and others beside it may still take: of the host, or of its control groups.
 
     Not collective. Pages that the kernel can drop count as free; swap does not count.

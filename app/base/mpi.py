@@ -16,14 +16,14 @@ _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 def __getattr__(name):
     if name != "MPI":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    with changed_environment(for_mpi(os.environ)):
+    with temporary_environment(single_host_variables(os.environ)):
         from mpi4py import MPI
 
     globals()[name] = MPI
     return MPI
 
 
-def for_mpi(environment):
+def single_host_variables(environment):
     """Variables with which Open MPI starts: where all ranks are on one host, what it would choose there in the end.
 
     It need not look for networks then, which takes 0.2 s, a fifth of a small solve's command. Not collective.
@@ -41,7 +41,7 @@ def for_mpi(environment):
 
 
 @contextmanager
-def changed_environment(changes):
+def temporary_environment(changes):
     """Set some variables of the environment inside the block, or remove those whose value is None."""
     kept = {name: os.environ.pop(name) for name in changes if name in os.environ}
     os.environ.update({name: value for name, value in changes.items() if value is not None})

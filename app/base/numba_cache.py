@@ -26,7 +26,7 @@ from app.base.errors import InputError
 # Whether rows overlap is asked at run time, and eight such questions are LLVM's limit for vector instructions: too few
 # for a loop that makes three rows of five.
 set_option("", "-runtime-memory-check-threshold=32")
-tell = None  # a command's: called once, when something has to be compiled or waited for
+on_first_compile = None  # a command's: called once, when something has to be compiled or waited for
 
 # Nothing, of the types that loops are called with: fields, one that may only be read, as Vecs give, and masks.
 FIELD, MASK = np.zeros((0, 1)), np.zeros((0, 1), bool)
@@ -112,13 +112,13 @@ def _unlocking(compile_, cache):
 
 
 def _tell():
-    global tell
-    say, tell = tell, None
+    global on_first_compile
+    say, on_first_compile = on_first_compile, None
     if say is not None:
         say()
 
 
-def folder_of(function):
+def cache_folder_of(function):
     """Folder that keeps, or would keep, what is compiled of a Python function; or None. Not collective."""
     with suppress(RuntimeError):  # no locator available
         return Path(FunctionCache(function).cache_path)

@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from app.base.mpi import changed_environment, for_mpi
+from app.base.mpi import single_host_variables, temporary_environment
 
 HOW_TO_GET = {
     "petsc4py": "Debian: apt-get install python3-petsc4py-real, for Debian's own python3 or a venv of it with "
@@ -57,7 +57,7 @@ class Compiled:
         cls._loading, printed, error = True, io.StringIO(), None
         try:
             # h5py, mpi4py_fft and petsc4py start MPI.
-            with redirect_stderr(printed), changed_environment(for_mpi(os.environ)):
+            with redirect_stderr(printed), temporary_environment(single_host_variables(os.environ)):
                 exec_module(module)
                 if name == "scipy" and "numpy" in printed.getvalue().lower():
                     import_module("scipy.linalg")  # scipy itself only warns, its compiled parts fail

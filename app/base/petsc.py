@@ -2,7 +2,7 @@
 
 - Counters of messages and reductions for -log_view (none yet).
 
-And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `as_raised`.
+And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `unwrap_errors`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError
-from app.base.memory import tell_malloc
+from app.base.memory import set_malloc_option
 from app.base.mpi import MPI
 
 _M_MMAP_MAX = -4
@@ -58,7 +58,7 @@ def call(name, *arguments):
 def return_large_arrays():
     """Let malloc return large arrays, which SuperLU_DIST, a part of many a PETSc, keeps it from. Not collective."""
     with suppress(ValueError):  # of a text that is no number
-        tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
+        set_malloc_option(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 
 
 def _ignore_closed_pipes():
@@ -84,14 +84,14 @@ def _finalize():
 def _forget_last_exception():
     """Free what the frames of an uncaught exception hold."""
     error, seen = getattr(sys, "last_value", None), set()
-    while error is not None and id(error) not in seen:  # what `as_raised` raises goes round
+    while error is not None and id(error) not in seen:  # what `unwrap_errors` raises goes round
         seen.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__
-    free_forgotten()
+    collect_garbage()
 
 
-def free_forgotten(comm=PETSc.COMM_SELF):
+def collect_garbage(comm=PETSc.COMM_SELF):
     """Free what Python has forgotten, as of a solve that was interrupted: PETSc keeps it until somebody asks.
 
     Collective over the PETSc communicator `comm`, whose ranks wait for each other.
@@ -103,7 +103,7 @@ def free_forgotten(comm=PETSc.COMM_SELF):
 _ONE_AT_A_TIME = threading.RLock()
 
 
-def one_at_a_time(function):
+def synchronized(function):
     """Let threads wait for each other: PETSc's state, such as the database that is active, is the process's."""
 
     @wraps(function)
@@ -174,7 +174,7 @@ def _original(error):
     return error
 
 
-def refusal(error):
+def to_input_error(error):
     """InputError in place of an error of PETSc's that says that solvers do not go together. Not collective."""
     inner = _original(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _WRONG_CHOICES:
@@ -183,12 +183,12 @@ def refusal(error):
 
 
 @contextmanager
-def as_raised():
+def unwrap_errors():
     """Let what a Python callback raises leave the block as it was; newer petsc4py wraps it in an error of PETSc's."""
     try:
         yield
     except PETSc.Error as error:
-        raise_original(error)
+        raise_unwrapped(error)
 
 
 @contextmanager
@@ -206,10 +206,10 @@ def _without_collection():
 # A context in which PETSc may call Python. petsc4py formats texts while an exception of Python is set. Since Python
 # 3.12 garbage may be collected then. A callback of a weak reference fails because of the exception, which is lost, and
 # petsc4py crashes.
-calling_back = _without_collection if sys.version_info >= (3, 12) else nullcontext
+callback_context = _without_collection if sys.version_info >= (3, 12) else nullcontext
 
 
-def raise_original(error):
+def raise_unwrapped(error):
     """Raise what a Python callback has raised in place of an error of PETSc's, if there is such. Not collective."""
     original = _original(error)
     if original is error:
@@ -299,7 +299,7 @@ class Resources:
             return
         while self._parts:
             self._parts.pop().destroy()
-        free_forgotten()
+        collect_garbage()
         if self.comm is not None:
             self.comm.Free()
             self.comm = None

@@ -19,7 +19,7 @@ class Unit(NamedTuple):
     name: str
 
 
-def unit_named(name):
+def find_unit(name):
     """One of `UNITS` by what files call it; None if it is none of them. Not collective."""
     if isinstance(name, bytes):
         name = name.decode(errors="replace")
@@ -37,7 +37,7 @@ def unit(text):
     >>> unit("nm"), unit("µm"), unit("Å")  # either micro sign
     ('nm', 'um', 'angstrom')
     """
-    found = unit_named(text)
+    found = find_unit(text)
     if found is None:
         raise ValueError(f"one of {ALLOWED}")
     return found
@@ -46,7 +46,7 @@ def unit(text):
 unit.names = (ALLOWED,)  # for the help
 
 
-def length_unit(largest):
+def choose_length_unit(largest):
     """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m. Not collective."""
     for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
         if largest >= least:
@@ -54,27 +54,27 @@ def length_unit(largest):
     return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
 
 
-def resolved(value, cell):
+def round_to_cell(value, cell):
     """A place rounded to what cells of a size resolve, a thousandth of one: what is less is rounding.
 
     Not collective.
 
     Examples
     --------
-    >>> resolved(2e-10, 0.02), resolved(0.123456789, 0.02), resolved(float("nan"), 1.0)
+    >>> round_to_cell(2e-10, 0.02), round_to_cell(0.123456789, 0.02), round_to_cell(float("nan"), 1.0)
     (0.0, 0.12346, nan)
     """
     return round(value, 3 - math.floor(math.log10(cell))) + 0.0 if math.isfinite(value) else value
 
 
-def in_words(*lengths, digits=3):
+def format_lengths(*lengths, digits=3):
     """Lengths [mm] in one unit, in ASCII. Not collective.
 
     Examples
     --------
-    >>> in_words(0.5, 0.48), in_words(4e-7)
+    >>> format_lengths(0.5, 0.48), format_lengths(4e-7)
     ('0.5 x 0.48 mm', '0.4 nm')
     """
-    unit = length_unit(max(map(abs, lengths)))
+    unit = choose_length_unit(max(map(abs, lengths)))
     numbers = " x ".join(f"{length * unit.per_mm:.{digits}g}" for length in lengths)
     return f"{numbers} {unit.name.replace('µ', 'u')}"

@@ -155,7 +155,7 @@ def _read_instruments(path, channel):
 
 def _of_instruments(path, heights, facts, arguments):
     """Return turned heights and their origin, as `_read` does."""
-    source = HeightArray(heights, arguments.orient, units.unit_named(facts["unit"]), facts["spacing"])
+    source = HeightArray(heights, arguments.orient, units.find_unit(facts["unit"]), facts["spacing"])
     source.other_unit = None if source.unit else facts["unit"]
     source.file = str(path)
     return source, {name: facts[name] for name in ("format", "channel")}

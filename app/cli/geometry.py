@@ -123,7 +123,7 @@ def make_problem(options, texts, comm):
     InputError, ValueError, OSError
         If something is missing or of no use.
     """
-    from app.base.memory import check_share
+    from app.base.memory import check_rank_memory
     from app.base.petsc import check_cells
     from app.parallel.slabs import Slabs
     from app.problems.contact_problem import ContactProblem
@@ -136,7 +136,7 @@ def make_problem(options, texts, comm):
     if measured:
         measured = [surface.filtered(grid, *_filters(options)) for surface in measured]
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
-    check_share(grid, slabs.local * grid.nx)
+    check_rank_memory(grid, slabs.local * grid.nx)
     rows = slabs.rows
     if name == "python":
         from app.problems import user_problem as own_problems

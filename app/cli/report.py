@@ -20,7 +20,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.quantities import QUANTITIES, label_of, unit_of
-from app.base.units import length_unit, resolved
+from app.base.units import choose_length_unit, round_to_cell
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command, writing
 from app.cli.plot import PICTURES, pictures_of
@@ -68,7 +68,7 @@ def quantity(value, unit, digits=6):
     """A number with its unit, in one that suits it."""
     if unit in ("mm", "mm2"):
         power = 2 if unit == "mm2" else 1
-        suits = length_unit(abs(value) ** (1 / power))
+        suits = choose_length_unit(abs(value) ** (1 / power))
         value, unit = value * suits.per_mm**power, suits.name + "2" * (power == 2)
     return f"{value:z.{digits}g} {'' if unit == '1' else unit}".strip()
 
@@ -96,7 +96,7 @@ def numbers_section(result):
     values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
         if name in values:
-            values[name] = resolved(values[name], cell)
+            values[name] = round_to_cell(values[name], cell)
     found = []
     for name in _QUANTITIES:
         unit, _, meaning, _ = QUANTITIES[name]
@@ -169,9 +169,9 @@ def request_section(result):
     values = result.attributes
     ny, nx = result.pressure.shape
     grid = result.grid
-    unit = length_unit(max(nx * grid.dx, ny * grid.dy))
+    unit = choose_length_unit(max(nx * grid.dx, ny * grid.dy))
     size = " × ".join(f"{n * d * unit.per_mm:.6g}" for n, d in ((nx, grid.dx), (ny, grid.dy)))
-    cell = length_unit(max(grid.dx, grid.dy))
+    cell = choose_length_unit(max(grid.dx, grid.dy))
     facts = {
         "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
         "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if grid.periodic else 'alone'}",

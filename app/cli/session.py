@@ -23,7 +23,7 @@ from pathlib import Path
 
 from app import __version__
 from app.base.errors import InputError, OtherRankError, call_collectively, format_error, format_message
-from app.base.memory import check_process, tell_malloc
+from app.base.memory import check_address_space, set_malloc_option
 from app.base.packages import HOW_TO_GET, mismatch
 from app.cli import streams
 
@@ -80,7 +80,7 @@ def start(argv):
     for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
         signal.signal(number, handler)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
-    call_collectively(comm, check_process)
+    call_collectively(comm, check_address_space)
     if not PETSc.Options().hasName("options_left"):  # a debug build would list those of a refused command
         PETSc.Options().setValue("options_left", "no")
     given = call_collectively(comm, option_sources.read, argv, only_root=True)
@@ -97,7 +97,7 @@ def _keep_pages(environment):
     """Let malloc keep what is freed, as far as the environment does not say how it is to be."""
     for option, (name, value) in _MALLOC.items():
         if name not in environment:
-            tell_malloc(option, value)
+            set_malloc_option(option, value)
 
 
 def _leave_removed_folder():

@@ -32,7 +32,7 @@ def main(given):
     from app.options.option_table import as_line
 
     Monitor.say = staticmethod(session.say)
-    numba_cache.tell = lambda: session.note("compiling loops, once; this may take half a minute")
+    numba_cache.on_first_compile = lambda: session.note("compiling loops, once; this may take half a minute")
     if "help" in given.of_petsc:
         session.say(help_text())
         if "problem" not in given.texts:

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.cli import streams
 from app.cli.arguments import Parser, argument, check_folder, command, count, writing
 from app.halfspace.stress.subsurface import COMPONENTS, StressMaximum, SubsurfaceStress, max_shear, von_mises
@@ -231,7 +231,7 @@ def summary(hottest, sheared, result, poisson_ratio):
         ("von Mises", hottest.von_mises, hottest),
         ("shear", sheared.max_shear, sheared),
     ):
-        unit = length_unit(there.depth or float(np.ptp(result.x)))
+        unit = choose_length_unit(there.depth or float(np.ptp(result.x)))
         share = f", {value / highest:.3g} of the maximum pressure" if highest > 0 else ""
         place = (
             f"x = {there.x:.6g} mm, y = {there.y:.6g} mm, depth {there.depth * unit.per_mm:.4g} {unit.name}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
 from app.base.quantities import label_of
-from app.base.units import resolved
+from app.base.units import round_to_cell
 from app.cli.load_path import which
 from app.io.table import text
 
@@ -45,7 +45,7 @@ def summary(facts, grid, output=None):
     if "body1_radii" in facts:
         lines.append(
             f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
-            f"x at {resolved(facts['hertz_axes_angle'], 0.01):.4g} degrees to body 1's first axis"
+            f"x at {round_to_cell(facts['hertz_axes_angle'], 0.01):.4g} degrees to body 1's first axis"
         )
     lines += [_elastic(facts), _contact(facts, grid), *_more(facts, grid)]
     ranks = _count(facts["ranks"], "rank")
@@ -119,12 +119,12 @@ def _more(facts, grid):
     lines = []
     if facts["contact_cells"]:
         lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
-    x, y = (resolved(facts[f"pressure_centre_{name}"], getattr(grid, f"d{name}")) for name in "xy")
+    x, y = (round_to_cell(facts[f"pressure_centre_{name}"], getattr(grid, f"d{name}")) for name in "xy")
     centre = f"; centre of pressure ({x:.6g}, {y:.6g}) mm" if x == x else ""
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
-            f"the longer at {resolved(facts['major_axis_angle'], 0.01):.4g} degrees from x{centre}"
+            f"the longer at {round_to_cell(facts['major_axis_angle'], 0.01):.4g} degrees from x{centre}"
         )
     if "stiffness" in facts:
         lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")

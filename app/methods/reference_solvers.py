@@ -11,7 +11,7 @@ import time
 import numpy as np
 from petsc4py import PETSc
 
-from app.base.petsc import TAO_REASONS, calling_back, error_message
+from app.base.petsc import TAO_REASONS, callback_context, error_message
 from app.contact.history import Outcome, entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
@@ -219,7 +219,7 @@ class Tao(_ReferenceSolver):
         self.tao.setVariableBounds((lower, upper))
         self.tao.setTolerances(**self._unless_given(gatol=allowed, grtol=0, gttol=0))
         try:
-            with calling_back():
+            with callback_context():
                 self.tao.solve(p)
         except BaseException:
             self._interrupted = True  # vectors stay locked: another Tao is made
@@ -275,7 +275,7 @@ class SnesVI(_ReferenceSolver):
         self.snes.setVariableBounds(lower, upper)
         self.snes.setTolerances(**self._unless_given(rtol=0, atol=allowed, stol=0))
         try:
-            with calling_back():
+            with callback_context():
                 self.snes.solve(None, p)
         except BaseException:
             self.snes.getKSP().reset()  # it would keep the number of unknowns it has been left with

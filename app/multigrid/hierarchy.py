@@ -13,9 +13,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.base.errors import InputError, call_collectively
-from app.base.memory import check_hosts, doubles_in_strips, doubles_per_cell
+from app.base.memory import check_host_memory, doubles_in_strips, doubles_per_cell
 from app.base.mpi import MPI
-from app.base.petsc import free_forgotten
+from app.base.petsc import collect_garbage
 from app.halfspace.grid import plan_grids
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.multigrid.transfer import Transfer
@@ -46,7 +46,7 @@ def check_room(comm, grid, settings):
     few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
     doubles = cells * doubles_per_cell(settings, grid.periodic) + doubles_in_strips(grid)
-    check_hosts(ranks.comm, grid, doubles)
+    check_host_memory(ranks.comm, grid, doubles)
 
 
 def _check_same_on_all(comm, problem):
@@ -249,10 +249,10 @@ class Hierarchy:
             self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))
             self._counted[level] = products
 
-    def free_forgotten(self):
+    def collect_garbage(self):
         """Free what an interrupted solve has left on the grids. Collective."""
         for comm in [self.petsc_comm, *(level.petsc_comm for level in self.levels if level.active)]:
-            free_forgotten(comm)
+            collect_garbage(comm)
 
     def destroy(self):
         """Free its products, and the communicators made for it. Collective."""

@@ -11,7 +11,7 @@ import math
 from petsc4py import PETSc
 
 from app.base.errors import format_exact
-from app.base.petsc import calling_back
+from app.base.petsc import callback_context
 from app.options.solver_options import options_set
 
 
@@ -67,7 +67,7 @@ class LinearSolver:
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
         forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})
-        with options_set(self._prefix, {}, forced), calling_back():
+        with options_set(self._prefix, {}, forced), callback_context():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
@@ -144,7 +144,7 @@ class LinearSolver:
         if (enough := self._enough(allowed)) is not None:
             self.ksp.setTolerances(atol=enough)
         try:
-            with calling_back():
+            with callback_context():
                 self.ksp.solve(b, x)
         except BaseException:
             self._interrupted = True  # vectors stay locked: another KSP is made

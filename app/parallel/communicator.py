@@ -12,7 +12,7 @@ import numpy as np
 
 from app.base.errors import InputError, OtherRankError, format_error
 from app.base.mpi import MPI
-from app.base.petsc import log_messages, log_reduction, refusal
+from app.base.petsc import log_messages, log_reduction, to_input_error
 
 
 @dataclass
@@ -150,7 +150,7 @@ class Failure:
     """What has gone wrong on some ranks, for those that wait for them."""
 
     def __init__(self, error):
-        error = refusal(error)
+        error = to_input_error(error)
         self.refused = isinstance(error, InputError)
         self.why = str(error) if self.refused else f"on another rank: {format_error(error)}"
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.halfspace.stress.subsurface import max_shear, von_mises
 from app.plots.figures import EVEN_VALUES, number, title
 from app.plots.maps import cell_edges, finite_pressure, rounding
@@ -45,7 +45,7 @@ def distribution_figure(result):
     p = finite_pressure(result.pressure)
     _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
     apart = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
-    unit = length_unit(float(apart.max(initial=0.0)))
+    unit = choose_length_unit(float(apart.max(initial=0.0)))
     _density(gap, apart * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
     for axes in several:
         _draw_patches(axes, areas)
@@ -75,7 +75,7 @@ def _density(axes, values, label, unit):
 
 def _draw_patches(axes, patches):
     """How many patches are at least so large."""
-    unit = length_unit(np.sqrt(patches.max(initial=0.0)))
+    unit = choose_length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
     sizes, counts = np.unique(patches, return_counts=True)
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
@@ -124,7 +124,7 @@ def spectrum_figure(result):
     for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
-            wave = length_unit(values[name])
+            wave = choose_length_unit(values[name])
             text = f"{label}, λ = {values[name] * wave.per_mm:.3g} {wave.name}"
             axes.axvline(at, color=ORANGE, linestyle=line, label=text)
     if values.get("surface_hurst"):
@@ -152,7 +152,7 @@ def draw_spectrum(axes, surface, grid, label):
         Wave numbers, densities [mm4] and the `Unit` in which the wave numbers are; None if that is no curve.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
-    unit = length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
+    unit = choose_length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
     q, density = spectrum.wave_number / unit.per_mm, spectrum.density
     known = density > 1e-14 * density.max(initial=0.0)  # below that is round-off
     if np.count_nonzero(known) < 3:
@@ -182,14 +182,14 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     figure = new_figure(13.5, 5.2, heading)
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
     centres = grid.x() if along == "x" else grid.y()
-    unit = length_unit(max(np.ptp(centres), depths[-1]))
+    unit = choose_length_unit(max(np.ptp(centres), depths[-1]))
     sides, deepest = cell_edges(grid, along), depths[-1] or 1.0
     width = np.ptp(sides)
     box = float(np.clip(deepest / width, *_STRESS_BOX))
     times = box * width / deepest
     stretched = not np.isclose(times, 1)
     remark = f"   (z: {times:.3g} × the scale of {along})" if stretched else ""
-    deep = length_unit(depths[-1]) if stretched else unit
+    deep = choose_length_unit(depths[-1]) if stretched else unit
     z = depths * deep.per_mm
     mises = von_mises(section)
     bottom = z[-1] or 1.0

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.halfspace.grid import plan_grids
 from app.plots.maps import LENGTH_MAP, Canvas, cell_edges, finite_pressure, map_of
 from app.plots.style import (
@@ -160,7 +160,7 @@ def hottest_cell(result):
 
 def draw_section(axes, result, along, row, column, reference):
     """Pressure, and over it the gap on a scale of its own."""
-    unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
+    unit = choose_length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
         across, here = f"y = {result.y[row] * unit.per_mm:.3g}", row
     else:
@@ -201,7 +201,7 @@ def _draw_gap(axes, sides, gap, ends):
     highest = float(np.nanmax(shown, initial=0.0))
     if not 0 < highest < np.inf:
         return
-    unit, right = length_unit(highest), axes.twinx()
+    unit, right = choose_length_unit(highest), axes.twinx()
     right.stairs(gap * unit.per_mm, sides, color=ORANGE, linewidth=1.0, baseline=None)
     right.set(ylim=(2.6 * highest * unit.per_mm, 0))
     right.set_ylabel(f"gap e  [{unit.name}]", color=ORANGE, loc="top")

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 from matplotlib.patches import Patch
 
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.plots.curves import draw_spectrum, rough_part
 from app.plots.maps import LENGTH_MAP, Canvas
 from app.plots.style import BLUE, DASHED, GREY, ORANGE, PALE, new_figure, say_instead, styled
@@ -39,7 +39,7 @@ def surface_figure(surface):
     """
     grid, heights = surface.grid(), surface.heights()
     low, high, extend = _shown(heights)
-    unit = length_unit(max(-low, high))
+    unit = choose_length_unit(max(-low, high))
     heights_shown = heights * unit.per_mm
     limits = low * unit.per_mm, high * unit.per_mm
     patch = SimpleNamespace(grid=grid, undeformed_distance=heights)  # grey is where that is missing
@@ -65,10 +65,10 @@ def surface_figure(surface):
 def _title(surface, grid):
     """File, points and cells; below them the numbers."""
     name = Path(surface.file.partition(":/")[0]).name
-    unit = length_unit(max(grid.dx, grid.dy))
+    unit = choose_length_unit(max(grid.dx, grid.dy))
     cell = " × ".join(f"{side * unit.per_mm:.4g}" for side in (grid.dx, grid.dy))
     holes = f", {surface.missing_points} missing" if surface.missing_points else ""
-    unit_z = length_unit(surface.rms_level)
+    unit_z = choose_length_unit(surface.rms_level)
     numbers = [
         f"Sq {surface.rms_level * unit_z.per_mm:.3g} {unit_z.name}",
         f"Sdq {surface.rms_slope(grid):.3g}",

@@ -20,7 +20,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.quantities import axis_label
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.options import option_table
 from app.plots.style import BESIDE, DASHED, DOTTED, log_axes, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
@@ -205,7 +205,7 @@ def _draw_kappa(axes, paths):
 
 def _draw_gap(axes, paths):
     known = [path.positive("mean_pressure", "mean_gap") for path in paths]
-    unit = length_unit(max((found[1].max() for found in known if found is not None), default=1.0))
+    unit = choose_length_unit(max((found[1].max() for found in known if found is not None), default=1.0))
     # Exponential over much of the range: a straight line here.
     if _curves(
         axes, paths, "mean_gap", "mean_pressure", lambda path: (unit.per_mm, path.relative), (False, True)
@@ -255,7 +255,7 @@ def _draw_load(axes, paths):
     x, known, columns = "approach", values("approach"), [path.columns for path in paths]
     if known.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
         x, known = "indentation", values("indentation")
-    unit = length_unit(abs(known).max())
+    unit = choose_length_unit(abs(known).max())
     log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
     if _curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)):
         axes.set(xlabel=axis_label(x).replace("mm", unit.name), ylabel=axis_label("load"))

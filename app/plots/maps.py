@@ -12,7 +12,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.plots import style
 from app.plots.style import BLUE, GREY
 
@@ -49,7 +49,7 @@ class Canvas:
     def __init__(self, result):
         self.result, self.grid = result, (grid := result.grid)
         width, height = grid.nx * grid.dx, grid.ny * grid.dy
-        self.unit = length_unit(max(width, height))
+        self.unit = choose_length_unit(max(width, height))
         ends = grid.x0, grid.x0 + width, grid.y0, grid.y0 + height
         self.extent = x0, x1, y0, y1 = tuple(end * self.unit.per_mm for end in ends)
         shape = (y1 - y0) / (x1 - x0)
@@ -163,7 +163,7 @@ class Canvas:
         """Draw a field of lengths [mm] in a unit of its own; ``{}`` in the label stands for it."""
         known = field[np.isfinite(field) & ~self.outside]
         largest, none = float(np.abs(known).max(initial=0.0)), rounding(self.result)
-        unit, limits = length_unit(largest if largest > none else 0.0), {}
+        unit, limits = choose_length_unit(largest if largest > none else 0.0), {}
         if known.size and np.ptp(known) <= max(_CONSTANT * largest, none):
             value = float(known[0]) * unit.per_mm if largest > none else 0.0
             field, margin = np.where(np.isnan(field), np.nan, value), 0.1 * abs(value) or 1.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.quantities import axis_label
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.plots.load_curves import numbers
 from app.plots.style import BESIDE, log_axes, new_figure, series, styled
 
@@ -153,7 +153,7 @@ def _in_units(values, name, varied):
     label = _WORK.get(name) or axis_label(name)
     if "[mm]" not in label:
         return values, label
-    unit = length_unit(np.nanmax(np.abs(values)))
+    unit = choose_length_unit(np.nanmax(np.abs(values)))
     return values * unit.per_mm, label.replace("mm", unit.name)
 
 

@@ -8,7 +8,7 @@ from itertools import chain, count
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.units import in_words
+from app.base.units import format_lengths
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.problems.arrays import real_numbers, refuse_large
@@ -168,8 +168,9 @@ class ContactProblem(Problem):
         grid, n = self.grid, len(self.surfaces)
         periodic = ", periodic" if grid.periodic else ""
         return (
-            f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of {in_words(grid.dx, grid.dy)}{periodic}, "
-            f"E* {self.material.contact_modulus:g} N/mm2, {n} surface{'s'[: n != 1]}>"
+            f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of "
+            f"{format_lengths(grid.dx, grid.dy)}{periodic}, E* {self.material.contact_modulus:g} N/mm2, "
+            f"{n} surface{'s'[: n != 1]}>"
         )
 
     @property

@@ -102,7 +102,7 @@ def test_compiling_is_told_once_and_a_loop_that_cannot_be_kept_works(tmp_path, m
     monkeypatch.syspath_prepend(tmp_path)
     sys.modules.pop("loops_of_a_test", None)
     loops, told = importlib.import_module("loops_of_a_test"), []
-    monkeypatch.setattr(numba_cache, "tell", lambda: told.append(1))
+    monkeypatch.setattr(numba_cache, "on_first_compile", lambda: told.append(1))
 
     def full(*_):
         raise OSError(28, "No space left on device")

@@ -81,7 +81,7 @@ def test_a_limit_can_be_taken_as_it_is_written():
 
 
 def test_memory_that_lacks_little_is_told_from_what_there_is(monkeypatch):
-    monkeypatch.setattr("app.base.memory.available", lambda: 3.0001 * 2**30)
+    monkeypatch.setattr("app.base.memory.available_memory", lambda: 3.0001 * 2**30)
     with pytest.raises(InputError, match="needs 3.0002 GiB of memory; 3.0001 GiB are free"):
         check_fits(3.0002 * 2**30, "this")
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from results import made_up_result, with_attributes
 
 from app.base.errors import InputError
-from app.base.units import length_unit
+from app.base.units import choose_length_unit
 from app.cli.plot import analytic_reference
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.halfspace.connected_sets import label_connected_sets
@@ -176,7 +176,7 @@ def test_titles_name_what_is_rough(result, facts, said):
     "largest, per_mm, name", [(2.0, 1.0, "mm"), (0.1, 1e3, "µm"), (1e-5, 1e6, "nm"), (5e4, 1e-3, "m")]
 )
 def test_lengths_stand_in_a_unit_that_suits_them(largest, per_mm, name):
-    assert length_unit(largest) == (per_mm, name)
+    assert choose_length_unit(largest) == (per_mm, name)
 
 
 def test_map_of_a_small_patch_is_in_its_unit(result):

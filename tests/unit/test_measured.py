@@ -10,7 +10,7 @@ from mpi4py import MPI
 from app import ContactProblem, Material, Sphere, read_surface, solve
 from app.api.notes import doubt, spiked
 from app.base.errors import InputError
-from app.base.units import in_words
+from app.base.units import format_lengths
 from app.cli.convert import main as convert
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.options.option_table import OptionReader
@@ -638,7 +638,7 @@ def test_a_surface_is_printed_as_it_was_understood(saved):
     )
     heights = HEIGHTS + 100 * X
     surface = read_surface(heights, "um")
-    rms = f"rms height about the best plane {in_words(surface.rms_level)}"
+    rms = f"rms height about the best plane {format_lengths(surface.rms_level)}"
     assert (
         repr(surface)
         == f"<Surface (array): 15 x 12 heights in um, {rms}, in cells of a size it does not say>"

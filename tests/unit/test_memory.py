@@ -29,7 +29,7 @@ from app import ContactProblem, ContactSolver, Grid, Material
 from app.base import numba_cache
 from app.base.memory import doubles_per_cell, doubles_in_strips
 from app.options.method import settings
-numba_cache.tell = lambda: print("compiling", file=sys.stderr)
+numba_cache.on_first_compile = lambda: print("compiling", file=sys.stderr)
 def peak():  # getrusage tells that of the process that started this one, if it was larger
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024
@@ -89,29 +89,29 @@ def test_the_estimate_is_the_measured_peak():
 
 
 def test_refused_before_anything_is_allocated(monkeypatch):
-    monkeypatch.setattr(memory, "available", lambda: 2.0**30)
+    monkeypatch.setattr(memory, "available_memory", lambda: 2.0**30)
     solver = hertz(4096)
     with pytest.raises(
         InputError, match=r"grid 4096,4096: needs about 1.27 GiB on one host \(1 rank\); 1 GiB are free"
     ):
         ContactSolver(solver)
-    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 2**27)  # just fits
+    memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 2**27)  # just fits
     with pytest.raises(InputError, match="about 1.199e\\+07 cells would fit"):
-        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 1.001 * 2**27)
+        memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 1.001 * 2**27)
 
 
 def test_limit_of_the_process_counts(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (2**40, 2**40))
-    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 16000)
+    memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 16000)
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (1000, 1000))
     with pytest.raises(InputError, match="ulimit -v"):
-        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 16000)
+        memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 16000)
 
 
 def test_a_process_short_of_address_space_is_refused(monkeypatch):
     monkeypatch.setattr(memory, "_address_space", lambda: 383 << 20)
     with pytest.raises(InputError, match="may take 383 MiB more of address space .*; needed: 384 MiB"):
-        memory.check_process()
+        memory.check_address_space()
 
 
 @pytest.mark.parametrize("shape", [(1, 100000), (20000, 20)])

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from app import ContactProblem, ContactSolver, Grid, Material, solve
 from app.base import petsc_path
 from app.base.errors import InputError
-from app.base.petsc import _forget_last_exception, as_raised
+from app.base.petsc import _forget_last_exception, unwrap_errors
 from app.contact.history import Listener
 
 
@@ -33,7 +33,7 @@ def test_petsc_dir_without_petsc4py_does_not_count(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("as it was")])
 def test_what_a_callback_raises_is_not_petscs(error):
-    with pytest.raises(type(error)) as caught, as_raised():
+    with pytest.raises(type(error)) as caught, unwrap_errors():
         try:
             try:
                 raise error
@@ -45,7 +45,7 @@ def test_what_a_callback_raises_is_not_petscs(error):
 
 
 def test_errors_of_petsc_stay_what_they_are():
-    with pytest.raises(PETSc.Error), as_raised():
+    with pytest.raises(PETSc.Error), unwrap_errors():
         raise PETSc.Error(73)
 
 
@@ -57,10 +57,10 @@ def test_more_cells_than_petsc_can_number_are_refused():
 
 
 def test_exceptions_that_cause_each_other_are_forgotten(monkeypatch):
-    """As `as_raised` leaves them; at the end of a program that went round for ever."""
+    """As `unwrap_errors` leaves them; at the end of a program that went round for ever."""
     original, wrapped = ZeroDivisionError(), PETSc.Error(101)
     wrapped.__cause__ = original
-    with pytest.raises(ZeroDivisionError), as_raised():
+    with pytest.raises(ZeroDivisionError), unwrap_errors():
         raise wrapped
     assert original.__context__ is wrapped
     monkeypatch.setattr(sys, "last_value", original, raising=False)

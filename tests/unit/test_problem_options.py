@@ -65,7 +65,7 @@ def sparse(tmp_path):
 
 
 def small_machine(monkeypatch):
-    monkeypatch.setattr(memory, "available", lambda: 1 << 30)
+    monkeypatch.setattr(memory, "available_memory", lambda: 1 << 30)
 
 
 @pytest.mark.parametrize("name", ["gap.h5", "gap.npy"])

@@ -39,7 +39,7 @@ ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
     ],
 )
 def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, alone):
-    found = mpi.for_mpi(environment)
+    found = mpi.single_host_variables(environment)
     assert bool(found) == alone
     assert not found.keys() & environment.keys()
 
@@ -77,7 +77,7 @@ class Finder:
             chosen.append(os.environ.get("OMPI_MCA_pml"))
 
 sys.meta_path.insert(0, Finder)
-memory.tell_malloc = lambda *words: calls.append(words)
+memory.set_malloc_option = lambda *words: calls.append(words)
 
 def state():
     status = open("/proc/self/status").read()
@@ -109,7 +109,7 @@ def test_the_environment_comes_back(monkeypatch):
     before = dict(os.environ)
     with (
         pytest.raises(KeyError),
-        mpi.changed_environment({"CONTACT_KEPT": None, "CONTACT_NEW": "2", "CONTACT_NEVER": None}),
+        mpi.temporary_environment({"CONTACT_KEPT": None, "CONTACT_NEW": "2", "CONTACT_NEVER": None}),
     ):
         assert "CONTACT_KEPT" not in os.environ
         assert os.environ["CONTACT_NEW"] == "2"

@@ -21,7 +21,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from app.base.mpi import MPI
-from app.base.numba_cache import folder_of
+from app.base.numba_cache import cache_folder_of
 
 _WISDOM_ONLY = 1 << 21  # FFTW_WISDOM_ONLY
 _LARGEST = 250_000  # bytes of wisdom that are worth reading: 600 plans, in 5 ms
@@ -112,7 +112,7 @@ def _library(name):
     known = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, "fftwf")}
     if name not in known:
         raise ValueError(f"dtype {name}: must be one of {', '.join(known)}")
-    return _Library(*known[name], folder_of(FFTW.plans))
+    return _Library(*known[name], cache_folder_of(FFTW.plans))
 
 
 class FFTW:

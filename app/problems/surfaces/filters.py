@@ -13,7 +13,7 @@ import numpy as np
 
 from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
-from app.base.units import in_words
+from app.base.units import format_lengths
 
 _REACH = 1.25  # nesting indices, beyond which weights are below 3e-10 of the largest
 _RUN = 1 << 18  # numbers that are transformed together
@@ -70,7 +70,7 @@ def check_cells(file, s_filter, l_filter, shape, cell):
         if index is not None and not least * (1 - 1e-9) <= index <= most * (1 + 1e-9):
             raise InputError(
                 f"surface {name}_filter {format_exact(index)} mm: not allowed for surface file {file}; allowed: "
-                f"{format_exact(least)} to {format_exact(most)} mm, from two of its cells ({in_words(*cell)}) "
+                f"{format_exact(least)} to {format_exact(most)} mm, from two of its cells ({format_lengths(*cell)}) "
                 "to its shorter side"
             )
 

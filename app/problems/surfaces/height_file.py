@@ -10,7 +10,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.memory import check_fits
-from app.base.units import ALLOWED, UNITS, unit_named
+from app.base.units import ALLOWED, UNITS, find_unit
 from app.problems.arrays import real_numbers
 from app.problems.surfaces.array_file import ArrayFile
 from app.problems.surfaces.points import gridded, listed, looks_like_points
@@ -218,7 +218,7 @@ class HeightFile(ArrayFile):
             return
         unit, sides = gwyddion_head(self.comments)
         if unit:
-            self.unit = unit_named(unit)
+            self.unit = find_unit(unit)
             self.other_unit = None if self.unit else unit
         if sides:
             self.spacing, self.lateral = (sides[0] / self.shape[1], sides[1] / self.shape[0]), "mm"
@@ -227,7 +227,7 @@ class HeightFile(ArrayFile):
         """Unit that an attribute names, or None."""
         if key not in self.attributes:
             return None
-        unit = unit_named(self.attributes[key])
+        unit = find_unit(self.attributes[key])
         if unit is None:
             raise InputError(f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {ALLOWED}")
         return unit

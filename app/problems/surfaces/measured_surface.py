@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.units import UNITS, in_words
+from app.base.units import UNITS, format_lengths
 from app.halfspace.grid import Grid
 from app.problems.surfaces.filters import band_pass, check_cells, check_order
 from app.problems.surfaces.height_file import cropped
@@ -205,11 +205,13 @@ class Surface:
         holes = f", {self.missing_points} of {nx * ny} points {what}" if self.missing_points else ""
         shape = f", skewness {self.skewness:.2g}, kurtosis {self.kurtosis:.2g}" if self.rms_level > 0 else ""
         filters = (("S", self.s_filter), ("L", self.l_filter))
-        filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
+        filtered = "".join(
+            f", {name}-filtered at {format_lengths(index)}" for name, index in filters if index
+        )
         return (
-            f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
-            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "
-            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
+            f"{nx} x {ny} heights in {self.unit}, cells of {format_lengths(*self.cell(grid))}, patch of "
+            f"{format_lengths(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "
+            f"{format_lengths(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
             f"at the smallest y{turned}"
         )
 
@@ -243,7 +245,7 @@ class Surface:
             return f"surface file {self.file}: {self.understood()}"
         return (
             f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height "
-            f"{self._about} {in_words(self.rms_level)}, in cells of a size it does not say"
+            f"{self._about} {format_lengths(self.rms_level)}, in cells of a size it does not say"
         )
 
     def __repr__(self):

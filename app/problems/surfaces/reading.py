@@ -12,7 +12,7 @@ from numbers import Integral
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.units import UNITS, in_words, unit_named
+from app.base.units import UNITS, find_unit, format_lengths
 from app.halfspace.grid import validate_symbol
 from app.problems.surfaces.filters import check_cells, check_order
 from app.problems.surfaces.height_file import (
@@ -110,7 +110,7 @@ def read_surface(
     """
     check_order(s_filter, l_filter)
     periodic = bool(validate_symbol(periodic))
-    unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
+    unit, height_unit = (name and (find_unit(name) or name) for name in (unit, height_unit))
     orient = orient.split(",") if isinstance(orient, str) else tuple(orient or ())
     if not (isinstance(skip, Integral) and skip >= 0):
         raise InputError(f"surface skip {skip!r}: needed: a number of lines, from 0")
@@ -163,8 +163,8 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
         numbers = ", ".join(map(str, first + lines[:_NAMED])) + ", ..." * (len(lines) > _NAMED)
         notes.append(
             f"surface file {source.file}: all points in {what}{'s'[: len(lines) != 1]} {numbers} have the lowest "
-            f"height, as if they were not measured, which moves the best plane by up to {in_words(moved)}; leave them "
-            "out by crop= (-surface_crop), or mark them as missing, NaN"
+            f"height, as if they were not measured, which moves the best plane by up to {format_lengths(moved)}; "
+            "leave them out by crop= (-surface_crop), or mark them as missing, NaN"
         )
     rise, rms = moments.tilt()
     found = moments.roughness(level)

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.memory import check_fits
-from app.base.units import in_words
+from app.base.units import format_lengths
 from app.halfspace.grid import Grid
 
 _RUN = 1 << 18  # numbers that are joined together
@@ -84,7 +84,7 @@ class ResampledSurface:
     def understood(self, grid):
         """See `Surface.understood`."""
         said = self.surface.understood(self.own_grid(grid))
-        return f"{said}; resampled to cells of {in_words(grid.dx, grid.dy)}"
+        return f"{said}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
         """Mean heights in the cells of some rows of a grid, shape (rows, nx) [mm]; NaN: missing. Not collective."""

@@ -6,7 +6,7 @@ import re
 from itertools import takewhile
 from typing import NamedTuple
 
-from app.base.units import UNITS, unit_named
+from app.base.units import UNITS, find_unit
 from app.problems.surfaces.text_table import is_comment, is_row
 
 # Gwyddion translates what it writes.
@@ -86,7 +86,7 @@ def gwyddion_head(comments):
         sides = []
         for key in ("width", "height"):
             number, unit = _LENGTH.fullmatch(said[key]).groups()
-            sides.append(float(number.replace(",", ".")) * UNITS[unit_named(unit)])
+            sides.append(float(number.replace(",", ".")) * UNITS[find_unit(unit)])
     except (LookupError, ValueError, AttributeError):
         sides = [0.0]
     return said.get("unit") or None, tuple(sides) if min(sides) > 0 else None
