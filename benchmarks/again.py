@@ -29,7 +29,7 @@ def main(given):
             begun = time.perf_counter()
             solver.solve(**request.loading)
             times.append(comm.allreduce(time.perf_counter() - begun, MPI.MAX))
-    session.say(f"{min(times)}")
+    session.print_output(f"{min(times)}")
 
 
 if __name__ == "__main__":

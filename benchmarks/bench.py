@@ -19,7 +19,7 @@ import numpy as np
 from tqdm import tqdm
 
 from app.halfspace.grid import Grid
-from app.io.table import markdown, write_table
+from app.io.table import format_markdown, write_table
 from app.problems.random_surfaces import SelfAffineSurface
 from benchmarks import loads, periodic, replay
 from benchmarks.measure import ROOT, Memory, head, insist, note_on, publish, quickest, solve_command
@@ -90,13 +90,13 @@ def main():
     output = options.output or notebook / "benchmark.md"
     page = [head(options, "Benchmark on free patches"), UNIT]
     if not options.no_kernels:
-        page += ["## Kernels\n", KERNELS, markdown(kernels(sizes, ranks)), ""]
+        page += ["## Kernels\n", KERNELS, format_markdown(kernels(sizes, ranks)), ""]
     rows, memory = [], Memory()
     with tempfile.TemporaryDirectory() as folder:
         work = [(name, size, count) for size in sizes for name in names for count in ranks]
         for name, size, count in tqdm(work, desc="solves", disable=None):
             rows.append(solve(name, size, count, options, Path(folder), memory))
-    page += ["## Whole solves\n", SOLVES, markdown(rows), ""]
+    page += ["## Whole solves\n", SOLVES, format_markdown(rows), ""]
     publish(output, page)
     if len(options.method) <= 1:
         small = [size for size in sizes if size <= 512]
@@ -239,12 +239,12 @@ def load_sweep(sizes, ranks, options, output):
     page = [
         head(options, "Benchmark of prescribed loads"),
         LOADS,
-        markdown(loads_summary(rows)),
+        format_markdown(loads_summary(rows)),
         "",
         *failures,
     ]
     worst = sorted(rows, key=lambda row: row["ratio"], reverse=True)[:10]
-    page += ["Largest ratios:\n", markdown([worst_row(row) for row in worst]), ""]
+    page += ["Largest ratios:\n", format_markdown([worst_row(row) for row in worst]), ""]
     publish(output, page)
 
 

@@ -21,7 +21,7 @@ from app import (
     Sphere,
 )
 from app.base.errors import InputError
-from app.io.table import markdown
+from app.io.table import format_markdown
 
 STEEL = Material.combined(80000.0, 0.3)
 SIZES, FINEST = (32, 64, 128, 256, 512), 1024
@@ -132,7 +132,7 @@ def rows(found):
 
 if __name__ == "__main__":
     all_cases = list(cases())
-    print(markdown(list(rows(all_cases))))
+    print(format_markdown(list(rows(all_cases))))
     for number, title in NUMBERS.items():
         ratio = [estimated / error for _, of, error, estimated in all_cases if of == number and error > 0]
         half, tenth = np.percentile(ratio, [50, 90])

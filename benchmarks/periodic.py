@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.io.table import markdown
+from app.io.table import format_markdown
 from app.problems.random_surfaces import SelfAffineSurface
 from benchmarks.measure import Memory, head, insist, note_on, publish, quickest, solve_command
 from benchmarks.plain import PlainPeriodicProduct, check_periodic
@@ -78,7 +78,7 @@ def write_page(sizes, ranks, options, output):
                 np.save(path, distance(size))
             command = solve_command(words(path, load), options.method, count, folder / "result.h5")
             rows.append(_row(command, size, load, count, options.repeats, memory, first))
-    publish(output, [head(options, "Benchmark on periodic patches"), PAGE, markdown(rows), ""])
+    publish(output, [head(options, "Benchmark on periodic patches"), PAGE, format_markdown(rows), ""])
     insist(rows)
 
 

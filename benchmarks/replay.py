@@ -35,7 +35,7 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.influence import Material
 from app.halfspace.window import Scatter
-from app.io.table import markdown
+from app.io.table import format_markdown
 from app.methods.free.verification_product import VerificationProduct
 from app.methods.multilevel_product import MultilevelOperator
 from app.multigrid.transfer import Transfer
@@ -474,7 +474,7 @@ def write_page(sizes, counts, output):
     for n in sizes:
         recorded = recorded_on_two(n)
         title = f"Hertz, {n} x {n}: {recorded.applications:.1f} applications, {recorded.steps} steps of CG\n"
-        parts += [title, markdown(list(table(recorded, counts))), ""]
+        parts += [title, format_markdown(list(table(recorded, counts))), ""]
     publish(output, parts) if output else print("\n".join(parts))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from app import ContactProblem, ContactSolver, FlatPunch, Grid, Material, Paraboloid
-from app.io.table import markdown
+from app.io.table import format_markdown
 from app.options.method import read_method_file
 from app.problems.random_surfaces import WavySurface
 from benchmarks.loads import MATERIAL, SIDE, SLOPE, Spectrum
@@ -233,7 +233,7 @@ def main():
             )
             progress.write(str(changed[-1]))
     print(f"Applications {', '.join(f'by {kind}' for kind in problems)}; as it is: {usual}\n")
-    print(markdown(rows) if techniques else "", markdown(changed), sep="\n")
+    print(format_markdown(rows) if techniques else "", format_markdown(changed), sep="\n")
 
 
 if __name__ == "__main__":

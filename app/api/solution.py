@@ -10,7 +10,7 @@ from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.contact.certificate import Certificate
 from app.contact.grid_errors import GridErrors
 from app.halfspace.grid import Grid
-from app.io.contact_fields import OF_SOLUTION, ContactFields
+from app.io.contact_fields import ATTRIBUTE_NAMES, ContactFields
 from app.parallel.communicator import Traffic
 from app.parallel.slabs import Slabs
 from app.problems.arrays import real_numbers
@@ -181,7 +181,7 @@ class Solution(ContactFields):
         numbers = [field.name for field in fields(self) if field.type in ("bool", "int", "float", "str")]
         return {
             **self.problem,
-            **{OF_SOLUTION.get(name, name): getattr(self, name) for name in numbers},
+            **{ATTRIBUTE_NAMES.get(name, name): getattr(self, name) for name in numbers},
             **({} if self.stiffness is None else {"stiffness": self.stiffness}),
             **vars(self.certificate),
             **vars(self.traffic),
@@ -269,7 +269,7 @@ class Solution(ContactFields):
             "contact": self.contact.view(np.uint8),
         }
         facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
-        own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
+        own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
         more = call_collectively(self.comm, self._fields_among, attributes, own, f"result file {path}")
         kinds = {name: field.dtype.str for name, field in more.items()}
         check_equal_on_ranks(self.comm, kinds, f"result file {path}: names and types of fields")

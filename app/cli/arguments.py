@@ -29,7 +29,7 @@ class Parser(argparse.ArgumentParser):
         raise InputError(re.sub("^argument (-[^:]*): (?=.*: not allowed; )", r"\1 ", message))
 
 
-def argument(kind):
+def argument_type(kind):
     """Kind of a command line argument by that of an option, as of `app.options.option_table`."""
 
     def parse(text):
@@ -41,7 +41,7 @@ def argument(kind):
     return parse
 
 
-count, positive = argument(option_table.count), argument(option_table.positive)
+count, positive = argument_type(option_table.count), argument_type(option_table.positive)
 
 
 def check_ranks(ranks):
@@ -61,7 +61,7 @@ def check_folder(folder):
 
 
 @contextmanager
-def writing(output):
+def report_write_errors(output):
     """Tell of what is given by -o that it cannot be written."""
     try:
         yield
@@ -79,12 +79,12 @@ def command(main):
 
     @wraps(main)
     def called(argv=None):
-        streams.repair()
+        streams.reopen_closed()
         previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
             return main(argv)
         except (InputError, OSError, MemoryError) as error:
-            streams.complain(f"error: {format_message(error)}")
+            streams.print_error(f"error: {format_message(error)}")
             return 2
         except KeyboardInterrupt:
             return 130

@@ -23,7 +23,7 @@ from pathlib import Path
 from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
-from app.cli.arguments import Parser, argument, command, writing
+from app.cli.arguments import Parser, argument_type, command, report_write_errors
 from app.options.option_table import cells, integer, pair_of_reals, some_of
 from app.problems.surfaces.array_file import UnknownFormat
 from app.problems.surfaces.formats import ARRAYS, TEXTS, format_of, suffix_of
@@ -43,7 +43,7 @@ _line_count = integer(0, "a whole number from 0")
 _NAMES = "--unit", "--height-unit", "--override"  # of options, for messages
 
 
-def instruments_python():
+def find_instruments_python():
     """Python of the environment that ``run/setup --surfaces`` makes, or None. Not collective."""
     named = os.environ.get(ENVIRONMENT)
     path = Path(named) if named else Path(__file__).resolve().parents[2] / ".venv-surfaces/bin/python"
@@ -54,7 +54,7 @@ def instruments_python():
 def main(argv):
     """Run the command and return its exit status."""
     parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
-    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "where the file does not say"
+    add, a_unit, elsewhere = parser.add_argument, argument_type(units.unit), "where the file does not say"
     add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
     add("--channel", default="", help="name or number, from 0, of a channel, where there are several")
@@ -63,14 +63,14 @@ def main(argv):
     how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
     lines = "lines at the head of a text to leave out"
     part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"
-    add("--skip", type=argument(_line_count), default=0, metavar="N", help=lines)
-    add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
-    add("--crop", type=argument(cells), metavar="I0,I1,J0,J1", help=part)
-    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--skip", type=argument_type(_line_count), default=0, metavar="N", help=lines)
+    add("--orient", type=argument_type(some_of(*TURNS)), default=(), metavar="HOW", help=how)
+    add("--crop", type=argument_type(cells), metavar="I0,I1,J0,J1", help=part)
+    add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
-    from app.io.files import check_output_path, digest
+    from app.io.files import check_output_path, hash_file
 
     path, file = arguments.file, _without_dataset(arguments.file)
     if not file.is_file():
@@ -82,13 +82,13 @@ def main(argv):
     wanted = arguments.unit, arguments.height_unit, arguments.spacing
     if arguments.override:
         replace_stated(source, *wanted, "--override")
-    settle(source, *wanted)
+    set_units(source, *wanted)
     summary, doubts = _summary(source)  # refuses what no solve would read
-    with writing(arguments.output):
-        _write(arguments.output, source, {**origin, "source": file.name, "sha256": digest(file)})
-    streams.say(f"{arguments.output}: {summary}")
+    with report_write_errors(arguments.output):
+        _write(arguments.output, source, {**origin, "source": file.name, "sha256": hash_file(file)})
+    streams.print_output(f"{arguments.output}: {summary}")
     for note in doubts:
-        streams.complain(f"warning: {note}")
+        streams.print_error(f"warning: {note}")
     return 0
 
 
@@ -111,7 +111,7 @@ def _read(path, arguments):
     try:
         source = open_heights(path, skip, arguments.orient, channel, coordinates=bool(arguments.crop))
     except UnknownFormat as error:
-        if skip or (error.is_text and not instruments_python()):
+        if skip or (error.is_text and not find_instruments_python()):
             raise
         if not error.is_text:
             return _of_instruments(path, *_read_instruments(path, channel), arguments)
@@ -126,7 +126,7 @@ def _read(path, arguments):
 
 
 def _read_instruments(path, channel):
-    python = instruments_python()
+    python = find_instruments_python()
     if python is None:
         raise InputError(
             f"surface file {path}: formats of instruments need SurfaceTopography: run/setup --surfaces installs it in "
@@ -161,7 +161,7 @@ def _of_instruments(path, heights, facts, arguments):
     return source, {name: facts[name] for name in ("format", "channel")}
 
 
-def settle(source, unit, height_unit, spacing):
+def set_units(source, unit, height_unit, spacing):
     """Give heights their unit and spacing, each from the file or from the command line, not from both.
 
     Not collective.
@@ -198,10 +198,10 @@ def _write(output, source, origin):
     import numpy as np
 
     from app import __version__
-    from app.io.files import whole_hdf5
+    from app.io.files import atomic_hdf5
 
     heights = source.rows()
-    with whole_hdf5(output) as file:
+    with atomic_hdf5(output) as file:
         dataset = file.create_dataset("heights", data=heights)
         spacing = np.asarray(source.spacing, float)
         dataset.attrs.update(unit=source.unit, spacing=spacing, spacing_unit=source.lateral)

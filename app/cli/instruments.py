@@ -32,12 +32,12 @@ class Channel(NamedTuple):
     read: object
 
 
-def heights_of(path, wanted):
+def read_heights(path, wanted):
     """Return heights (ny, nx), NaN where missing, and facts, of a channel by name or number; "": the only one."""
     import numpy as np
 
     channels, kind = _archive(path) if path.lower().endswith(".zip") else _channels(path)
-    channel = choose(channels, wanted)
+    channel = choose_channel(channels, wanted)
     topography, sized = channel.read()
     if topography.dim != 2:
         raise ValueError(f"channel {channel.name} is a line, no map of heights")
@@ -97,7 +97,7 @@ def _archive(path):
     return found, reader.format()
 
 
-def choose(channels, wanted):
+def choose_channel(channels, wanted):
     """Return the channel of heights that has a name or a number; "": the only one."""
     maps = [channel for channel in channels if channel.has_heights]
     names = ", ".join(f"{channel.index} {channel.name}" for channel in maps)
@@ -124,7 +124,7 @@ def main(path, output, wanted=""):
 
     warnings.simplefilter("ignore")
     try:
-        heights, facts = heights_of(path, wanted)
+        heights, facts = read_heights(path, wanted)
     except Exception as error:  # whatever a reader meets in a file
         text = " ".join(str(error).split()) or type(error).__name__
         if type(error).__name__ == "CannotDetectFileFormat":  # and what each of forty readers says

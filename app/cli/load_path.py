@@ -10,8 +10,8 @@ from pathlib import Path
 
 from app.base.errors import InputError, call_collectively
 from app.base.quantities import unit_of
-from app.cli.session import note, say, warn
-from app.io.files import check_output_path, digest, remove
+from app.cli.session import note, print_output, warn
+from app.io.files import check_output_path, hash_file, remove
 from app.options.option_table import Option, as_line, flag, series, word
 
 KINDS = ("load", "mean_pressure", "approach", "mean_gap")
@@ -57,7 +57,7 @@ class PathRequest:
         kind : str
             What is prescribed.
         options : OptionReader
-        given : app.cli.option_sources.Given
+        given : app.cli.option_sources.ParsedOptions
             All options, and the files that they are read from.
         inputs : list of str
             Files that the problem is read from.
@@ -138,7 +138,7 @@ def run_path(wanted, solver, stiffness, save):
     rows, notes = solver.comm.bcast((book.rows, book.notes))
     path.go_on_after(rows)
     if rows:
-        say(f"{len(rows)} of {len(path)} steps are done already")
+        print_output(f"{len(rows)} of {len(path)} steps are done already")
     notes = notes[: len(path) - 1]  # the last step is solved in any case
     unseen = True if solver.comm.rank else None  # None: where nobody looks
     with book.kept(len(path)):
@@ -163,7 +163,7 @@ def _of_all_steps(notes):
         kinds = [_PLURAL.sub(r"\1", _NUMBER.sub("#", line)) for line in lines]
         for k, line in enumerate(lines):  # two of a kind, of two surfaces, say, stay two
             told.setdefault((kinds[k], kinds[:k].count(kinds[k])), []).append((step, line))
-    return [f"{which([step for step, _ in at], len(notes))}: {_ranged(at)}" for at in told.values()]
+    return [f"{format_steps([step for step, _ in at], len(notes))}: {_ranged(at)}" for at in told.values()]
 
 
 def _ranged(at):
@@ -243,7 +243,7 @@ def _identity(wanted, solver):
     """Digest of all that the table depends on."""
     from app import __version__
 
-    files = [digest(name) for name in wanted.inputs if Path(name).is_file()]
+    files = [hash_file(name) for name in wanted.inputs if Path(name).is_file()]
     parts = (wanted.rows_depend_on, *files, wanted.kind, *wanted.numbers, solver.comm.size, __version__)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
@@ -254,18 +254,18 @@ def _show(row, bar, kind):
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in shown.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
     if bar.disable:
-        say(f"step {row['step']} of {bar.total}: {numbers}{failed}")
+        print_output(f"step {row['step']} of {bar.total}: {numbers}{failed}")
     else:
         bar.set_postfix_str(f"{numbers}{failed}", refresh=False)
         bar.update(row["step"] - bar.n)
 
 
-def which(steps, count):
+def format_steps(steps, count):
     """Some of `count` steps, as text. Not collective.
 
     Examples
     --------
-    >>> which([1, 2, 3, 7], 8), which([4], 8), which([1, 2], 2), which([1], 1)
+    >>> format_steps([1, 2, 3, 7], 8), format_steps([4], 8), format_steps([1, 2], 2), format_steps([1], 1)
     ('steps 1 to 3, 7', 'step 4', 'all steps', 'step 1')
     """
     if len(steps) == count > 1:

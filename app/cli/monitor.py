@@ -8,7 +8,7 @@ import sys
 from app.contact.history import Listener
 
 
-def listeners():
+def make_listeners():
     """Return a bar for rank 0, which takes part in all grids, if it has a terminal. Not collective."""
     from app.base.mpi import MPI
 

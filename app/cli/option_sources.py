@@ -46,7 +46,7 @@ _NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 @dataclass(frozen=True)
-class Place:
+class OptionSource:
     """A place that sets options: what it is called in messages, their names without dash in lower case, and texts.
 
     A command line with option files on it is several places, around the files.
@@ -63,7 +63,7 @@ class Place:
 
 
 @dataclass
-class Given:
+class ParsedOptions:
     """All that the user has set.
 
     Attributes
@@ -71,13 +71,13 @@ class Given:
     texts : dict of str to str
         Name, without dash and in lower case -> text of the last place that sets it; without those that are PETSc's own
         affair.
-    places : list of Place
+    places : list of OptionSource
         In order.
     files : list of str
         Option files that were read.
-    of_petsc : dict of str to str
+    petsc_options : dict of str to str
         Options of PETSc that belong to no solver, ``-log_view`` for one.
-    for_database : dict of str to str
+    database_options : dict of str to str
         What PETSc's database must have of these, and of the command line.
     warnings : list of str
     """
@@ -85,11 +85,11 @@ class Given:
     texts: dict
     places: list = field(default_factory=list)
     files: list = field(default_factory=list)
-    of_petsc: dict = field(default_factory=dict)
-    for_database: dict = field(default_factory=dict)
+    petsc_options: dict = field(default_factory=dict)
+    database_options: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
 
-    def last_of(self, alternatives, needed=""):
+    def select_alternative(self, alternatives, needed=""):
         """Which of some options excluding each other holds: that of the command line, else of the last place with any.
 
         Not collective. The others are removed from `texts`.
@@ -137,7 +137,7 @@ class Given:
                     self.texts.pop(name, None)
         return found[0]
 
-    def files_and_words(self, wanted):
+    def split_by_source(self, wanted):
         """Options by where they come from.
 
         Parameters
@@ -167,7 +167,7 @@ class Given:
         return self.texts.keys() - set().union(*(place.names for place in first)).difference(*later)
 
 
-def words_for_petsc(argv):
+def startup_args(argv):
     """Words of the command line that PETSc starts with: all but option files and the help. Not collective.
 
     Raises
@@ -185,7 +185,7 @@ def words_for_petsc(argv):
     return chosen
 
 
-def read(argv):
+def parse_options(argv):
     """Read all places.
 
     Not collective; PETSc must have been started.
@@ -197,7 +197,7 @@ def read(argv):
 
     Returns
     -------
-    Given
+    ParsedOptions
 
     Raises
     ------
@@ -210,26 +210,30 @@ def read(argv):
 
     pairs, database = _pairs(argv[1:]), global_options("")
     words = {name for name, _ in pairs}
-    started_with = Place(STARTED_WITH, {name: text for name, text in database.items() if name not in words})
+    started_with = OptionSource(
+        STARTED_WITH, {name: text for name, text in database.items() if name not in words}
+    )
     reader = _Reader()
     reader.places.append(started_with)
     for name, text in pairs:
         reader.take(name, text)
     texts = {name: text for place in reader.places for name, text in place.texts.items()}
-    of_petsc = {name: text for name, text in texts.items() if name in _READ_AT_END or is_used(name)}
+    petsc_options = {name: text for name, text in texts.items() if name in _READ_AT_END or is_used(name)}
     _check_traps(texts)
     try:
-        _check_end(of_petsc)
+        _check_end(petsc_options)
     except InputError:
-        for name in of_petsc:  # or PETSc would complain, too, when it ends
+        for name in petsc_options:  # or PETSc would complain, too, when it ends
             PETSc.Options().delValue(name)
         raise
-    return Given(
-        texts={name: text for name, text in texts.items() if name not in of_petsc},
+    return ParsedOptions(
+        texts={name: text for name, text in texts.items() if name not in petsc_options},
         places=reader.places,
         files=reader.files,
-        of_petsc=of_petsc,
-        for_database={name: text for name, text in texts.items() if name in of_petsc or name in words},
+        petsc_options=petsc_options,
+        database_options={
+            name: text for name, text in texts.items() if name in petsc_options or name in words
+        },
         warnings=list(_overridden(reader.places)),
     )
 
@@ -248,7 +252,7 @@ class _Reader:
             self._file(f"-{name}", option_file(text), ())
             return
         if self.places[-1].description != COMMAND_LINE:
-            self.places.append(Place(COMMAND_LINE, {}))
+            self.places.append(OptionSource(COMMAND_LINE, {}))
         self.places[-1].texts[name] = text or ""
 
     def _file(self, flag, path, inside):
@@ -285,7 +289,7 @@ class _Reader:
         mentioned = {name for name, _ in found}
         texts = read_option_file(path, _OPTION_FILES[yaml])
         own = {name: text for name, text in texts.items() if yaml or name not in of_included - mentioned}
-        self.places.append(Place(f"in {path}", own, path))
+        self.places.append(OptionSource(f"in {path}", own, path))
 
 
 def _content(path, inside):
@@ -360,14 +364,14 @@ def _check_traps(texts):
         raise InputError("-fp_trap: not available; holes of a body are NaN, with which numpy computes")
 
 
-def _check_end(of_petsc):
+def _check_end(petsc_options):
     """Refuse what PETSc would only fail at when all is done."""
-    for one in re.split(",(?=:)", of_petsc.get("log_view", "")):
+    for one in re.split(",(?=:)", petsc_options.get("log_view", "")):
         check_viewer("log_view", one)
-    for name in of_petsc.keys() & set(_FILES):
-        check_place(name, of_petsc[name], of_petsc[name])
-    for name in of_petsc.keys() & set(_YES_OR_NO):
-        OptionReader([Option(name, flag, False, "")], of_petsc)[name]
+    for name in petsc_options.keys() & set(_FILES):
+        check_place(name, petsc_options[name], petsc_options[name])
+    for name in petsc_options.keys() & set(_YES_OR_NO):
+        OptionReader([Option(name, flag, False, "")], petsc_options)[name]
 
 
 def _pairs(words):

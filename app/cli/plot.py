@@ -17,8 +17,8 @@ from pathlib import Path
 from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
-from app.cli.arguments import Parser, argument, check_folder, command, writing
-from app.io.result import holds_heights, read_result
+from app.cli.arguments import Parser, argument_type, check_folder, command, report_write_errors
+from app.io.result import has_heights, read_result
 from app.options.option_table import integer, pair_of_reals
 from app.plots import curves, figures, heights, load_curves, style, sweeps
 from app.reference.hertz import EllipticHertz
@@ -54,8 +54,8 @@ def analytic_reference(result):
 
 
 def _path_figure(result, _):
-    path = load_curves.path_of(result)
-    return path and load_curves.path_figure([path], figures.title(result, path=True))
+    path = load_curves.get_path(result)
+    return path and load_curves.path_figure([path], figures.make_title(result, path=True))
 
 
 # Name -> figure of a result and its `analytic_reference`; None if there is nothing to draw.
@@ -80,7 +80,7 @@ def pictures_of(result, names):
             yield name, figure
 
 
-def save(pictures, folder, kind="png", dpi=200):
+def save_pictures(pictures, folder, kind="png", dpi=200):
     """Write pictures, pairs of name and figure, to a folder, and return their paths."""
     return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures]
 
@@ -92,12 +92,12 @@ def _save(figure, path, dpi):
 
 
 def _surface(file, arguments):
-    from app.cli.convert import settle  # these load numba, which results do without
+    from app.cli.convert import set_units  # these load numba, which results do without
     from app.problems.surfaces.height_file import open_heights
     from app.problems.surfaces.reading import surface_of
 
     source = open_heights(file)
-    settle(source, arguments.unit, None, arguments.spacing)
+    set_units(source, arguments.unit, None, arguments.spacing)
     return surface_of(source, level="plane")
 
 
@@ -108,7 +108,7 @@ def _is_surface(data):
 def _read(file, arguments):
     """Result, columns of a table, or surface levelled by its best plane."""
     suffix = file.suffix.lower()
-    if arguments.unit or suffix in _MAPS or (suffix != ".csv" and holds_heights(file)):
+    if arguments.unit or suffix in _MAPS or (suffix != ".csv" and has_heights(file)):
         return _surface(file, arguments)
     if arguments.spacing:
         raise InputError(f"--spacing: of measured surfaces; {file} is none, or its --unit is missing")
@@ -135,19 +135,23 @@ def _pictures(file, data, arguments):
             raise InputError(f"table {file}: nothing to draw: no option varies, or nothing measured does")
         yield "sweep" if sweep else "path", figure
     else:
-        yield "path", load_curves.path_figure([load_curves.path_of_csv(data)], file.stem)
+        yield "path", load_curves.path_figure([load_curves.get_csv_path(data)], file.stem)
 
 
 def _path(data, name):
     """Path of what was read, None if it has none."""
     if isinstance(data, dict):
-        return None if "exit_status" in data else load_curves.path_of_csv(data, name)
-    return None if _is_surface(data) else load_curves.path_of(data, name)
+        return None if "exit_status" in data else load_curves.get_csv_path(data, name)
+    return None if _is_surface(data) else load_curves.get_path(data, name)
 
 
 def _arguments(argv):
     parser = Parser(prog="python -m app.plot", description="Draw pictures of result files, tables, surfaces.")
-    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "of a surface whose file does not say"
+    add, a_unit, elsewhere = (
+        parser.add_argument,
+        argument_type(units.unit),
+        "of a surface whose file does not say",
+    )
     files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
     against = (
         "column of a table to draw against; default: the option with the most values, of a path the load"
@@ -164,9 +168,9 @@ def _arguments(argv):
     add("--x", metavar="NAME", help=against)
     add("--y", action="append", default=[], metavar="NAME", help=column)
     add("--unit", type=a_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
-    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
-    add("--dpi", type=argument(_dots), default=200, help=dots)
+    add("--dpi", type=argument_type(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
     first = arguments.files[0]
     arguments.output = arguments.output or (
@@ -204,7 +208,7 @@ def _draw_all(arguments):
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file, arguments)
         folder = arguments.output / name if several else arguments.output
-        drawn += save(_pictures(file, data, arguments), folder, kind, dpi)
+        drawn += save_pictures(_pictures(file, data, arguments), folder, kind, dpi)
         path = _path(data, name)
         along += [path] if path else []
     if len(along) > 1:
@@ -216,7 +220,7 @@ def _draw_all(arguments):
 def main(argv):
     """Run the command and return its exit status."""
     arguments = _arguments(argv)
-    with writing(arguments.output):
+    with report_write_errors(arguments.output):
         drawn = _draw_all(arguments)
-    streams.say("\n".join(map(str, drawn)))
+    streams.print_output("\n".join(map(str, drawn)))
     return 0

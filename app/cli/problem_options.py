@@ -49,7 +49,7 @@ class Request:
 
     Parameters
     ----------
-    given : app.cli.option_sources.Given
+    given : app.cli.option_sources.ParsedOptions
     comm : mpi4py.MPI.Comm
 
     Attributes
@@ -76,15 +76,15 @@ class Request:
     """
 
     def __init__(self, given, comm):
-        from app.io.files import check_output_path, check_shared, fingerprint
+        from app.io.files import check_output_path, check_shared_folder, hash_samples
 
-        options, inputs = settle(given), input_files(given.texts)
+        options, inputs = resolve_alternatives(given), list_input_files(given.texts)
         self.output = call_collectively(comm, options.__getitem__, "output")
         if self.output:
             call_collectively(comm, check_output_path, self.output, [*given.files, *inputs])
-            check_shared(comm, self.output)
+            check_shared_folder(comm, self.output)
         call_collectively(comm, options.__getitem__, "problem")
-        kind, number = loading(given, options)  # before the patch that may follow from it
+        kind, number = read_loading(given, options)  # before the patch that may follow from it
         self.problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
         inputs += [
             file for name in sorted(own.asked & given.texts.keys()) for file in named_files(given.texts[name])
@@ -93,7 +93,7 @@ class Request:
             # With those of the problem's own options.
             call_collectively(comm, check_output_path, self.output, inputs)
         for file in inputs:
-            check_equal_on_ranks(comm, call_collectively(comm, fingerprint, file), f"input {file}")
+            check_equal_on_ranks(comm, call_collectively(comm, hash_samples, file), f"input {file}")
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}
@@ -110,7 +110,7 @@ class Request:
             )
             raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in idle))}: {what}")
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
-        self.method, self.options = given.files_and_words(given.texts.keys() - taken)
+        self.method, self.options = given.split_by_source(given.texts.keys() - taken)
         _refuse_method(self.options)
         known, unknown = _unknown(given.typed(), own.names)
         if meant := [name for name in unknown if nearest(name, known)]:
@@ -128,7 +128,7 @@ def _refuse_method(texts):
 
 
 @contextmanager
-def suggesting(given):
+def suggest_names(given):
     """Whatever is refused meanwhile, name options that nobody knows but that are nearly called like others.
 
     Not collective. What they were meant to say is missing then, and would be complained of alone.
@@ -153,7 +153,7 @@ def _unknown(names, own=()):
     return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
 
 
-def settle(given):
+def resolve_alternatives(given):
     """Of options that exclude each other keep the ones of the last place that gives any. Not collective.
 
     Returns
@@ -167,16 +167,16 @@ def settle(given):
         If more than one are given there.
     """
     for alternatives in (LOADING, *ALTERNATIVES):
-        given.last_of(alternatives)
+        given.select_alternative(alternatives)
     return OptionReader(PROBLEM_OPTIONS, given.texts)
 
 
-def loading(given, options):
+def read_loading(given, options):
     """What is prescribed: ``("approach", mm)``, ``("load", N)``, ...; of a path all numbers. Not collective.
 
     Parameters
     ----------
-    given : app.cli.option_sources.Given
+    given : app.cli.option_sources.ParsedOptions
     options : OptionReader
         What `settle` has returned.
 
@@ -185,16 +185,18 @@ def loading(given, options):
     InputError
         If none is given, or is not allowed.
     """
-    kind = given.last_of(LOADING, "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]")
+    kind = given.select_alternative(
+        LOADING, "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
+    )
     return kind, options[kind]
 
 
-def input_files(texts):
+def list_input_files(texts):
     """Names of the files that the problem is read from; a result must not take their place. Not collective."""
     return [file for name in FILES if name in texts for file in named_files(texts[name])]
 
 
-def help_text():
+def format_help():
     """All options of the command, for ``-help``. Not collective."""
     files = {f"{name}.opts": read_method_file(name) for name in (DEFAULT, PERIODIC)}
     lines = [

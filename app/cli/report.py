@@ -22,7 +22,7 @@ from app.base.errors import InputError
 from app.base.quantities import QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, round_to_cell
 from app.cli import streams, subsurface
-from app.cli.arguments import Parser, command, writing
+from app.cli.arguments import Parser, command, report_write_errors
 from app.cli.plot import PICTURES, pictures_of
 from app.io.files import check_output_path, write_text
 from app.io.result import read_result
@@ -180,7 +180,7 @@ def request_section(result):
     facts |= {
         name: plain(value)
         if isinstance(value, str)
-        else f"{plain(value)} {sweeps.unit_of(name) or ''}".rstrip()
+        else f"{plain(value)} {sweeps.find_unit(name) or ''}".rstrip()
         for name, value in values.items()
         if name.startswith(_ASKED) and not (isinstance(value, str) and not value)
     }
@@ -220,7 +220,7 @@ def path_section(result, pictures):
 
 def stress_section(result, poisson_ratio=None, body=None):
     """Largest stresses below the surface, or why they are not known; other arguments as of `app.subsurface.stress`."""
-    if poisson_ratio is None and subsurface.known_poisson_ratio(result.attributes, body) is None:
+    if poisson_ratio is None and subsurface.find_poisson_ratio(result.attributes, body) is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
     if not np.isfinite(result.pressure).all():
@@ -230,7 +230,7 @@ def stress_section(result, poisson_ratio=None, body=None):
     found = subsurface.survey(below, along="x")
     texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
-    picture = _png(subsurface.picture(result, found))
+    picture = _png(subsurface.draw(result, found))
     return Section("stress", "Below the surface", texts, pictures={"stress": picture})
 
 
@@ -284,7 +284,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     )  # fmt: skip
     environment.filters |= {"base64": lambda data: base64.b64encode(data).decode(), "typeset": typeset}
     return environment.get_template("result.html").render(
-        title=figures.title(result, path=bool(result.path)),
+        title=figures.make_title(result, path=bool(result.path)),
         converged=values["converged"],
         state=state,
         sections=sections,
@@ -306,7 +306,7 @@ def main(argv):
     check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
     result = read_result(arguments.result)
     text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
-    with writing(output):
+    with report_write_errors(output):
         write_text(output, text)
-    streams.say(str(output))
+    streams.print_output(str(output))
     return 0

@@ -41,7 +41,7 @@ def start(argv):
 
     Returns
     -------
-    app.cli.option_sources.Given
+    app.cli.option_sources.ParsedOptions
 
     Raises
     ------
@@ -60,7 +60,7 @@ def start(argv):
     mpi_abort.shutdown_comm(comm)
     call_collectively(comm, _refuse, folder_is_gone)
     _check_programs(comm)
-    words = call_collectively(comm, option_sources.words_for_petsc, argv, only_root=True)
+    words = call_collectively(comm, option_sources.startup_args, argv, only_root=True)
     import petsc4py
 
     handlers = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGQUIT)}
@@ -79,14 +79,14 @@ def start(argv):
             raise InputError(f"PETSc does not start: {said()}") from None
     for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
         signal.signal(number, handler)
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.print_output`
     call_collectively(comm, check_address_space)
     if not PETSc.Options().hasName("options_left"):  # a debug build would list those of a refused command
         PETSc.Options().setValue("options_left", "no")
-    given = call_collectively(comm, option_sources.read, argv, only_root=True)
-    for name, text in given.for_database.items():
+    given = call_collectively(comm, option_sources.parse_options, argv, only_root=True)
+    for name, text in given.database_options.items():
         PETSc.Options().setValue(name, text or None)
-    if "log_view" in given.of_petsc and not PETSc.Log.isActive():
+    if "log_view" in given.petsc_options and not PETSc.Log.isActive():
         PETSc.Log.begin()
     for line in given.warnings:
         warn(line)
@@ -147,22 +147,22 @@ def _errors_of_petsc():
             os.close(before)
 
 
-def say(text):
+def print_output(text):
     """Print on standard output, as long as somebody reads it. Not collective: only rank 0 prints."""
     if _rank() == 0:
-        streams.say(text)
+        streams.print_output(text)
 
 
 def warn(message):
     """Print a warning. Not collective: only rank 0 prints."""
     if _rank() == 0:
-        streams.complain(f"warning: {message}")
+        streams.print_error(f"warning: {message}")
 
 
 def note(message):
     """Print a note on standard error. Not collective: only rank 0 prints."""
     if _rank() == 0:
-        streams.complain(f"note: {message}")
+        streams.print_error(f"note: {message}")
 
 
 def peak_memory():
@@ -186,26 +186,26 @@ def run(main, argv=None):
     Parameters
     ----------
     main : callable
-        Takes the options, `app.cli.option_sources.Given`; returns the exit status (None for 0).
+        Takes the options, `app.cli.option_sources.ParsedOptions`; returns the exit status (None for 0).
     argv : list of str, optional
         Default: ``sys.argv``.
     """
-    streams.repair()
+    streams.reopen_closed()
     if find_spec("mpi4py") is None:  # no rank knows of the others; mpiexec ends them
         where = f"host {socket.gethostname()}: {sys.executable} has no mpi4py"
-        streams.complain(
+        streams.print_error(
             f"error: {where}; . run/env brings the right Python, and run/mpi brings it to all hosts"
         )
         sys.exit(2)
     if "--version" in (argv or sys.argv)[1:]:
-        streams.say(__version__)
+        streams.print_output(__version__)
         sys.exit(0)
     status, complaint, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
         given = start(argv)
         status = main(given) or 0
-        write_logs(given.of_petsc)
+        write_logs(given.petsc_options)
     except InputError as error:
         status, complaint = 2, format_message(error)
     except MemoryError as error:
@@ -213,7 +213,7 @@ def run(main, argv=None):
     except KeyboardInterrupt:
         from app.parallel import mpi_abort
 
-        streams.complain("interrupted")
+        streams.print_error("interrupted")
         mpi_abort.abort_all(status := 130)
     except BaseException as error:
         status, complaint, trace = 1, format_error(error), traceback.format_exc().rstrip()
@@ -225,15 +225,15 @@ def run(main, argv=None):
     sys.exit(status)
 
 
-def write_logs(of_petsc):
+def write_logs(petsc_options):
     """End PETSc and write its logs, if it is to write some into files. Collective over all ranks.
 
     PETSc does not notice a full disk, so it writes into memory here.
 
     Parameters
     ----------
-    of_petsc : dict of str to str
-        See `app.cli.option_sources.Given`.
+    petsc_options : dict of str to str
+        See `app.cli.option_sources.ParsedOptions`.
 
     Raises
     ------
@@ -241,7 +241,9 @@ def write_logs(of_petsc):
         If a file cannot be written.
     """
     logs = {"log_view": r"(?:ascii)?:([^:,]+)(?::\w*:?(append)?)?", "citations": "(.+)()"}
-    logs = {name: pattern for name, pattern in logs.items() if re.search(pattern, of_petsc.get(name, ""))}
+    logs = {
+        name: pattern for name, pattern in logs.items() if re.search(pattern, petsc_options.get(name, ""))
+    }
     if not logs or not hasattr(os, "memfd_create"):
         return
     from mpi4py import MPI
@@ -267,7 +269,7 @@ def write_logs(of_petsc):
                 raise InputError(f"{name}: cannot be written: {error.strerror}") from None
 
     for name, pattern in logs.items():
-        text = re.sub(pattern, in_memory, of_petsc[name]) if comm.rank == 0 else ""
+        text = re.sub(pattern, in_memory, petsc_options[name]) if comm.rank == 0 else ""
         PETSc.Options().setValue(name, comm.bcast(text))
     PETSc._finalize()
     call_collectively(comm, write, only_root=True)
@@ -294,9 +296,9 @@ def _end(status, complaint, trace):
     told = comm.allgather((not trace, complaint)) if together else [(not trace, complaint)]
     if not together or told.index(min(told)) == comm.rank:
         if trace:
-            streams.complain(trace)
+            streams.print_error(trace)
         where = f"rank {comm.rank}: " if len(set(told)) > 1 or not together else ""
-        streams.complain(f"error: {where}{complaint}")
+        streams.print_error(f"error: {where}{complaint}")
     if comm.size == 1:
         return
     if not together:

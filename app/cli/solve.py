@@ -26,15 +26,15 @@ def main(given):
     from app.base.mpi import MPI
     from app.cli import monitor
     from app.cli.load_path import run_path
-    from app.cli.problem_options import Request, help_text, suggesting
-    from app.cli.summary import along, grids, summary
+    from app.cli.problem_options import Request, format_help, suggest_names
+    from app.cli.summary import load_path_summary, refinement_table, summary
     from app.contact.history import Monitor
     from app.options.option_table import as_line
 
-    Monitor.say = staticmethod(session.say)
+    Monitor.say = staticmethod(session.print_output)
     numba_cache.on_first_compile = lambda: session.note("compiling loops, once; this may take half a minute")
-    if "help" in given.of_petsc:
-        session.say(help_text())
+    if "help" in given.petsc_options:
+        session.print_output(format_help())
         if "problem" not in given.texts:
             return 0
     if not given.texts:
@@ -43,9 +43,9 @@ def main(given):
         )
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
-    with PETSc.Log.Stage("Setup"), suggesting(given):
+    with PETSc.Log.Stage("Setup"), suggest_names(given):
         request, solver = Request(given, MPI.COMM_WORLD), None
-        listeners = [] if request.path else monitor.listeners()  # a path has a bar, or lines, of its own
+        listeners = [] if request.path else monitor.make_listeners()  # a path has a bar, or lines, of its own
         if not request.refine_until:
             solver = ContactSolver(
                 request.problem, request.method, request.options, prefix="", listeners=listeners
@@ -70,7 +70,7 @@ def main(given):
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
             facts |= refined.errors._asdict()
             facts |= {f"refinement_{name}": [row[name] for row in refined.rows] for name in refined.rows[0]}
-            said = grids(refined, request.refine_until)
+            said = refinement_table(refined, request.refine_until)
         elif request.path:
             with solver:
                 path, solution, done = run_path(request.path, solver, request.stiffness, save)
@@ -80,7 +80,7 @@ def main(given):
                 "path_operator_applications": path.operator_applications,
                 "path_seconds": path.solve_seconds,
             }
-            said = along(path, request.path)
+            said = load_path_summary(path, request.path)
         else:
             with solver:
                 solution = solver.solve(**request.loading)
@@ -94,8 +94,8 @@ def main(given):
         if request.output:
             save(solution, request.output, steps)
     if said:
-        session.say(said)
-    session.say(summary(solution.attributes | facts, solution.grid, request.output))
+        session.print_output(said)
+    session.print_output(summary(solution.attributes | facts, solution.grid, request.output))
     for line in notes:
         session.warn(line)
     return status if solution.converged else 3

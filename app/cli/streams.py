@@ -10,7 +10,7 @@ import sys
 _ALSO = re.compile(r"\b\w{1,60}=\S{0,80} \((-[^()]*)\)")
 
 
-def repair():
+def reopen_closed():
     """Open what of the three is closed; to be called first: the next file opened would take its place. Not collective.
 
     A result file in the place of standard error would receive the messages of every library.
@@ -24,7 +24,7 @@ def repair():
             setattr(sys, name, open(number, mode, closefd=False))  # noqa: SIM115
 
 
-def say(text):
+def print_output(text):
     """Print on standard output as long as that can be done; no reason to fail. Not collective."""
     try:
         print(text, flush=True)
@@ -32,10 +32,10 @@ def say(text):
         # What is computed is still wanted. `| head` has had enough; a full disk is worth a word.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
-            complain(f"warning: standard output: {error.strerror}")
+            print_error(f"warning: standard output: {error.strerror}")
 
 
-def complain(line):
+def print_error(line):
     """Print a line on standard error, if there is anybody to read it, options by their own names. Not collective.
 
     Messages are of what Python calls, too: ``level='plane' (-surface_level plane)``, of which the option is printed.

@@ -17,9 +17,9 @@ import numpy as np
 from app.base.errors import InputError
 from app.base.units import choose_length_unit
 from app.cli import streams
-from app.cli.arguments import Parser, argument, check_folder, command, count, writing
+from app.cli.arguments import Parser, argument_type, check_folder, command, count, report_write_errors
 from app.halfspace.stress.subsurface import COMPONENTS, StressMaximum, SubsurfaceStress, max_shear, von_mises
-from app.io.files import check_output_path, whole_hdf5
+from app.io.files import atomic_hdf5, check_output_path
 from app.io.result import read_result
 from app.options.option_table import half, integer, pair_of_reals, real
 from app.plots import curves, figures, style
@@ -74,7 +74,7 @@ def stress(solution, poisson_ratio=None, body=None):
         )
     grid, facts = solution.grid, solution.attributes
     if poisson_ratio is None:
-        poisson_ratio = known_poisson_ratio(facts, body)
+        poisson_ratio = find_poisson_ratio(facts, body)
     elif body is not None:
         raise InputError("body: has no effect with a Poisson ratio")
     if poisson_ratio is None:
@@ -87,7 +87,7 @@ def stress(solution, poisson_ratio=None, body=None):
     return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
 
 
-def known_poisson_ratio(facts, body=None):
+def find_poisson_ratio(facts, body=None):
     """Poisson's ratio of a body as the attributes of a result tell it, None if they do not."""
     if body not in (None, 1, 2):
         raise InputError(f"body {body!r}: allowed: 1, 2")
@@ -148,16 +148,16 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
     )
 
 
-def picture(result, found, along="x"):
+def draw(result, found, along="x"):
     """Figure of a survey. Not collective."""
     section = found.section_x if along == "x" else found.section_y
-    heading = f"{figures.title(result)}, ν = {found.poisson_ratio:.3g}"
+    heading = f"{figures.make_title(result)}, ν = {found.poisson_ratio:.3g}"
     return curves.stress_figure(along, result.grid, found.depths, section, found.line, found.at, heading)
 
 
 def write(path, result, found, planes):
     """HDF5 file of a survey and of some planes (depth -> stress); whole or not at all. Not collective."""
-    with whole_hdf5(path) as file:
+    with atomic_hdf5(path) as file:
         at = found.at
         for name, values in (("x", result.x), ("y", result.y), ("depth", found.depths)):
             file[name] = values
@@ -188,8 +188,13 @@ def write(path, result, found, planes):
 
 def add_body(add):
     """Arguments that say below the surface of which body to look: ``add`` is that of the command's parser."""
-    add("--poisson", type=argument(half), metavar="NU", help="of the body, 0 to 0.5; default: the result's")
-    add("--body", type=argument(_body), metavar="K", help="1 or 2, where the result knows both bodies")
+    add(
+        "--poisson",
+        type=argument_type(half),
+        metavar="NU",
+        help="of the body, 0 to 0.5; default: the result's",
+    )
+    add("--body", type=argument_type(_body), metavar="K", help="1 or 2, where the result knows both bodies")
 
 
 def _arguments(argv):
@@ -200,11 +205,11 @@ def _arguments(argv):
     add("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     add("-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture")
     add_body(add)
-    add("--at", type=argument(_point), metavar="X,Y", help=through)
+    add("--at", type=argument_type(_point), metavar="X,Y", help=through)
     add("--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x")
     add("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
-    add("--deepest", type=argument(_depth), metavar="Z", help=deepest)
-    add("--planes", type=argument(_depths), default=(), metavar="Z1,Z2", help=planes)
+    add("--deepest", type=argument_type(_depth), metavar="Z", help=deepest)
+    add("--planes", type=argument_type(_depths), default=(), metavar="Z1,Z2", help=planes)
     add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     arguments = parser.parse_args(argv)
     if arguments.output is not None:
@@ -250,7 +255,7 @@ def main(argv):
     result = read_result(arguments.result)
     below = stress(result, arguments.poisson, arguments.body)
     if arguments.output is None:
-        streams.say("\n".join(summary(*below.maxima(), result, below.nu)))
+        streams.print_output("\n".join(summary(*below.maxima(), result, below.nu)))
         return 0
     names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
     if arguments.output.exists():
@@ -258,10 +263,12 @@ def main(argv):
             check_output_path(name, [arguments.result], "-o", (name.suffix,))
     found = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
-    figure = picture(result, found, arguments.section)
-    with writing(arguments.output):
+    figure = draw(result, found, arguments.section)
+    with report_write_errors(arguments.output):
         arguments.output.mkdir(exist_ok=True)
         write(names[0], result, found, planes)
         style.save_figure(figure, names[1])
-    streams.say("\n".join([*summary(found.hottest, found.sheared, result, below.nu), *map(str, names)]))
+    streams.print_output(
+        "\n".join([*summary(found.hottest, found.sheared, result, below.nu), *map(str, names)])
+    )
     return 0

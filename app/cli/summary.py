@@ -6,8 +6,8 @@ from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
 from app.base.quantities import label_of
 from app.base.units import round_to_cell
-from app.cli.load_path import which
-from app.io.table import text
+from app.cli.load_path import format_steps
+from app.io.table import format_text
 
 _ROUNDING = 1e-9  # relative error that is none, as of an approach that a mean gap prescribes
 _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
@@ -153,10 +153,10 @@ def _error(value):
     return f"{100 * value:.2g}%" if value < 1 else "does not converge"
 
 
-def along(path, wanted):
+def load_path_summary(path, wanted):
     """Text on a load path: what is where, and what it cost. Not collective."""
     failed = [row["step"] for row in path.rows if not row["converged"]]
-    state = f"{which(failed, len(path))} NOT CONVERGED" if failed else "all solved"
+    state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
     table = f"; table in {wanted.csv}" if wanted.csv else ""
     return (
         f"path of {_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "
@@ -164,11 +164,13 @@ def along(path, wanted):
     )
 
 
-def grids(refined, until):
+def refinement_table(refined, until):
     """Table of the grids of a refinement, and whether the last is fine enough. Not collective."""
     formats = {name: ".1e" for name in refined.rows[0] if name.endswith("_error")}
     end = "is below" if refined.reached else "is NOT below"
-    return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {format_exact(until)}"
+    return (
+        f"{format_text(refined.rows, formats=formats)}the largest of the errors {end} {format_exact(until)}"
+    )
 
 
 def _words(name):

@@ -32,8 +32,8 @@ from pathlib import Path
 from app.cli import streams
 from app.cli.arguments import Parser, check_ranks, command, count, positive
 from app.io.files import check_output_path
-from app.io.table import text, write_table
-from app.parameter_study.batch import rows_of, run_all
+from app.io.table import format_text, write_table
+from app.parameter_study.batch import make_rows, run_all
 from app.parameter_study.journal import Journal
 from app.parameter_study.sweep_file import read_sweep
 
@@ -76,21 +76,23 @@ def main(argv):
         )  # fmt: skip
     finally:
         journal.close()
-    rows = rows_of(runs, outcomes)
+    rows = make_rows(runs, outcomes)
     varied = dict.fromkeys(name for run in runs for name in run.labels)
     columns = [name for name in rows[0] if name != "result" or arguments.keep] if rows else list(varied)
     if rows or not output.exists():  # interrupted before the first: a table of before stays, like the journal
         write_table(output, rows, columns)
     known = ("step", *_SHOWN) if any("step" in row for row in rows) else _SHOWN
     shown = dict.fromkeys([*varied, "exit_status", *known])  # a varied load has its column
-    streams.say(text(rows, list(shown), {name: ".4g" for name in _SHOWN}).rstrip("\n"))
+    streams.print_output(format_text(rows, list(shown), {name: ".4g" for name in _SHOWN}).rstrip("\n"))
     rows = [row for row in rows if row.get("step") in (None, 1)]  # of each run one
     for line in _messages(rows, varied):
-        streams.say(line)
+        streams.print_output(line)
     statuses = [row["exit_status"] for row in rows]
     solved = statuses.count(0)
     going_on = "; interrupted: --resume goes on after them" if interrupted and rows else ""
-    streams.say(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}")
+    streams.print_output(
+        f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}"
+    )
     if interrupted:
         return 130
     if solved == len(rows):

@@ -23,5 +23,5 @@ def main(argv):
         "-o", "--output", type=Path, metavar="F.xdmf", help="default: beside the first result"
     )
     arguments = parser.parse_args(argv)
-    streams.say(str(write_xdmf(arguments.results, arguments.output)))
+    streams.print_output(str(write_xdmf(arguments.results, arguments.output)))
     return 0

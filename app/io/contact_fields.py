@@ -11,7 +11,7 @@ from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.options.option_table import nearest
 
 # What a Solution calls some attributes of the file.
-OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
+ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
 _ROUNDING = 1e-9  # on average over cells all around a period
 
 
@@ -60,14 +60,14 @@ class ContactFields:
         """An attribute of the file, by the name that it has there, or in a `Solution`."""
         # There are none yet while it is unpickled.
         known = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
-        if (there := OF_SOLUTION.get(name, name)) in known:
+        if (there := ATTRIBUTE_NAMES.get(name, name)) in known:
             return known[there]
         meant = nearest(name, [there for there in dir(self) if there[0] != "_"] if known else ())
         hint = f"did you mean {meant}?" if meant else "what it has: .attributes"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
-        return {*super().__dir__(), *self.attributes, *OF_SOLUTION}
+        return {*super().__dir__(), *self.attributes, *ATTRIBUTE_NAMES}
 
     def patches(self):
         """The patches of contact one by one: which cells, how large, under what load, where. Collective.

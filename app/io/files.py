@@ -70,7 +70,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
         if _same_file(target, other):
             raise InputError(f"{what} {path}: is the input {other}; choose another name")
     try:
-        temporary = temporary_name(target)
+        temporary = make_temporary_name(target)
         temporary.touch(exist_ok=False)
         temporary.unlink()
     except OSError as error:
@@ -78,7 +78,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     return target
 
 
-def check_shared(comm, path):
+def check_shared_folder(comm, path):
     """Refuse a result file to be in a folder that ranks on other hosts do not have. Collective.
 
     Raises
@@ -95,7 +95,7 @@ def check_shared(comm, path):
 
 
 def _touch(path):
-    probe = temporary_name(_target(Path(path)))
+    probe = make_temporary_name(_target(Path(path)))
     probe.touch(exist_ok=False)
     return probe
 
@@ -105,13 +105,13 @@ def _find(probe, path):
         raise ValueError(f"result file {path}: {probe.parent} is not the folder that rank 0 has; share it")
 
 
-def digest(path):
+def hash_file(path):
     """SHA-256 of a file, in hexadecimal digits; read piece by piece. Not collective."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def fingerprint(path):
+def hash_samples(path):
     """Size and digest of a file, None if there is none: of large ones some pieces only. Not collective."""
     path = Path(path)
     if not path.is_file():
@@ -147,13 +147,13 @@ def _same_file(one, other):
 
 
 @contextmanager
-def whole_file(path):
+def atomic_file(path):
     """Yield a temporary path whose file takes the place of `path` when the block succeeds.
 
     Not collective. A block that raises, or a killed process, leaves an existing `path` as it was.
     """
     target = _target(Path(path))
-    temporary = temporary_name(target)
+    temporary = make_temporary_name(target)
     try:
         yield temporary
         publish(temporary, target)
@@ -164,19 +164,19 @@ def whole_file(path):
 
 def write_text(path, text):
     """Write a text (UTF-8), whole or not at all. Not collective."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 @contextmanager
-def whole_hdf5(path):
+def atomic_hdf5(path):
     """Yield an HDF5 file in memory that is written to `path` when the block succeeds. Not collective.
 
     HDF5 cannot close a file that a full disk kept it from writing; plain system calls say what is wrong.
     """
     import h5py
 
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         with h5py.File(temporary, "w", driver="core", backing_store=False, block_size=_BLOCK) as file:
             yield file
             file.flush()
@@ -184,7 +184,7 @@ def whole_hdf5(path):
         temporary.write_bytes(image)
 
 
-def temporary_name(path):
+def make_temporary_name(path):
     """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
 
     Not collective. It is short, whatever the name of `path`. What killed runs left in the folder a day ago goes.

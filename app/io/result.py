@@ -122,10 +122,10 @@ class Result(ContactFields):
     @property
     def grid(self):
         """Its `Grid`, see `grid_of`."""
-        return grid_of(self.x, self.y, self.attributes)
+        return make_grid(self.x, self.y, self.attributes)
 
 
-def grid_of(x, y, attributes):
+def make_grid(x, y, attributes):
     """`Grid` of cell centres [mm], where a single one does not tell the size of its cell, and attributes of a result.
 
     Not collective.
@@ -157,12 +157,12 @@ def read_result(path):
     InputError
         If there is no such file, or it is not a result file (the message names what is missing).
     """
-    with opened(path) as file:
+    with open_result(path) as file:
         return _read_hdf5(file)
 
 
 @contextmanager
-def opened(path):
+def open_result(path):
     """A result file to be read inside the block; whatever goes wrong is an InputError that names it. Not collective."""
     try:
         path = Path(path)
@@ -183,7 +183,7 @@ def opened(path):
         raise InputError(f"result file {path}: not a readable HDF5 file ({format_message(error)})") from error
 
 
-def holds_heights(path):
+def has_heights(path):
     """Whether a file is a map of heights, as app.convert writes it, and no result.
 
     Not collective.
@@ -193,7 +193,7 @@ def holds_heights(path):
     InputError
         If it cannot be read.
     """
-    with opened(path) as file:
+    with open_result(path) as file:
         return "heights" in file and not _holds_a_result(file)
 
 
@@ -201,7 +201,7 @@ def _holds_a_result(file):
     return any(name in file for name in FIELDS)
 
 
-def refuse_others(file):
+def check_is_result(file):
     """Refuse an open file without any field of a result, by its name if another command wrote it: InputError.
 
     Not collective.
@@ -219,7 +219,7 @@ def refuse_others(file):
 
 
 def _read_hdf5(file):
-    refuse_others(file)
+    check_is_result(file)
     if missing := [name for name in ATTRIBUTES if name not in file.attrs]:
         raise InputError(f"attribute {', '.join(missing)} is missing")
     sizes = []

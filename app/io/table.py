@@ -14,10 +14,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.io.files import whole_hdf5, write_text
+from app.io.files import atomic_hdf5, write_text
 
 
-def markdown(rows, columns=None, formats=None):
+def format_markdown(rows, columns=None, formats=None):
     """Return a Markdown table whose columns are aligned in the source as well.
 
     Parameters
@@ -35,7 +35,7 @@ def markdown(rows, columns=None, formats=None):
 
     Examples
     --------
-    >>> print(markdown([{"grid": "32x32", "its": 6}, {"grid": "64x64", "its": 10}]), end="")
+    >>> print(format_markdown([{"grid": "32x32", "its": 6}, {"grid": "64x64", "its": 10}]), end="")
     | grid   |   its |
     |:-------|------:|
     | 32x32  |     6 |
@@ -44,12 +44,12 @@ def markdown(rows, columns=None, formats=None):
     return _rendered("pipe", rows, columns, formats, {"|": r"\|"})
 
 
-def text(rows, columns=None, formats=None):
+def format_text(rows, columns=None, formats=None):
     """Return the table for a terminal: columns parted by two blanks. Parameters as `markdown`."""
     return _rendered("simple", rows, columns, formats)
 
 
-def comma_separated(rows, columns=None):
+def format_csv(rows, columns=None):
     """Return the table as CSV; numbers keep all digits. Parameters as `markdown`."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns or _keys(rows), extrasaction="ignore", lineterminator="\n")
@@ -76,7 +76,7 @@ def write_table(path, rows, columns=None):
         If the suffix is none of these.
     """
     path = Path(path)
-    kinds = {".md": markdown, ".txt": text, ".csv": comma_separated, ".h5": None, ".hdf5": None}
+    kinds = {".md": format_markdown, ".txt": format_text, ".csv": format_csv, ".h5": None, ".hdf5": None}
     kind = path.suffix.lower()
     if kind not in kinds:
         raise ValueError(f"table {path}: the name must end in one of {', '.join(kinds)}")
@@ -84,7 +84,7 @@ def write_table(path, rows, columns=None):
     if render is not None:
         write_text(path, render(rows, columns))
         return
-    with whole_hdf5(path) as file:
+    with atomic_hdf5(path) as file:
         for key in columns or _keys(rows):
             file.create_dataset(key, data=_column([row.get(key) for row in rows]))
 

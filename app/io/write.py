@@ -12,7 +12,7 @@ import numpy as np
 from app.base.errors import InputError, call_collectively, format_message
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks
-from app.io.files import check_output_path, publish, remove, temporary_name
+from app.io.files import check_output_path, make_temporary_name, publish, remove
 from app.io.result import AXES, FIELDS, HISTORY, UNITS
 
 _CELLS_AT_ONCE = 1 << 20  # written together
@@ -66,7 +66,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     path = call_collectively(comm, check_output_path, path, only_root=True)
     plan = call_collectively(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
     rows = {name: _rows_of(fields[name]) for name in plan["types"]}
-    temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
+    temporary = comm.bcast(make_temporary_name(path) if comm.rank == 0 else None)
     try:
         # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
         # the file, on one rank leaves the others waiting for ever. So rank 0 alone writes all metadata,

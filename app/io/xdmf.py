@@ -17,7 +17,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.io.files import write_text
-from app.io.result import AXES, FIELDS, grid_of, opened, read_attributes, read_dataset, refuse_others
+from app.io.result import AXES, FIELDS, check_is_result, make_grid, open_result, read_attributes, read_dataset
 
 
 def write_xdmf(results, path=None):
@@ -62,15 +62,15 @@ def write_xdmf(results, path=None):
 
 def _read(result):
     """Load [N], and element of a grid whose time is not known yet, of a result."""
-    with opened(result) as file:
-        refuse_others(file)
+    with open_result(result) as file:
+        check_is_result(file)
         x, y = (read_dataset(file, name) for name in AXES)
         there = {name: getattr(file.get(name), "shape", None) for name in file}
         if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
             raise InputError(f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say")
         fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
         attributes = read_attributes(file)
-        return float(attributes.get("load", np.nan)), _grid(result, grid_of(x, y, attributes), fields)
+        return float(attributes.get("load", np.nan)), _grid(result, make_grid(x, y, attributes), fields)
 
 
 def _grid(result, grid, fields):

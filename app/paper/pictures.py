@@ -14,7 +14,7 @@ from app.paper import smoother_analysis, trace
 from app.paper.item import CASES, Item, solver_run
 from app.paper.tables import PAPER, converged, evaluate_methods, traced
 from app.plots.maps import LENGTH_MAP
-from app.plots.style import BLUE, GREEN, GREY, ORANGE, new_figure, styled
+from app.plots.style import BLUE, GREEN, GREY, ORANGE, new_figure, with_style
 from app.problems.random_surfaces import WavySurface
 from app.problems.statistics import normal_plot
 
@@ -35,7 +35,7 @@ def _letter(axes, text):
 # -- Section 2: influence coefficients -----------------------------------------------------------------------
 
 
-@styled
+@with_style
 def _figure2(outcomes):
     material = Material.combined(82000.0, 0.28)
     grid = Grid.from_domain(32, 32, HERTZ_DOMAIN)
@@ -69,7 +69,7 @@ def _unit_circle(axes):
     axes.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=1.2, zorder=0)
 
 
-@styled
+@with_style
 def _figure5(outcomes):
     matrix = smoother_analysis.LineContact().matrix()
     jacobi = np.sort(smoother_analysis.modes(smoother_analysis.jacobi(matrix)).values.real)
@@ -93,7 +93,7 @@ def _figure5(outcomes):
     return figure
 
 
-@styled
+@with_style
 def _figure6(outcomes):
     contact = smoother_analysis.LineContact()
     iteration = smoother_analysis.gauss_seidel(contact.matrix())
@@ -120,7 +120,7 @@ def _figure6(outcomes):
     return figure
 
 
-@styled
+@with_style
 def _figure7(outcomes):
     figure = new_figure(11.0, 8.0)
     panels = figure.subplots(2, 3).ravel()
@@ -175,7 +175,7 @@ def _plan_contact(problem, cases):
     return plan
 
 
-@styled
+@with_style
 def _contact_figure(cases, height, outcomes):
     """Contact areas of some cases, a row each; `cases`: number -> approach [mm], or None of the only one."""
     figure = new_figure(11.0, height)
@@ -218,7 +218,7 @@ def _height_map(axes, n, surface, limit):
     return height, image
 
 
-@styled
+@with_style
 def _figure10(outcomes):
     figure = new_figure(10.0, 7.6)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -230,7 +230,7 @@ def _figure10(outcomes):
     return figure
 
 
-@styled
+@with_style
 def _figure12(outcomes):
     figure = new_figure(10.0, 7.6)
     panels = figure.subplots(2, 2)
@@ -274,7 +274,7 @@ def _plan_work(limits, scratch):
     }
 
 
-@styled
+@with_style
 def _figure_work(outcomes):
     figure = new_figure(11.5, 4.4)
     panels = figure.subplots(1, len(_WORK), sharey=True)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from app.io.table import markdown, text
+from app.io.table import format_markdown, format_text
 from app.paper.tables import HEADINGS, PAPER
 
 # What counts as a noticeable difference: iterations or cycles, share of the work or error, convergence factor.
@@ -174,13 +174,13 @@ class Section:
 
     def text(self):
         """Table for the terminal."""
-        return f"{self.name}  {self.title}\n{text(self.rows)}"
+        return f"{self.name}  {self.title}\n{format_text(self.rows)}"
 
     def markdown(self):
         """Heading, picture or table, and note in Markdown."""
         kind, number = re.fullmatch(r"(table|fig|)(.*)", self.name).groups()
         label = {"table": f"Table {number}: ", "fig": f"Figure {number}: "}.get(kind, "")
-        content = f"![{self.title}]({self.picture})\n" if self.picture else markdown(self.rows)
+        content = f"![{self.title}]({self.picture})\n" if self.picture else format_markdown(self.rows)
         return "\n".join([f"## {label}{self.title}\n", content, *([f"{self.note}\n"] if self.note else [])])
 
 

@@ -86,7 +86,7 @@ def main(argv):
             data.pop(name, None)
         for stale in folder / f"{name}.png", folder / "runs" / f"{name}.csv":
             stale.unlink(missing_ok=True)
-        streams.complain(f"{name}: left out, because a run failed: {message}")
+        streams.print_error(f"{name}: left out, because a run failed: {message}")
     done = [item for item in items if all(map(_usable, found[item.name].values()))]
     _write(folder, tables, rest, done, plans, found, arguments.quick, time.perf_counter() - started)
     return 130 if interrupted else int(bool(failures))
@@ -124,13 +124,13 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         result = item.evaluate(outcomes)
         if item.kind == "figure":
             save_figure(result, folder / f"{item.name}.png", dpi=130)
-            streams.say(f"{item.name}  {item.title}: {folder / item.name}.png")
+            streams.print_output(f"{item.name}  {item.title}: {folder / item.name}.png")
         elif item.kind == "table":
             tables[item.name] = {"what": item.title, **result}
-            streams.say(report.table_section(item, result).text())
+            streams.print_output(report.table_section(item, result).text())
         else:
             studies[item.name] = result
-            streams.say(report.study_section(item, result).text())
+            streams.print_output(report.study_section(item, result).text())
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
         if item.kind == "figure":
             continue  # its runs are those of a table or study, or traces
@@ -156,7 +156,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         facts.append("some items were made with --quick, on small grids only")
     page = report.page(_reading_order(), numbers, studies, pictures, checks, facts)
     write_text(folder / "report.md", page)
-    streams.say(f"report: {folder / 'report.md'} ({seconds:.0f} s)")
+    streams.print_output(f"report: {folder / 'report.md'} ({seconds:.0f} s)")
 
 
 def check(outcomes):

@@ -55,12 +55,12 @@ def main(given):
     from app.api.solver import ContactSolver
     from app.base.errors import InputError, call_collectively
     from app.base.mpi import MPI
-    from app.cli.problem_options import PROBLEM_OPTIONS, loading, make_problem, settle
+    from app.cli.problem_options import PROBLEM_OPTIONS, make_problem, read_loading, resolve_alternatives
 
-    comm, options = MPI.COMM_WORLD, settle(given)
+    comm, options = MPI.COMM_WORLD, resolve_alternatives(given)
     if comm.size > 1 or not options["output"]:
         raise InputError("a trace needs one rank and -output")
-    kind, value = loading(given, options)
+    kind, value = read_loading(given, options)
     problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
     of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
     method = {name: text for name, text in given.texts.items() if name not in of_problem}
@@ -76,9 +76,9 @@ def main(given):
 
 def write(path, recorder, solution, exact):
     """Write the file; `exact`: analytic solution, or None. Not collective."""
-    from app.io.files import whole_hdf5
+    from app.io.files import atomic_hdf5
 
-    with whole_hdf5(path) as file:
+    with atomic_hdf5(path) as file:
         file["pressure"] = np.stack(recorder.pressure)
         file["contact"] = np.stack(recorder.contact)
         file["linear_residuals"] = np.array(recorder.linear_residuals)

@@ -94,7 +94,7 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
     return [told(key) for key in keys], interrupted
 
 
-def rows_of(runs, outcomes):
+def make_rows(runs, outcomes):
     """Rows of the table: labels and outcome of every run that is done, of a load path one for each step.
 
     A column of the outcome that has the name of a varied option is called ``result_NAME``. What a load path prescribes

@@ -24,7 +24,7 @@ _GLANCE = 0.5  # s between looks at the event that stops a process
 _ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
 
 
-def call(command, timeout=None, stop=None):
+def run_command(command, timeout=None, stop=None):
     """Run a command in a process group of its own, so that Ctrl-C reaches only the caller.
 
     Parameters
@@ -109,7 +109,7 @@ def perform(run, output, stop=None, ranks=1, timeout=None):
         command = ["mpiexec", "-n", str(ranks), *command]
     output.unlink(missing_ok=True)
     try:
-        status, errors = call(command, timeout, stop)
+        status, errors = run_command(command, timeout, stop)
     except subprocess.TimeoutExpired:
         return {"exit_status": 124, "message": f"stopped after {timeout:g} s"}
     lines = [line.strip() for line in errors.splitlines() if line.strip()]

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.io.contact_fields import OF_SOLUTION
-from app.io.files import digest
+from app.io.contact_fields import ATTRIBUTE_NAMES
+from app.io.files import hash_file
 from app.io.result import read_result
 from app.options.option_table import FILES, named_files
 
@@ -60,7 +60,7 @@ def collect_result(path):
 
 def _steps(table):
     """Rows of a load path, as far as a table of runs has their columns."""
-    table = {OF_SOLUTION.get(name, name): column.tolist() for name, column in table.items()}
+    table = {ATTRIBUTE_NAMES.get(name, name): column.tolist() for name, column in table.items()}
     table["converged"] = [bool(solved) for solved in table.get("converged", ())]
     names = [name for name in table if name in ("step", *OUTCOME) and len(table[name])]
     rows = zip(*(table[name] for name in names), strict=True)
@@ -155,7 +155,7 @@ def _digest(path):
 
 @cache
 def _digest_of(path, *state):
-    return digest(path)
+    return hash_file(path)
 
 
 @cache

@@ -9,8 +9,8 @@ import numpy as np
 
 from app.base.units import choose_length_unit
 from app.halfspace.stress.subsurface import max_shear, von_mises
-from app.plots.figures import EVEN_VALUES, number, title
-from app.plots.maps import cell_edges, finite_pressure, rounding
+from app.plots.figures import EVEN_VALUES, format_load, make_title
+from app.plots.maps import cell_edges, estimate_rounding, finite_pressure
 from app.plots.style import (
     BESIDE,
     BLUE,
@@ -20,10 +20,10 @@ from app.plots.style import (
     GREY,
     ORANGE,
     PURPLE,
-    log_axes,
+    annotate_empty,
     new_figure,
-    say_instead,
-    styled,
+    set_log_axes,
+    with_style,
 )
 from app.problems.statistics import radial_spectrum
 from app.problems.surfaces.moments import Moments, take_off
@@ -35,12 +35,12 @@ EVEN = 1e-9  # of the largest: stresses that differ by less are one number
 _STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
 
 
-@styled
+@with_style
 def distribution_figure(result):
     """Probability densities of pressure and gap, and sizes of several patches, on logarithmic axes."""
     areas = result.contact_patches()
     panels = 3 if len(areas) > 1 else 2
-    figure = new_figure(4.85 * panels, 4.6, title(result))
+    figure = new_figure(4.85 * panels, 4.6, make_title(result))
     pressure, gap, *several = figure.subplots(1, panels)
     p = finite_pressure(result.pressure)
     _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
@@ -56,11 +56,11 @@ def _density(axes, values, label, unit):
     """Probability density by bins of equal width in the logarithm."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
     if not values.size:
-        return say_instead(axes, "no values")
+        return annotate_empty(axes, "no values")
     low = np.quantile(values, 20 / values.size if values.size > 100 else 0.0)  # few have no bin of theirs
     high = values.max()
     if not high > low * EVEN_VALUES:
-        return say_instead(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
+        return annotate_empty(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
     count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
     edges[0], edges[-1] = low, high
@@ -69,7 +69,7 @@ def _density(axes, values, label, unit):
     shown = share > 0
     middle = np.sqrt(edges[1:] * edges[:-1])
     axes.plot(middle[shown], density[shown], "o-", color=BLUE, markersize=4)
-    log_axes(axes)
+    set_log_axes(axes)
     return None
 
 
@@ -81,11 +81,11 @@ def _draw_patches(axes, patches):
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)
     axes.plot(areas, larger, "o", color=BLUE, markersize=3)
-    log_axes(axes)
+    set_log_axes(axes)
     axes.set_ylim(bottom=1)
 
 
-def rough_part(result):
+def extract_roughness(result):
     """Surface whose spectrum tells something [mm]: the undeformed distance, on a free patch less its best paraboloid.
 
     Returns
@@ -104,7 +104,7 @@ def rough_part(result):
     return rest if np.abs(rest).max() > 1e-9 * np.ptp(h) else None
 
 
-@styled
+@with_style
 def spectrum_figure(result):
     """Radial average of the power spectrum of the undeformed distance, with its cut-offs; None if there is none.
 
@@ -112,10 +112,10 @@ def spectrum_figure(result):
     """
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
-    surface = None if smooth else rough_part(result)
-    if surface is None or np.ptp(surface) <= rounding(result):
+    surface = None if smooth else extract_roughness(result)
+    if surface is None or np.ptp(surface) <= estimate_rounding(result):
         return None
-    figure = new_figure(7.4, 5.4, title(result))
+    figure = new_figure(7.4, 5.4, make_title(result))
     axes = figure.subplots()
     drawn = draw_spectrum(axes, surface, result.grid, "undeformed distance")
     if drawn is None:
@@ -158,12 +158,12 @@ def draw_spectrum(axes, surface, grid, label):
     if np.count_nonzero(known) < 3:
         return None
     axes.plot(q[known], density[known], "-", color=BLUE, label=label)
-    log_axes(axes)
+    set_log_axes(axes)
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
     return q[known], density[known], unit
 
 
-@styled
+@with_style
 def stress_figure(along, grid, depths, section, line, hottest, heading):
     """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
 
@@ -203,7 +203,7 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     depth = hottest.depth * deep.per_mm
     place = f"at depth {depth:.3g} {deep.name}" if uneven else "everywhere"
     cross = {"marker": "+" if uneven else "", "markersize": 12, "markeredgewidth": 2, "clip_on": False}
-    largest = f"{number(hottest.von_mises)} N/mm² {place}"
+    largest = f"{format_load(hottest.von_mises)} N/mm² {place}"
     left.plot(at, depth, color=GREEN, linestyle="none", label=largest, **cross)
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
     left.set_box_aspect(box)

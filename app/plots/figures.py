@@ -14,16 +14,16 @@ from matplotlib.ticker import MaxNLocator
 
 from app.base.units import choose_length_unit
 from app.halfspace.grid import plan_grids
-from app.plots.maps import LENGTH_MAP, Canvas, cell_edges, finite_pressure, map_of
+from app.plots.maps import LENGTH_MAP, Canvas, cell_edges, draw_map, finite_pressure
 from app.plots.style import (
     BLUE,
     DASHED,
     ORANGE,
     PALE,
-    log_axes,
+    annotate_empty,
     new_figure,
-    say_instead,
-    styled,
+    set_log_axes,
+    with_style,
 )
 
 PROBLEMS = {
@@ -49,18 +49,18 @@ _PRESCRIBED = {
 }
 
 
-def title(result, path=False):
+def make_title(result, path=False):
     """Problem, grid and load in a line, or all that is prescribed along its path."""
     ny, nx = result.pressure.shape
     values = result.attributes
     problem = values.get("problem", "contact problem")
     state = "" if values["converged"] else ", NOT CONVERGED"
-    load = f"load {number(values['load'])} N"
+    load = f"load {format_load(values['load'])} N"
     said = str(values.get("command_line", ""))
     kind = max(_PRESCRIBED, key=lambda name: said.rfind(f"-{name}_path"))  # of none, or from Python: loads
     if path and len(steps := result.path[kind]) > 1:
         what, unit = _PRESCRIBED[kind]
-        load = f"{len(steps)} {what} from {number(min(steps))} to {number(max(steps))} {unit}"
+        load = f"{len(steps)} {what} from {format_load(min(steps))} to {format_load(max(steps))} {unit}"
     return f"{PROBLEMS.get(problem, problem)}{_surfaces(values)}, {nx} × {ny} cells, {load}{state}"
 
 
@@ -73,24 +73,24 @@ def _surfaces(values):
     return f" with {files or 'a rough surface'}" if values.get("surfaces") else ""
 
 
-def number(value):
+def format_load(value):
     """A load as one says it."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
-@styled
+@with_style
 def contact_figure(result):
     """Contact area, its patches told apart, and the inadmissible cells if there are any."""
-    return _titled(map_of(result, Canvas.contact), result)
+    return _titled(draw_map(result, Canvas.contact), result)
 
 
-@styled
+@with_style
 def pressure_figure(result):
     """Map of the pressure; no colour where it is zero."""
-    return _titled(map_of(result, Canvas.pressure), result)
+    return _titled(draw_map(result, Canvas.pressure), result)
 
 
-@styled
+@with_style
 def deformation_figure(result):
     """Maps of the normal displacement u and of the gap e; the gap has no colour in the contact area."""
     canvas = Canvas(result)
@@ -104,7 +104,7 @@ def deformation_figure(result):
     return _titled(figure, result)
 
 
-@styled
+@with_style
 def section_figure(result, reference=None):
     """Pressure and gap along x and along y through `hottest_cell`.
 
@@ -121,7 +121,7 @@ def section_figure(result, reference=None):
     return _titled(figure, result)
 
 
-@styled
+@with_style
 def history_figure(result):
     """Residual, contact cells and changed cells of every active set iteration, with the grids they belong to."""
     figure = new_figure(7.0, 6.6)
@@ -132,7 +132,7 @@ def history_figure(result):
     return _titled(figure, result)
 
 
-@styled
+@with_style
 def summary_figure(result, reference=None):
     """Contact area, pressure, section along x and residual history on one page."""
     canvas = Canvas(result)
@@ -147,7 +147,7 @@ def summary_figure(result, reference=None):
 
 
 def _titled(figure, result):
-    figure.suptitle(title(result))
+    figure.suptitle(make_title(result))
     return figure
 
 
@@ -219,7 +219,7 @@ def draw_residual(axes, result):
     iterations = np.arange(1, residual.size + 1)
     axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
     if not iterations.size:
-        say_instead(axes, "no iterations")
+        annotate_empty(axes, "no iterations")
         return
     _mark_grids(axes, result, label=True)
     tolerance = result.attributes.get("lcp_rtol", 0)
@@ -236,7 +236,7 @@ def draw_residual(axes, result):
     if tolerance:
         axes.axhline(tolerance, color=ORANGE, linestyle=DASHED, label="tolerance")
         axes.legend(loc="best")
-    log_axes(axes, "y")
+    set_log_axes(axes, "y")
 
 
 def _draw_cells(axes, result):

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.patches import Patch
 
 from app.base.units import choose_length_unit
-from app.plots.curves import draw_spectrum, rough_part
+from app.plots.curves import draw_spectrum, extract_roughness
 from app.plots.maps import LENGTH_MAP, Canvas
-from app.plots.style import BLUE, DASHED, GREY, ORANGE, PALE, new_figure, say_instead, styled
+from app.plots.style import BLUE, DASHED, GREY, ORANGE, PALE, annotate_empty, new_figure, with_style
 
 _TAIL = 1e-3  # share of heights at each end that may be left out of colours and distribution,
 _FAR = 1.5  # where with them these would span so many times the rest
@@ -22,7 +22,7 @@ _BINS = 20, 100
 _LOWEST, _BELOW = 4.8, 4.4  # inches of the map's row at least, and of the row below
 
 
-@styled
+@with_style
 def surface_figure(surface):
     """Map of the heights, profiles through the middle, distribution and radial spectrum; Sq, Sdq, Ssk, Sku above.
 
@@ -54,11 +54,11 @@ def surface_figure(surface):
     for along in "xy":
         _draw_profile(panels[along], canvas, heights_shown, along, unit)
     _draw_distribution(panels["heights"], heights_shown[np.isfinite(heights)], limits, unit)
-    rest = rough_part(patch)
+    rest = extract_roughness(patch)
     if surface.missing_points:
-        say_instead(panels["spectrum"], "no spectrum: points are missing")
+        annotate_empty(panels["spectrum"], "no spectrum: points are missing")
     elif rest is None or draw_spectrum(panels["spectrum"], rest, grid, "heights") is None:
-        say_instead(panels["spectrum"], "no spectrum: too few points, or too smooth")
+        annotate_empty(panels["spectrum"], "no spectrum: too few points, or too smooth")
     return figure
 
 
@@ -113,7 +113,7 @@ def _draw_profile(axes, canvas, heights, along, unit):
     axes.set(xlabel=f"{along}  [{name}]   at {place} {name}", ylabel=f"height z  [{unit.name}]")
     axes.margins(x=0 if at.size > 1 else 0.05)
     if not np.isfinite(profile).any():
-        say_instead(axes, "all of it is missing")
+        annotate_empty(axes, "all of it is missing")
 
 
 def _draw_distribution(axes, values, limits, unit):
@@ -121,7 +121,7 @@ def _draw_distribution(axes, values, limits, unit):
     axes.set(xlabel=f"height z  [{unit.name}]", ylabel=f"probability density  [1/{unit.name}]")
     sq = values.std()
     if not sq > 0:
-        return say_instead(axes, "all heights are equal")
+        return annotate_empty(axes, "all heights are equal")
     bins = int(np.clip(np.sqrt(values.size) / 2, *_BINS))
     share, edges = np.histogram(values, bins, limits)
     density = share / values.size / np.diff(edges)

@@ -22,7 +22,16 @@ from app.base.errors import InputError
 from app.base.quantities import axis_label
 from app.base.units import choose_length_unit
 from app.options import option_table
-from app.plots.style import BESIDE, DASHED, DOTTED, log_axes, new_figure, say_instead, series, styled
+from app.plots.style import (
+    BESIDE,
+    DASHED,
+    DOTTED,
+    annotate_empty,
+    new_figure,
+    series_style,
+    set_log_axes,
+    with_style,
+)
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 
 # Number whose share an estimated error is, and its column, where they are not called as what is drawn.
@@ -59,7 +68,7 @@ class Path(NamedTuple):
         return 1 / self.scale if self.scale > 0 else np.nan
 
 
-def path_of(result, name=""):
+def get_path(result, name=""):
     """Path of a result, None if it has none. Not collective."""
     columns = getattr(result, "path", None)
     return _path(columns, name) if columns else None
@@ -76,7 +85,7 @@ def _path(columns, name):
         return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
 
 
-@styled
+@with_style
 def path_figure(paths, heading=""):
     """Contact fraction and kappa, mean gap and stiffness of load paths; or load and area against approach.
 
@@ -112,15 +121,15 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         if found is None:
             continue
         values = found * np.array(scale(path))[:, None]
-        axes.plot(*values, **series(number), label=path.name or "computed")
+        axes.plot(*values, **series_style(number), label=path.name or "computed")
         drawn = True
         for name in x, y:
             _draw_band(axes, path, (x, y), name, scale(path), number)
     if not drawn:
         absent = next((name for name in (x, y) if all(one is None for one in known(name))), y)
-        say_instead(axes, f"no {absent.replace('_', ' ')}")
+        annotate_empty(axes, f"no {absent.replace('_', ' ')}")
         return False
-    log_axes(axes, [name for name, log in zip("xy", logs, strict=True) if log])
+    set_log_axes(axes, [name for name, log in zip("xy", logs, strict=True) if log])
     return True
 
 
@@ -145,7 +154,13 @@ def _draw_band(axes, path, names, name, scale, number):
     fill = axes.fill_betweenx if sideways else axes.fill_between
     label = None if axes.collections else "estimated error"
     fill(
-        along, middle - half, middle + half, where=known, color=series(number)["color"], label=label, **_BAND
+        along,
+        middle - half,
+        middle + half,
+        where=known,
+        color=series_style(number)["color"],
+        label=label,
+        **_BAND,
     )
 
 
@@ -175,7 +190,7 @@ def _draw_shares(axes, paths, value):
             x = found[0] * path.relative
             drawn.append(x)
             if name == "contact_fraction":
-                axes.plot(x, value(x, found[1]), **series(number), label=path.name or "computed")
+                axes.plot(x, value(x, found[1]), **series_style(number), label=path.name or "computed")
                 with np.errstate(divide="ignore"):
                     one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
                 _draw_band(axes, path, ("mean_pressure", name), name, (path.relative, one), number)
@@ -183,7 +198,7 @@ def _draw_shares(axes, paths, value):
                 axes.plot(x, value(x, found[1]), **cross, label=label)
                 label = None  # once
     x = np.concatenate(drawn)
-    log_axes(axes, "x")
+    set_log_axes(axes, "x")
     span = np.geomspace(x.min(), x.max() * 1.0001, 200)
     persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
     axes.plot(span, value(span, persson), color="0.3", linestyle=DASHED, label="Persson")
@@ -194,7 +209,7 @@ def _draw_shares(axes, paths, value):
 def _draw_fraction(axes, paths):
     _draw_shares(axes, paths, lambda x, share: share)
     axes.set_ylabel("contact fraction")
-    log_axes(axes, "y")
+    set_log_axes(axes, "y")
 
 
 def _draw_kappa(axes, paths):
@@ -300,13 +315,13 @@ def read_csv(path):
         raise InputError(f"table {path}: neither a table of app.sweep nor a load path")
     if (
         "exit_status" not in columns
-        and path_of_csv(columns).positive("load", "approach", lowest=-np.inf) is None
+        and get_csv_path(columns).positive("load", "approach", lowest=-np.inf) is None
     ):
         raise InputError(f"table {path}: no step has numbers for load and approach")
     return columns
 
 
-def numbers(texts):
+def parse_numbers(texts):
     """Values of a column, NaN for what is no number; of ``nx,ny`` the first."""
 
     def value(text):
@@ -318,6 +333,6 @@ def numbers(texts):
     return np.array([value(text) for text in texts])
 
 
-def path_of_csv(columns, name=""):
+def get_csv_path(columns, name=""):
     """Path of a table without ``exit_status``."""
-    return _path({key: numbers(texts) for key, texts in columns.items()}, name)
+    return _path({key: parse_numbers(texts) for key, texts in columns.items()}, name)

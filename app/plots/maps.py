@@ -162,7 +162,7 @@ class Canvas:
     def length(self, axes, field, colours, label):
         """Draw a field of lengths [mm] in a unit of its own; ``{}`` in the label stands for it."""
         known = field[np.isfinite(field) & ~self.outside]
-        largest, none = float(np.abs(known).max(initial=0.0)), rounding(self.result)
+        largest, none = float(np.abs(known).max(initial=0.0)), estimate_rounding(self.result)
         unit, limits = choose_length_unit(largest if largest > none else 0.0), {}
         if known.size and np.ptp(known) <= max(_CONSTANT * largest, none):
             value = float(known[0]) * unit.per_mm if largest > none else 0.0
@@ -179,7 +179,7 @@ def cell_edges(grid, along):
     return start + cell * np.arange(n + 1)
 
 
-def rounding(result):
+def estimate_rounding(result):
     """Length [mm] that is rounding beside the distances, the approach and the displacements of a result.
 
     Not collective.
@@ -227,7 +227,7 @@ def _blocks(join, values, b):
     return values
 
 
-def map_of(result, draw):
+def draw_map(result, draw):
     """Figure of one map: ``draw(canvas, axes)``."""
     canvas = Canvas(result)
     figure = style.new_figure(*canvas.size)

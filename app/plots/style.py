@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from app.io.files import whole_file
+from app.io.files import atomic_file
 
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # told apart by colour-blind readers
 PURPLE, GREY, PALE = "#aa4499", "#c8c8c8", "#cfe3f1"
@@ -50,7 +50,7 @@ STYLE = {
 }
 
 
-def styled(draw):
+def with_style(draw):
     """Draw in `STYLE`."""
 
     @wraps(draw)
@@ -70,7 +70,7 @@ def new_figure(width, height, title=None):
     return figure
 
 
-def series(number):
+def series_style(number):
     """How the line of a number, from 0, is drawn: as no other of the first twelve."""
     again, which = divmod(number, len(SERIES))
     colour, marker, line = SERIES[which]
@@ -80,7 +80,7 @@ def series(number):
     }  # fmt: skip
 
 
-def log_axes(axes, names="xy"):
+def set_log_axes(axes, names="xy"):
     """Make what is drawn logarithmic in these directions, with numbers between the powers of ten where they are few."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
@@ -92,7 +92,7 @@ def log_axes(axes, names="xy"):
             axis.set_minor_formatter(NullFormatter())
 
 
-def say_instead(axes, why):
+def annotate_empty(axes, why):
     """Say in an empty panel why it is empty."""
     axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
     axes.set(xticks=[], yticks=[])
@@ -100,11 +100,11 @@ def say_instead(axes, why):
 
 def save_figure(figure, path, dpi=200):
     """Write a figure; the suffix of `path` chooses the format. The file appears whole or not at all."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         write_figure(figure, temporary, path.suffix.lstrip("."), dpi)
 
 
-@styled
+@with_style
 def write_figure(figure, target, kind, dpi):
     """Write a figure to a path or an open binary file."""
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)

@@ -9,8 +9,8 @@ import numpy as np
 from app.base.errors import InputError
 from app.base.quantities import axis_label
 from app.base.units import choose_length_unit
-from app.plots.load_curves import numbers
-from app.plots.style import BESIDE, log_axes, new_figure, series, styled
+from app.plots.load_curves import parse_numbers
+from app.plots.style import BESIDE, new_figure, series_style, set_log_axes, with_style
 
 _PHYSICS = "approach", "contact_fraction", "contact_area", "max_pressure", "mean_gap", "stiffness", "load"
 _WORK = {  # and labels
@@ -34,12 +34,12 @@ _MOST_TICKS = 6
 _LONGEST = 24  # letters of a name at a tick
 
 
-def unit_of(option):
+def find_unit(option):
     """Unit of an option's numbers, None if they have none."""
     return next((unit for unit, names in _UNITS if re.fullmatch(names, option)), None)
 
 
-@styled
+@with_style
 def sweep_figure(columns, heading="", x=None, y=()):
     """What a sweep has measured, against one of its options: what is physical, and work where solvers are compared.
 
@@ -86,7 +86,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
     others = [name for name in varied if name != (x if x in varied else most)]
     others += ["step"] if "step" in names and x in varied else []  # against an option, of one load each
     ticks = list(dict.fromkeys(columns[x])) if x in named else []
-    at, unit = _in_units(numbers(columns[x]), x, varied)
+    at, unit = _in_units(parse_numbers(columns[x]), x, varied)
     at = np.array([float(ticks.index(value)) for value in columns[x]]) if ticks else at
     groups = {}
     for row in range(len(at)):
@@ -95,7 +95,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
     down = -(-len(y) // across)
     figure = new_figure(6.0 * across, 4.4 * down, heading)
     for axes, name in zip(np.ravel(figure.subplots(down, across)), y, strict=False):
-        values, label = _in_units(numbers(columns[name]), name, varied)
+        values, label = _in_units(parse_numbers(columns[name]), name, varied)
         _draw(axes, at, values, {_label(others, key): rows for key, rows in groups.items()}, ticks)
         axes.set(xlabel=unit, ylabel=label)
     for axes in figure.axes[len(y) :]:
@@ -108,7 +108,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
 
 
 def _finite(texts):
-    values = numbers(texts)
+    values = parse_numbers(texts)
     return values[np.isfinite(values)]
 
 
@@ -118,12 +118,12 @@ def _worth_drawing(columns, varied, x):
     named = {name: column for name, column in named.items() if column in columns and column != x}
     drawn = {}
     for name, column in named.items():
-        found, values = _finite(columns[column]), numbers(columns[column])
+        found, values = _finite(columns[column]), parse_numbers(columns[column])
         same = [drawn.get(other, other) for other in (name, _SAME.get(name)) if other in (*varied, *drawn)]
         if (
             found.size
             and np.ptp(found) > _EVEN * np.abs(found).max()
-            and not any(_proportional(values, numbers(columns[other])) for other in same)
+            and not any(_proportional(values, parse_numbers(columns[other])) for other in same)
         ):
             drawn[name] = column
     physics = [column for name, column in drawn.items() if name in _PHYSICS]
@@ -141,7 +141,7 @@ def _proportional(values, other):
 
 
 def _axis_label(option):
-    unit = unit_of(option)
+    unit = find_unit(option)
     return ("option file" if option == "option_files" else f"-{option}") + (f"  [{unit}]" if unit else "")
 
 
@@ -170,11 +170,13 @@ def _draw(axes, x, y, groups, names):
     for number, (label, rows) in enumerate(list(groups.items())[:_MOST_SERIES]):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
         kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
-        axes.plot(x[kept], y[kept], **series(number) | ({"linestyle": "none"} if names else {}), label=label)
+        axes.plot(
+            x[kept], y[kept], **series_style(number) | ({"linestyle": "none"} if names else {}), label=label
+        )
     for direction, values in (("x", x), ("y", y))[bool(names) :]:
         values = values[np.isfinite(values)]
         if values.min() > 0 and values.max() >= 4 * values.min():
-            log_axes(axes, direction)
+            set_log_axes(axes, direction)
     if names:
         told = [f"…{name[1 - _LONGEST :]}" if len(name) > _LONGEST else name or "left out" for name in names]
         axes.set_xticks(range(len(names)), told, rotation=30, ha="right", rotation_mode="anchor")

@@ -16,8 +16,8 @@ from petsc4py import PETSc
 
 from app import __version__
 from app.base.mpi import MPI
-from app.io.table import markdown
-from app.plots.style import GREY, SERIES, log_axes, new_figure, styled
+from app.io.table import format_markdown
+from app.plots.style import GREY, SERIES, new_figure, set_log_axes, with_style
 from app.verification import analytic, certificates, invariances, oracles, ranks
 from app.verification.check import Check, Figure
 
@@ -122,7 +122,7 @@ def _overview(results):
         }
         for r in results
     ]
-    return markdown(rows)
+    return format_markdown(rows)
 
 
 def _anchor(title):
@@ -140,7 +140,7 @@ def _table(result, quick):
         for figure in result.figures
     ]
     command = f"python -m app.verify -o DIR --only {result.check.name}" + " --quick" * quick
-    return f"### {result.check.title}\n\n{result.check.law}\n\n    {command}\n\n{markdown(rows)}"
+    return f"### {result.check.title}\n\n{result.check.law}\n\n    {command}\n\n{format_markdown(rows)}"
 
 
 def _software():
@@ -153,7 +153,7 @@ def _software():
     return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
-@styled
+@with_style
 def orders_picture(results):
     """Errors against cells for every observed order: a panel for each check; None if there is none."""
     shown = [(r, [f for f in r.figures if f.points and f.what.startswith("order of")]) for r in results]
@@ -176,7 +176,7 @@ def orders_picture(results):
                 panel.plot(*line.points, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=label)
                 label = None
         sizes = lines[0].points[0]
-        log_axes(panel, "y")
+        set_log_axes(panel, "y")
         panel.set_xscale("log")
         panel.set_title(result.check.title)
         panel.set_xlabel("cells in a direction")
@@ -189,7 +189,7 @@ def orders_picture(results):
     return figure
 
 
-@styled
+@with_style
 def sharpness_picture(results):
     """True errors against their bounds; None if they were not measured."""
     shown = [

@@ -11,7 +11,7 @@ import numpy as np
 from app.base.mpi import MPI
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.parameter_study.processes import call
+from app.parameter_study.processes import run_command
 from app.problems.contact_problem import ContactProblem
 from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.shapes import Paraboloid
@@ -72,7 +72,7 @@ def on_ranks(quick):
         for ranks in (2,) if quick else (2, 3):
             target = Path(folder) / f"{ranks}.npz"
             command = ["mpiexec", "-n", str(ranks), sys.executable, "-m", __spec__.name, str(target)]
-            status, errors = call([*command, "quick"] if quick else command, timeout=600)
+            status, errors = run_command([*command, "quick"] if quick else command, timeout=600)
             if status:
                 return [Figure(f"exit status of {ranks} ranks: {errors.strip()[-300:]}", status, 0, 0)]
             with np.load(target) as data:

@@ -55,7 +55,7 @@ def main(argv):
     write_text(given.output / "verification.md", text)
     failed = sum(len(result.failed) for result in results)
     verdict = f"{failed} limits are not kept" if failed else "all limits are kept"
-    streams.say(f"{given.output / 'verification.md'}: {verdict}")
+    streams.print_output(f"{given.output / 'verification.md'}: {verdict}")
     return int(failed > 0)
 
 
@@ -65,7 +65,7 @@ def _run(check, quick):
 
     started = time.perf_counter()
     result = Result(check, tuple(check.measure(quick)), time.perf_counter() - started)
-    streams.say(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s")
+    streams.print_output(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s")
     for figure in result.failed:
-        streams.say(f"      {figure.what}: {figure.shown}, has to be {figure.limit}")
+        streams.print_output(f"      {figure.what}: {figure.shown}, has to be {figure.limit}")
     return result

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from app.io.table import markdown
+from app.io.table import format_markdown
 from app.plots.style import BLUE, GREY, ORANGE, STYLE, save_figure
 from app.reference.rough import persson_fraction
 from benchmarks.challenge.measures import persson_pressures, stiffness
@@ -74,9 +74,9 @@ def write_page(path, rows, densities, name):
         f"![contact, mean gap and stiffness against load]({pictures['loads'].name})\n",
         f"![pressures, gaps and patches]({pictures['distributions'].name})\n",
         "## At the reference pressure\n",
-        markdown([_line(r, "size") for r in rows if math.isclose(r["load"], REFERENCE)]),
+        format_markdown([_line(r, "size") for r in rows if math.isclose(r["load"], REFERENCE)]),
         f"\n## All loads, {_sizes(rows)[-1]}²\n",
-        markdown([_line(r, "load") for r in rows if r["size"] == _sizes(rows)[-1]]),
+        format_markdown([_line(r, "load") for r in rows if r["size"] == _sizes(rows)[-1]]),
         "",
     ]
     path.write_text("\n".join(parts), encoding="utf-8")

@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from app.io.table import markdown
+from app.io.table import format_markdown
 from benchmarks.measure import processor
 from benchmarks.peers.packages import PEERS
 from benchmarks.peers.runs import TARGET, Run
@@ -169,14 +169,14 @@ def page(packages, comparisons, periodic=False):
             f"{versions}.\n",
             PERIODIC_TEXT if periodic else TEXT,
             "## Packages\n",
-            markdown(table),
+            format_markdown(table),
             "",
             "## Times\n",
-            markdown(rows),
+            format_markdown(rows),
             "",
             "## Where other packages are better\n",
             PERIODIC_WINS if periodic else WINS,
-            markdown([wins(name, comparisons) for name in packages]),
+            format_markdown([wins(name, comparisons) for name in packages]),
             "Faster than this project:\n",
             "\n".join(faster) or "- in none of the rows above",
             "",

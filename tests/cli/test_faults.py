@@ -18,7 +18,7 @@ from results import full_disk
 
 from app import ContactSolver
 from app.cli import convert, plot, report, subsurface, xdmf
-from app.io.files import fingerprint
+from app.io.files import hash_samples
 from app.io.result import read_result
 from app.parameter_study.journal import Journal
 
@@ -214,15 +214,15 @@ def test_input_that_hosts_see_differently(second, tmp_path):
 def test_files_up_to_4_mib_are_compared_as_a_whole(tmp_path):
     path, size = tmp_path / "large", 1 << 22
     path.write_bytes(bytes(size))
-    first = fingerprint(path)
+    first = hash_samples(path)
     for place in (0, 65_537, size // 2, size - 1):
         with path.open("r+b") as file:
             file.seek(place)
             file.write(b"x")
-        assert fingerprint(path) != first
+        assert hash_samples(path) != first
         path.write_bytes(bytes(size))
-    assert fingerprint(path) == first
-    assert fingerprint(tmp_path / "absent") is None
+    assert hash_samples(path) == first
+    assert hash_samples(tmp_path / "absent") is None
 
 
 @pytest.mark.parametrize("most", [640_000, 720_000, 800_000])

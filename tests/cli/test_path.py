@@ -200,7 +200,7 @@ def test_files_of_a_path_do_not_take_the_place_of_what_it_reads(tmp_path, monkey
         with h5py.File(file, "w") as h5:
             h5["gap"] = np.ones((4, 4))
     words = f"-problem file -gap_file {gap} -domain 0,1,0,1 -contact_modulus 1 -load_path 1:3:3 -output a.h5"
-    given = option_sources.read(["app.solve", *words.split(), *options])
+    given = option_sources.parse_options(["app.solve", *words.split(), *options])
     with pytest.raises(InputError, match=f"{file.name}: is the input .*; choose another name"):
         Request(given, MPI.COMM_SELF)
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
 
 from app.cli import convert, report, subsurface, xdmf
-from app.cli.plot import PICTURES, analytic_reference, main, pictures_of, save
+from app.cli.plot import PICTURES, analytic_reference, main, pictures_of, save_pictures
 from app.cli.subsurface import stress, survey
 from app.io.result import HISTORY
 from app.parallel.slabs import Slabs
@@ -220,7 +220,9 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
     for number, case in enumerate(cases):
         folder = tmp_path / str(number)
         folder.mkdir()
-        assert all(path.stat().st_size > 500 for path in save(pictures_of(case, PICTURES), folder, dpi=20))
+        assert all(
+            path.stat().st_size > 500 for path in save_pictures(pictures_of(case, PICTURES), folder, dpi=20)
+        )
 
 
 def test_a_file_of_stresses_below_is_called_so(result, tmp_path, capsys):

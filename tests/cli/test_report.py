@@ -232,7 +232,7 @@ def test_the_same_stress_everywhere_is_at_no_place(made, pressure):
     for result in (periodic, even):  # beside a free patch there is no pressure
         below = subsurface.stress(result)
         texts = subsurface.summary(*below.maxima(), result, below.nu)
-        figure = subsurface.picture(result, subsurface.survey(below, depths=9))
+        figure = subsurface.draw(result, subsurface.survey(below, depths=9))
         (told,) = figure.axes[0].get_legend().get_texts()
         for text in (*texts, told.get_text()):
             assert ("everywhere" in text) == ("depth" not in text) == (result is periodic or not pressure)
@@ -255,10 +255,10 @@ def test_stress_of_a_solution_is_that_of_its_file(tmp_path):
 
 def test_poisson_ratio_is_that_of_the_body_asked_for():
     facts = {"poisson": np.array([0.3, 0.35]), "young": np.array([np.inf, 3000.0]), "poisson_ratio": 0.2}
-    assert subsurface.known_poisson_ratio(facts) == 0.35  # the other one is rigid
-    assert subsurface.known_poisson_ratio(facts, 1) == 0.3
-    assert subsurface.known_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
-    assert subsurface.known_poisson_ratio({}) is None
+    assert subsurface.find_poisson_ratio(facts) == 0.35  # the other one is rigid
+    assert subsurface.find_poisson_ratio(facts, 1) == 0.3
+    assert subsurface.find_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
+    assert subsurface.find_poisson_ratio({}) is None
 
 
 # -- xdmf and dimension scales -----------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from processes import TESTS, run
 from results import assert_same, full_disk, made_up_result, write
 
 from app.base.errors import InputError
-from app.io.files import check_output_path, whole_file
+from app.io.files import atomic_file, check_output_path
 from app.io.result import FIELDS, read_result
 from app.parallel.slabs import Slabs
 
@@ -198,11 +198,11 @@ def test_killed_run_leaves_the_previous_result(path):
 def test_whole_file_appears_only_when_the_block_succeeds(tmp_path):
     target = tmp_path / "t.txt"
     target.write_text("old")
-    with pytest.raises(KeyError), whole_file(target) as temporary:
+    with pytest.raises(KeyError), atomic_file(target) as temporary:
         temporary.write_text("half")
         raise KeyError
     assert target.read_text() == "old"
-    with whole_file(target) as temporary:
+    with atomic_file(target) as temporary:
         temporary.write_text("new")
         assert target.read_text() == "old"
     assert target.read_text() == "new"

@@ -16,7 +16,7 @@ from processes import run
 
 from app import ContactProblem, Material, Sphere, read_surface, solve
 from app.cli import instruments
-from app.cli.convert import instruments_python, main
+from app.cli.convert import find_instruments_python, main
 from app.io.result import read_result
 from app.problems.surfaces.moments import Moments
 
@@ -140,7 +140,7 @@ def test_converted_with_a_head_turned_and_doubted(convert, tmp_path):
 
 
 needs_reader = pytest.mark.skipif(
-    instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
+    find_instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
 )
 
 
@@ -218,10 +218,10 @@ def test_a_channel_is_chosen_or_none(wanted, chosen):
     names = "Height", "Phase", "Height", "ZSensor"
     channels = [instruments.Channel(k, name, name != "Phase", None) for k, name in enumerate(names)]
     if isinstance(chosen, int):
-        assert instruments.choose(channels, wanted).index == chosen
+        assert instruments.choose_channel(channels, wanted).index == chosen
         return
     with pytest.raises(ValueError, match=chosen):
-        instruments.choose(channels, wanted)
+        instruments.choose_channel(channels, wanted)
 
 
 @needs_reader
@@ -326,7 +326,7 @@ def test_words_are_read_over_only_where_the_format_is_known(
     """A reader that picks numbers out of any text takes a NODATA_value for a height, and two maps for one."""
     facts = {"unit": unit, "spacing": spacing, "format": "asc", "channel": "Default"}
     monkeypatch.setattr("app.cli.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
-    monkeypatch.setattr("app.cli.convert.instruments_python", lambda: True)
+    monkeypatch.setattr("app.cli.convert.find_instruments_python", lambda: True)
     lines = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
     (tmp_path / "s.txt").write_text(f"NODATA_value -9999\n{lines}\n")
     options = () if read else ("--unit", "um", "--spacing", "1,1")

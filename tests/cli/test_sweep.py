@@ -22,9 +22,9 @@ from app.cli.sweep import SUFFIXES, main
 from app.contact.grid_errors import GridErrors
 from app.io.result import read_result
 from app.parameter_study import batch, processes
-from app.parameter_study.batch import rows_of, run_all
+from app.parameter_study.batch import make_rows, run_all
 from app.parameter_study.journal import Journal
-from app.parameter_study.processes import call, perform
+from app.parameter_study.processes import perform, run_command
 from app.parameter_study.run import CHECKS, Run
 from app.parameter_study.sweep_file import read_sweep
 from app.plots.sweeps import sweep_figure
@@ -497,7 +497,7 @@ def test_serial_runs_at_a_time_share_no_folder_that_one_of_them_removes(tmp_path
         "import os, sys; from mpi4py import MPI; assert MPI.COMM_WORLD.size == 1; "
         f"print(*os.listdir({str(tmp_path)!r}), file=sys.stderr)"
     )
-    status, seen = call([sys.executable, "-c", code])
+    status, seen = run_command([sys.executable, "-c", code])
     assert status == 0 and set(seen.split()) <= {path.name for path in tmp_path.iterdir()}
 
 
@@ -506,7 +506,7 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
     assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
     crashed = perform(Run(module="app.absent"), tmp_path / "a.h5")
     assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
-    status, errors = call([sys.executable, "-c", "import os; os.abort()"])
+    status, errors = run_command([sys.executable, "-c", "import os; os.abort()"])
     assert (status, errors) == (-signal.SIGABRT, "")
     for number, name in ((signal.SIGABRT, "SIGABRT"), (signal.SIGRTMIN + 6, f"signal {signal.SIGRTMIN + 6}")):
         with mock.patch.object(processes, "call", return_value=(-number, "")):
@@ -514,7 +514,7 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
     stop = threading.Event()
     stop.set()
     with pytest.raises(InterruptedError):
-        call([sys.executable, "-c", "import time; time.sleep(20)"], stop=stop)
+        run_command([sys.executable, "-c", "import time; time.sleep(20)"], stop=stop)
 
 
 def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
@@ -529,7 +529,7 @@ def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            call([sys.executable, "-c", interrupts, str(child)])
+            run_command([sys.executable, "-c", interrupts, str(child)])
     finally:
         signal.signal(signal.SIGINT, before)
     assert not Path("/proc", child.read_text()).exists()
@@ -551,7 +551,7 @@ def test_every_kind_of_table(tmp_path, performed, suffix):
 
 
 def test_columns_of_the_outcome_give_way_to_options():
-    (row,) = rows_of([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
+    (row,) = make_rows([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
     assert (row["load"], row["result_load"]) == (5, 4.9)
 
 
@@ -564,7 +564,7 @@ def test_what_is_asked_for_has_a_column(tmp_path):
         with_it, without = csv.DictReader(file)
     assert float(with_it["result_stiffness"]) > 1e5 and without["result_stiffness"] == ""
     assert float(with_it["contact_area"]) == pytest.approx(240 * float(with_it["contact_fraction"]))
-    assert "stiffness" not in rows_of([Run()], [{"exit_status": 0}])[0]
+    assert "stiffness" not in make_rows([Run()], [{"exit_status": 0}])[0]
 
 
 def test_a_load_path_in_a_sweep_has_a_row_for_each_step(tmp_path, capsys):

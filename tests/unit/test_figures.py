@@ -148,13 +148,13 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
         for axes in figure.axes:
             bars = [child.get_ylabel() for child in axes.child_axes]
             assert all("mm" in label or "µm" in label for label in [axes.get_ylabel(), *bars])
-    assert "NOT CONVERGED" in figures.title(with_attributes(result, converged=False))
+    assert "NOT CONVERGED" in figures.make_title(with_attributes(result, converged=False))
     steps = {"load": np.array([1.0, 2.0]), "mean_pressure": np.array([10.0, 20.0])}
     words = "-load_path 1,2 -mean_pressure_path 10,20"
     ends = {"": "2 loads from 1 to 2 N", words: "2 mean pressures from 10 to 20 N/mm²"}
     for words, said in ends.items():
         path = replace(with_attributes(result, command_line=words), path=steps)
-        assert said in figures.title(path, path=True)
+        assert said in figures.make_title(path, path=True)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
     ],
 )
 def test_titles_name_what_is_rough(result, facts, said):
-    assert figures.title(with_attributes(result, **{"problem": "sphere"} | facts)).startswith(said)
+    assert figures.make_title(with_attributes(result, **{"problem": "sphere"} | facts)).startswith(said)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_narrow_patches_are_readable(nx, ny, width, height):
 def test_a_logarithmic_axis_has_two_numbers_at_least_which_do_not_touch(values):
     axes = style.new_figure(4, 3).subplots()
     axes.plot(values, values, "o")
-    style.log_axes(axes)
+    style.set_log_axes(axes)
     low, high = axes.get_xlim()
     FigureCanvasAgg(axes.figure).draw()
     told = set()
@@ -256,7 +256,7 @@ def test_label_of_a_narrow_map_is_not_cut_off(width):
 
 
 def test_twelve_lines_are_all_different():
-    drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
+    drawn = [{name: str(value) for name, value in style.series_style(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
 
 
@@ -271,7 +271,7 @@ def test_theories_stand_beside_the_path_of_a_file_as_beside_its_table(result):
     for flat in (True, False):
         found = columns | persson if flat else columns
         table = {name: list(map(repr, map(float, column))) for name, column in found.items()}
-        for path in (load_curves.path_of(replace(known, path=found)), load_curves.path_of_csv(table)):
+        for path in (load_curves.get_path(replace(known, path=found)), load_curves.get_csv_path(table)):
             assert path.scale == pytest.approx(5000 if flat else np.nan, rel=1e-12, nan_ok=True)
             assert ("κ" in load_curves.path_figure([path]).axes[1].get_ylabel()) == flat
 
@@ -835,4 +835,4 @@ def test_axes_of_sweeps_have_the_units_that_options_have():
     for option in PROBLEM_OPTIONS:
         said = [unit for unit in ("mm", "N", "N/mm2", "degrees") if f"[{unit}]" in option.meaning]
         if not option.name.endswith("_path"):
-            assert (sweeps.unit_of(option.name) or "").replace("²", "2") == "".join(said), option.name
+            assert (sweeps.find_unit(option.name) or "").replace("²", "2") == "".join(said), option.name

@@ -14,14 +14,14 @@ from results import write as write_made_up
 
 from app.base.errors import InputError
 from app.cli.load_path import _identity
-from app.io.files import check_output_path, temporary_name, whole_file
+from app.io.files import atomic_file, check_output_path, make_temporary_name
 from app.io.result import read_result
 from app.parallel.slabs import Slabs
 from app.parameter_study.run import Run
 
 
 def write(path, text):
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(text)
 
 
@@ -90,14 +90,14 @@ def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
     """Whatever they wrote, when it is a day old: nothing of runs that live, or of somebody else."""
     path = tmp_path / "result.h5"
     killed = (
-        "import os, signal, sys; from pathlib import Path; from app.io.files import whole_file\n"
-        "with whole_file(Path(sys.argv[1], 'result.h5')) as one, whole_file(Path(sys.argv[1], 'b.csv')) as two:\n"
+        "import os, signal, sys; from pathlib import Path; from app.io.files import atomic_file\n"
+        "with atomic_file(Path(sys.argv[1], 'result.h5')) as one, atomic_file(Path(sys.argv[1], 'b.csv')) as two:\n"
         "    one.write_text('half'); two.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     assert subprocess.run([sys.executable, "-c", killed, tmp_path], timeout=60).returncode == -9
     left = set(tmp_path.iterdir())
     assert len(left) == 2
-    others = {temporary_name(path), tmp_path / "notes.tmp"}
+    others = {make_temporary_name(path), tmp_path / "notes.tmp"}
     for other in others:
         other.write_text("not ours to remove")
     write(path, "whole")
@@ -135,7 +135,7 @@ def test_ctrl_c_while_a_result_is_written_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_temporary_names_are_all_different(tmp_path):
-    assert len({temporary_name(tmp_path / name) for name in ("a.h5", "a.h5", "b.h5")}) == 3
+    assert len({make_temporary_name(tmp_path / name) for name in ("a.h5", "a.h5", "b.h5")}) == 3
 
 
 def test_result_file_whose_links_go_in_a_circle(tmp_path):

@@ -5,8 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from app.base.errors import InputError
-from app.cli.option_sources import Given, Place
-from app.cli.problem_options import PROBLEM_OPTIONS, make_problem, settle
+from app.cli.option_sources import OptionSource, ParsedOptions
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem, resolve_alternatives
 from app.halfspace.influence import Material
 from app.options.option_table import OptionReader
 
@@ -75,9 +75,11 @@ def test_refused(texts, message):
 def test_the_last_place_decides_and_one_place_gives_one_way():
     texts = {"shear_modulus": "1", "poisson_ratio": "0.3", "young": "1,2", "poisson": "0,0"}
     pairs = list(texts.items())
-    file, line = (Place(where, dict(part)) for where, part in (("in a.opts", pairs[:2]), ("", pairs[2:])))
-    given = Given(dict(texts), [file, line])
-    settle(given)
+    file, line = (
+        OptionSource(where, dict(part)) for where, part in (("in a.opts", pairs[:2]), ("", pairs[2:]))
+    )
+    given = ParsedOptions(dict(texts), [file, line])
+    resolve_alternatives(given)
     assert given.texts.keys() == {"young", "poisson"}
     with pytest.raises(InputError, match="both -young and -shear_modulus are given on the command line"):
-        settle(Given(dict(texts), [Place("on the command line", texts)]))
+        resolve_alternatives(ParsedOptions(dict(texts), [OptionSource("on the command line", texts)]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.base.errors import InputError
-from app.cli.option_sources import words_for_petsc
+from app.cli.option_sources import startup_args
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.method import METHOD_OPTIONS, method_file
 from app.options.option_table import REQUIRED, Option, OptionReader, as_texts, real
@@ -90,8 +90,8 @@ LONG = "x" * 10**5
         lambda: OptionReader(TABLE, {"problem": LONG})["problem"],
         lambda: OptionReader(TABLE, {"grid": "8 " * 10**5})["grid"],
         lambda: as_texts([LONG], LONG),
-        lambda: words_for_petsc(["solve", LONG]),
-        lambda: words_for_petsc(["solve", f"-grid={LONG}"]),
+        lambda: startup_args(["solve", LONG]),
+        lambda: startup_args(["solve", f"-grid={LONG}"]),
         lambda: method_file(LONG),
         lambda: raise_(InputError(f"{LONG}: {LONG}")),
         lambda: raise_(InputError(" ".join(10**5 * ["unknown"]))),

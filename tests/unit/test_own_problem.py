@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 from app import ContactProblem, Grid, Material, Sphere, solve
 from app.base.errors import InputError
-from app.cli.option_sources import Given
+from app.cli.option_sources import ParsedOptions
 from app.cli.problem_options import PROBLEM_OPTIONS, Request, make_problem
 from app.options.option_table import OptionReader
 from app.problems.problem import checked_shape
@@ -172,7 +172,7 @@ def test_a_misspelt_option_of_its_own_is_told(make):
     texts = {"problem": "python", "problem_type": "my_module.Cone", "cone_slope": "1", "cone_slpoe": "2"}
     texts |= {"grid": "6,4", "domain": "-2,1,-1,1", "contact_modulus": "1", "load": "1"}
     with pytest.raises(InputError, match=r"unknown option: -cone_slpoe \(did you mean -cone_slope\?\)"):
-        Request(Given(texts), MPI.COMM_SELF)
+        Request(ParsedOptions(texts), MPI.COMM_SELF)
 
 
 def test_a_problem_may_be_the_gap_of_another_one():

@@ -9,7 +9,7 @@ from processes import OPTIONS
 
 from app.base.errors import InputError
 from app.cli import option_sources
-from app.cli.problem_options import loading, settle
+from app.cli.problem_options import read_loading, resolve_alternatives
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def read(tmp_path, monkeypatch):
         for name, text in started_with.items():
             database.setValue(name, text)
         try:
-            return option_sources.read(["solve.py", *line.split()])
+            return option_sources.parse_options(["solve.py", *line.split()])
         finally:
             for name in started_with:
                 database.delValue(name)
@@ -54,7 +54,7 @@ def test_later_places_override_earlier_ones(read, files):
     files(file__opts="-d 4\n-e 4\n")
     found = read("-options_file file.opts -e 5", a="1", d="1", e="1")
     assert found.texts == {"a": "1", "d": "4", "e": "5"}
-    assert found.typed() == {"d", "e"} and found.for_database == {"e": "5"}
+    assert found.typed() == {"d", "e"} and found.database_options == {"e": "5"}
     assert read("-e 5 -options_file file.opts").texts == {"d": "4", "e": "4"}  # as in PETSc
 
 
@@ -101,9 +101,9 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
     files(a__opts="-options_left\n-grid 8\n")
     given = read("-options_file a.opts -log_view :log.txt -help")
     assert given.texts == {"grid": "8"}
-    assert given.of_petsc == {"options_left": "", "log_view": ":log.txt", "help": ""}
-    assert given.for_database == given.of_petsc
-    words = option_sources.words_for_petsc("solve.py -grid 8 -log_view -help -options_file a.opts".split())
+    assert given.petsc_options == {"options_left": "", "log_view": ":log.txt", "help": ""}
+    assert given.database_options == given.petsc_options
+    words = option_sources.startup_args("solve.py -grid 8 -log_view -help -options_file a.opts".split())
     assert words == ["solve.py", "-grid", "8", "-log_view"]
 
 
@@ -119,16 +119,16 @@ def test_place_for_the_log_that_there_is_not(view, read):
 @pytest.mark.parametrize("line", ["-fp_trap", "-FP_TRAP true"])
 def test_trapping_floating_point_operations_is_refused(line, read):
     with pytest.raises(InputError, match="^-fp_trap: not available; "):
-        option_sources.words_for_petsc(["solve.py", *line.split()])
+        option_sources.startup_args(["solve.py", *line.split()])
     with pytest.raises(InputError, match="^-fp_trap: not available; "):
         read(fp_trap="")
-    assert "-fp_trap" in option_sources.words_for_petsc(["solve.py", "-fp_trap", "no"])
+    assert "-fp_trap" in option_sources.startup_args(["solve.py", "-fp_trap", "no"])
 
 
 def test_citations_have_a_folder(read):
     with pytest.raises(InputError, match="^-citations nowhere/a: there is no folder nowhere$"):
         read("-citations nowhere/a")
-    assert read("-citations a").of_petsc == {"citations": "a"}
+    assert read("-citations a").petsc_options == {"citations": "a"}
 
 
 @pytest.mark.parametrize("name", ["options_view", "options_left", "get_total_flops", "mpidump"])
@@ -139,7 +139,7 @@ def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
         with pytest.raises(InputError, match=f"^-{name} :a.txt: not allowed; allowed: true or false$"):
             read(line)
     for text in ("", "no", "TRUE"):
-        assert read(f"-{name} {text}").of_petsc == {name: text}
+        assert read(f"-{name} {text}").petsc_options == {name: text}
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
 )
 def test_words_that_are_no_options(line, message, read):
     with pytest.raises(InputError, match=re.escape(message)):
-        option_sources.words_for_petsc(["solve.py", *line.split()])
+        option_sources.startup_args(["solve.py", *line.split()])
         read(line)
 
 
@@ -267,7 +267,7 @@ def prescribed(read, files):
 
     def value(line, **started_with):
         given = read(re.sub(r"(\w+\.(opts|yml))", r"-options_file \1", line), **started_with)
-        return loading(given, settle(given))
+        return read_loading(given, resolve_alternatives(given))
 
     return value
 
@@ -298,7 +298,7 @@ def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(presc
 
 def test_the_one_replaced_is_forgotten(read):
     given = read("-load 5", approach="0.3")
-    assert loading(given, settle(given)) == ("load", 5)
+    assert read_loading(given, resolve_alternatives(given)) == ("load", 5)
     assert given.texts == {"load": "5"}
 
 
@@ -330,18 +330,18 @@ def test_exactly_one_of_approach_and_load(prescribed, line, where):
 def test_what_a_later_file_takes_back_is_told(read, files):
     files(a__opts="-grid 8\n-approach 1\n")
     given = read("-Grid 9 -ksp_rtol 1 -load 5 -options_file a.opts")
-    settle(given)
+    resolve_alternatives(given)
     assert given.texts == {"grid": "8", "ksp_rtol": "1", "load": "5"}
     assert given.warnings == ["-grid 9: a.opts comes later and says 8"]
     given = read("-grid 9 -options_file a.opts -grid 9 -approach 2")
-    settle(given)
+    resolve_alternatives(given)
     assert given.warnings == []
 
 
 def test_files_and_words_are_told_apart(read, files):
     files(a__opts="-a 1\n-b 1\n-c 1\n", b__opts="-b 2\n-d 2\n")
     given = read("-d 0 -options_file a.opts -c 3 -options_file b.opts", a="0", e="0")
-    found = given.files_and_words(set("abcde"))
+    found = given.split_by_source(set("abcde"))
     assert found == (
         {"a.opts": {"a": "1", "b": "1", "c": "1"}, "b.opts": {"b": "2", "d": "2"}},
         {"c": "3"},
@@ -374,7 +374,7 @@ def test_mean_pressure_and_mean_gap_are_loadings_too(prescribed, line, expected)
 def test_a_later_way_to_give_the_material_replaces_the_other(read, files, line, left):
     files(pair__opts="-shear_modulus 1\n-poisson_ratio 0.3\n", one__opts="-contact_modulus 7\n")
     given = read(line)
-    settle(given)
+    resolve_alternatives(given)
     assert given.texts == left
 
 
@@ -383,4 +383,4 @@ def test_two_ways_in_one_place_are_refused(read, files):
     with pytest.raises(
         InputError, match="both -contact_modulus and -poisson_ratio are given in both.opts: exactly one"
     ):
-        settle(read("-options_file both.opts"))
+        resolve_alternatives(read("-options_file both.opts"))

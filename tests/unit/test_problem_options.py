@@ -6,8 +6,8 @@ from mpi4py import MPI
 
 from app.base import memory
 from app.base.errors import InputError
-from app.cli.option_sources import Given
-from app.cli.problem_options import PROBLEM_OPTIONS, input_files, make_problem, suggesting
+from app.cli.option_sources import ParsedOptions
+from app.cli.problem_options import PROBLEM_OPTIONS, list_input_files, make_problem, suggest_names
 from app.options.option_table import OptionReader
 from app.problems.gap_file import GapFile
 
@@ -31,7 +31,7 @@ def made(**texts):
     ],
 )  # fmt: skip
 def test_options_that_nobody_knows_are_named(texts, message):
-    with pytest.raises(InputError) as refusal, suggesting(Given(texts)):
+    with pytest.raises(InputError) as refusal, suggest_names(ParsedOptions(texts)):
         raise InputError("what is wrong")
     assert str(refusal.value) == message
 
@@ -118,4 +118,6 @@ def test_default_patch_is_that_of_the_largest_step(kind):
 
 
 def test_input_files():
-    assert {"a.h5", "mine.py"} <= set(input_files({"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"}))
+    assert {"a.h5", "mine.py"} <= set(
+        list_input_files({"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"})
+    )

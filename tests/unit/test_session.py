@@ -148,7 +148,7 @@ def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch,
 def test_any_complaint_is_printed_in_linear_time(part, capsys):
     """A quadratic search takes hours."""
     line = 10**6 * part
-    streams.complain(line)
+    streams.print_error(line)
     assert capsys.readouterr().err == line + "\n"
 
 

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from app.io.table import comma_separated, markdown, text, write_table
+from app.io.table import format_csv, format_markdown, format_text, write_table
 
 ROWS = [
     {"grid": "32|32", "its": 6, "residual": 1.25e-7},
@@ -16,13 +16,18 @@ ROWS = [
 
 
 def test_markdown_and_text_align_numbers_to_the_right():
-    assert markdown(ROWS, ["grid", "residual", "its"], {"residual": ".1e"}).splitlines() == [
+    assert format_markdown(ROWS, ["grid", "residual", "its"], {"residual": ".1e"}).splitlines() == [
         "| grid   |   residual |   its |",
         "|:-------|-----------:|------:|",
         r"| 32\|32 |    1.2e-07 |     6 |",
         r"| 64\|64 |            |    10 |",
     ]
-    assert text(ROWS, ["its", "note"]).splitlines() == ["  its  note", "-----  ------", "    6", "   10  C"]
+    assert format_text(ROWS, ["its", "note"]).splitlines() == [
+        "  its  note",
+        "-----  ------",
+        "    6",
+        "   10  C",
+    ]
 
 
 def test_cells_say_what_the_values_are():
@@ -30,7 +35,7 @@ def test_cells_say_what_the_values_are():
         {"a": np.int64(12345678), "b": np.bool_(True), "c": "14.60", "d": 0.1 + 0.2},
         {"a": None, "b": False, "c": None, "d": np.nan},
     ]
-    assert [line.split() for line in text(rows).splitlines()[2:]] == [
+    assert [line.split() for line in format_text(rows).splitlines()[2:]] == [
         ["12345678", "True", "14.60", "0.3"],
         ["False", "nan"],
     ]
@@ -38,14 +43,14 @@ def test_cells_say_what_the_values_are():
 
 def test_csv_keeps_all_digits():
     rows = [{"a": 0.1 + 0.2, "b": np.float64(1 / 3), "c": 'x, "y"'}, {"a": np.nan, "b": 1e-300, "c": True}]
-    found = list(csv.DictReader(io.StringIO(comma_separated(rows))))
+    found = list(csv.DictReader(io.StringIO(format_csv(rows))))
     assert [float(row["b"]) for row in found] == [1 / 3, 1e-300]
     assert float(found[0]["a"]) == 0.1 + 0.2
     assert [row["c"] for row in found] == ['x, "y"', "True"]
 
 
 def test_tables_of_every_kind(tmp_path):
-    for name, render in (("a.md", markdown), ("a.txt", text), ("a.csv", comma_separated)):
+    for name, render in (("a.md", format_markdown), ("a.txt", format_text), ("a.csv", format_csv)):
         write_table(tmp_path / name, ROWS)
         assert (tmp_path / name).read_text() == render(ROWS)
     write_table(tmp_path / "a.h5", ROWS)
@@ -56,5 +61,5 @@ def test_tables_of_every_kind(tmp_path):
         assert file["note"].asstr()[:].tolist() == ["", "C"]
     with pytest.raises(ValueError, match=r"a\.xls: the name must end in one of"):
         write_table(tmp_path / "a.xls", ROWS)
-    assert markdown([], ["a"]).splitlines() == ["| a   |", "|-----|"]
-    assert comma_separated([], ["a"]) == "a\n"
+    assert format_markdown([], ["a"]).splitlines() == ["| a   |", "|-----|"]
+    assert format_csv([], ["a"]) == "a\n"
