@@ -12,7 +12,7 @@ from app.cli import arguments, load_path
 from app.cli.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.cli.problem_options import LOADING, PROBLEM_OPTIONS
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
-from app.options.option_table import written
+from app.options.option_table import format_value
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "options.md"
@@ -113,7 +113,9 @@ def options_table(options, methods=()):
     for option in options:
         there = (code(file.get(option.name, "")) for file in files)
         meaning = option.meaning.replace("||", "‖")
-        rows.append([f"`-{option.name}`", code(written(option.default)), *there, allowed(option), meaning])
+        rows.append(
+            [f"`-{option.name}`", code(format_value(option.default)), *there, allowed(option), meaning]
+        )
     return table(head, rows)
 
 

@@ -17,9 +17,9 @@ from app.base.numba_cache import check_compiler
 from app.base.petsc import check_cells, error_message, unwrap_errors
 from app.contact.history import Listener
 from app.multigrid.hierarchy import Hierarchy
-from app.options.method import settings
-from app.options.option_table import as_texts, check_viewer
-from app.options.solver_options import SolverOptions, global_options
+from app.options.method import make_settings
+from app.options.option_table import check_viewer, to_texts
+from app.options.solver_options import SolverOptions, options_with_prefix
 from app.problems.problem import Problem
 
 # PETSc checks the viewer only when there is something to view.
@@ -30,13 +30,13 @@ _VIEW = re.compile(
 _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
-def check_kind(name, given, kind, what):
+def check_type(name, given, kind, what):
     """Refuse an argument of another type. Not collective."""
     if not isinstance(given, kind):
         raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
 
 
-def choose(problem, method, options, prefix, listeners):
+def parse_method(problem, method, options, prefix, listeners):
     """Settings of a method for a problem, and the options for PETSc; see `ContactSolver`. Not collective.
 
     Returns
@@ -48,16 +48,16 @@ def choose(problem, method, options, prefix, listeners):
     InputError
         If it cannot be had on this machine.
     """
-    check_kind("problem", problem, Problem, "a ContactProblem")
-    check_kind("method", method, str | Mapping | None, "the name of a method file, or a mapping")
-    check_kind("listeners", listeners, Sequence, "a sequence of app.Listener")
+    check_type("problem", problem, Problem, "a ContactProblem")
+    check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")
+    check_type("listeners", listeners, Sequence, "a sequence of app.Listener")
     for listener in listeners:
-        check_kind("listeners", listener, Listener, "objects of a class made from app.Listener")
-    check_kind("prefix", prefix, str, "a word")
+        check_type("listeners", listener, Listener, "objects of a class made from app.Listener")
+    check_type("prefix", prefix, str, "a word")
     if not re.fullmatch(r"([A-Za-z]\w*)?", prefix):
         raise InputError(f"prefix {shorten(prefix)}: must begin with a letter and be a word")
     prefix = prefix.lower()  # PETSc compares names without regard to case
-    grid, own, global_ones = problem.grid, as_texts(options or {}), global_options(prefix)
+    grid, own, global_ones = problem.grid, to_texts(options or {}), options_with_prefix(prefix)
     if prefix:
         texts, left_alone = own | global_ones, ()
     else:  # the database may have options of other programs
@@ -67,7 +67,7 @@ def choose(problem, method, options, prefix, listeners):
     check_cells(grid)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: needed: names without the dash")
-    chosen = settings(method, texts, bool(grid.periodic))
+    chosen = make_settings(method, texts, bool(grid.periodic))
     for name in filter(_VIEW.fullmatch, chosen.texts):
         check_viewer(name, chosen.texts[name])
     _check_parts(chosen.texts)

@@ -51,10 +51,10 @@ def notes_on(state, problem, contact, roughness):
             "a modulus is in another unit than N/mm2, a length in another one than mm"
         )
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
-    doubts = [note for surface in measured if (note := doubt(surface, grid))]
+    doubts = [note for surface in measured if (note := note_doubtful_units(surface, grid))]
     found += doubts
-    found += [note for surface in measured if (note := spiked(surface))]
-    found += [note for surface in measured if (note := filled(surface, state))]
+    found += [note for surface in measured if (note := note_spike(surface))]
+    found += [note for surface in measured if (note := note_filled_points(surface, state))]
     if roughness.rms_slope > STEEP and not doubts:
         found.append(
             f"the rms slope is {format_distinct(roughness.rms_slope, STEEP, 2)}: the theory is for slopes "
@@ -137,7 +137,7 @@ def doubtful_moduli(material):
     return found
 
 
-def doubt(surface, grid):
+def note_doubtful_units(surface, grid):
     """Note on a measured surface that is not as steep as surfaces are, as with a unit mistaken by 1000; None: it is.
 
     Not collective.
@@ -153,7 +153,7 @@ def doubt(surface, grid):
     return f"{what}; are heights and spacing in the units said? {surface.understood(grid)}"
 
 
-def spiked(surface):
+def note_spike(surface):
     """Note on a point of a measured surface that stands out of all beside it; None: no one does. Not collective."""
     height, steps, row, column = surface.spike
     if steps <= SPIKE or height <= surface.rounding:
@@ -165,7 +165,7 @@ def spiked(surface):
     )
 
 
-def filled(surface, state):
+def note_filled_points(surface, state):
     """Note on the load that filled points of a measured surface carry; None: hardly any. Collective."""
     share = surface.filled_on(state.grid, state.operator.slabs.rows)
     if share is None:

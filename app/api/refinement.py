@@ -6,14 +6,14 @@ from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
-from app.api.method_solver import check_kind
+from app.api.method_solver import check_type
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.multigrid.hierarchy import check_room
-from app.options.option_table import as_texts
+from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions
 from app.parallel import mpi_abort
 from app.problems.problem import Problem
@@ -88,7 +88,7 @@ def refine(
     call_collectively(comm, check, problem, until, most_cells)
     check_equal_on_ranks(comm, (until, most_cells, stiffness), "refine")
     rows, numbers, asked = [], [], None
-    options = call_collectively(comm, as_texts, options or {})
+    options = call_collectively(comm, to_texts, options or {})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:
@@ -133,7 +133,7 @@ def _has_room(solver, grid):
 
 def check(problem, until, most_cells):
     """Refuse what cannot be refined. Not collective."""
-    check_kind("problem", problem, Problem, "a ContactProblem")
+    check_type("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):
         raise InputError(f"refine until {until}: allowed: a relative error above 0 and below 1")
     if not (isinstance(most_cells, Real) and most_cells > 0):

@@ -22,7 +22,7 @@ import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
 from app.api.load_path import LoadPath, exactly_one
-from app.api.method_solver import choose, make_hierarchy, make_strategy
+from app.api.method_solver import make_hierarchy, make_strategy, parse_method
 from app.api.notes import notes_on
 from app.api.solution import Solution, identity
 from app.api.stiffness import contact_stiffness
@@ -37,8 +37,8 @@ from app.contact.history import History, Monitor
 from app.contact.loading_input import make_loading
 from app.halfspace.influence import influence_quadrant
 from app.multigrid.hierarchy import check_room
-from app.options.method import without_unused
-from app.options.option_table import as_line, unknown_options
+from app.options.method import drop_unused
+from app.options.option_table import describe_unknown_options, format_options
 from app.options.solver_options import SolverOptions
 from app.parallel import mpi_abort
 from app.parallel.communicator import Communicator
@@ -140,7 +140,7 @@ class ContactSolver:
             if prefix is None:
                 prefix = SolverOptions.new_prefix(self.comm)
             chosen, self.options = call_collectively(
-                self.comm, choose, problem, method, options, prefix, listeners
+                self.comm, parse_method, problem, method, options, prefix, listeners
             )
             self.settings = chosen
             monitors = [Monitor()] if chosen.monitor and self.comm.rank == 0 else []
@@ -169,7 +169,7 @@ class ContactSolver:
         if unused := self.options.unused(self.comm):
             # Rank 0 has a part in every grid, and so knows most names.
             words = self.settings, unused, self.options.used
-            self.settings = call_collectively(self.comm, without_unused, *words, only_root=True)
+            self.settings = call_collectively(self.comm, drop_unused, *words, only_root=True)
             for name in unused:
                 self.options.drop(name)
         self._measure_shapes()
@@ -274,7 +274,7 @@ class ContactSolver:
         unused = set(self.options.unused(self.comm, late=True)).difference(self.settings.replaced)
         if not unused:
             return solution
-        return replace(solution, notes=(*solution.notes, unknown_options(unused, (), "unused")))
+        return replace(solution, notes=(*solution.notes, describe_unknown_options(unused, (), "unused")))
 
     def _solve(self, given, start):
         started, before = time.perf_counter(), self.comm.traffic.copy()
@@ -420,7 +420,7 @@ class ContactSolver:
             problem=self.problem.describe()
             | (analytic_values(self.problem, approach, loading.load) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
-            options=as_line(self.settings.texts),
+            options=format_options(self.settings.texts),
             notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,

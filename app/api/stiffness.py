@@ -12,7 +12,7 @@ import numpy as np
 
 from app.contact.periodic_state import contact_state
 from app.multigrid.linear_solver import LinearSolver
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 
 RTOL = 1e-8  # of ||A q - 1||; that of the stiffness is smaller still
 _MAX_IT = 2000
@@ -57,7 +57,7 @@ def contact_stiffness(hierarchy, distance, contact):
         ones = state.right
         ones.setArray(contact.reshape(-1).astype(float))
         to_end.enter_context(operator.double_precision())
-        to_end.enter_context(options_set(hierarchy.prefix, {}, _OPTIONS))
+        to_end.enter_context(temporary_options(hierarchy.prefix, {}, _OPTIONS))
         solver = LinearSolver(hierarchy, operator=operator)
         to_end.callback(solver.destroy)
         solver.set_contact()

@@ -24,7 +24,7 @@ from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
 from app.cli.arguments import Parser, argument_type, command, report_write_errors
-from app.options.option_table import cells, integer, pair_of_reals, some_of
+from app.options.option_table import cells, integer, pair_of_reals, subset
 from app.problems.surfaces.array_file import UnknownFormat
 from app.problems.surfaces.formats import ARRAYS, TEXTS, format_of, suffix_of
 from app.problems.surfaces.height_file import (
@@ -64,7 +64,7 @@ def main(argv):
     lines = "lines at the head of a text to leave out"
     part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"
     add("--skip", type=argument_type(_line_count), default=0, metavar="N", help=lines)
-    add("--orient", type=argument_type(some_of(*TURNS)), default=(), metavar="HOW", help=how)
+    add("--orient", type=argument_type(subset(*TURNS)), default=(), metavar="HOW", help=how)
     add("--crop", type=argument_type(cells), metavar="I0,I1,J0,J1", help=part)
     add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
@@ -211,9 +211,11 @@ def _write(output, source, origin):
 
 def _summary(source):
     """What a solve will read, and what is doubtful in it."""
-    from app.api.notes import doubt, spiked
+    from app.api.notes import note_doubtful_units, note_spike
     from app.problems.surfaces.reading import surface_of
 
     source.orient = ()  # it is turned in the file
     surface = surface_of(source)
-    return surface.understood(), list(filter(None, (doubt(surface, surface.grid()), spiked(surface))))
+    return surface.understood(), list(
+        filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface)))
+    )

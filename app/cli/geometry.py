@@ -22,7 +22,7 @@ from app.options.option_table import (
     pair_of_reals,
     positive,
     real,
-    some_of,
+    subset,
     word,
 )
 from app.problems.surfaces.height_file import TURNS
@@ -78,7 +78,7 @@ GEOMETRY_OPTIONS = [
     Option("surface_unit", unit, None, "of measured heights and points, where the file does not say"),
     Option("surface_height_unit", unit, None, "of the heights alone, where points x, y have another one"),
     Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
-    Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
+    Option("surface_orient", subset(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
     Option("surface_resample", flag, False, "they are put on the cells of -grid and -domain, whatever these are"),

@@ -12,7 +12,7 @@ from app.base.errors import InputError, call_collectively
 from app.base.quantities import unit_of
 from app.cli.session import note, print_output, warn
 from app.io.files import check_output_path, hash_file, remove
-from app.options.option_table import Option, as_line, flag, series, word
+from app.options.option_table import Option, flag, format_options, series, word
 
 KINDS = ("load", "mean_pressure", "approach", "mean_gap")
 _UNITS = ("N", "N/mm2", "mm", "mm of a periodic patch")
@@ -84,7 +84,7 @@ class PathRequest:
             check_output_path(
                 _journal_beside(csv), kept, f"path table {csv}: file of finished steps", (".jsonl",)
             )
-        depends = as_line({name: text for name, text in given.texts.items() if name not in _NO_MATTER})
+        depends = format_options({name: text for name, text in given.texts.items() if name not in _NO_MATTER})
         output, csv = output and Path(output), csv and Path(csv)
         request = cls(kind, numbers, output, csv, fields, resume, inputs, depends)
         if fields:

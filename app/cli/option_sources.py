@@ -23,9 +23,9 @@ from app.options.option_table import (
     OptionReader,
     check_place,
     check_viewer,
+    find_option_file,
     flag,
     is_off,
-    option_file,
 )
 
 COMMAND_LINE = "on the command line"
@@ -206,9 +206,9 @@ def parse_options(argv):
     """
     from petsc4py import PETSc
 
-    from app.options.solver_options import global_options, is_used
+    from app.options.solver_options import is_used, options_with_prefix
 
-    pairs, database = _pairs(argv[1:]), global_options("")
+    pairs, database = _pairs(argv[1:]), options_with_prefix("")
     words = {name for name, _ in pairs}
     started_with = OptionSource(
         STARTED_WITH, {name: text for name, text in database.items() if name not in words}
@@ -249,7 +249,7 @@ class _Reader:
         if f"-{name}" in _OPTION_FILES:
             if text is None:
                 raise InputError(f"-{name}: a file name must follow")
-            self._file(f"-{name}", option_file(text), ())
+            self._file(f"-{name}", find_option_file(text), ())
             return
         if self.places[-1].description != COMMAND_LINE:
             self.places.append(OptionSource(COMMAND_LINE, {}))

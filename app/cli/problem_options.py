@@ -13,11 +13,11 @@ from app.options.option_table import (
     Option,
     OptionReader,
     count,
+    describe_unknown_options,
+    find_similar_name,
     flag,
-    named_files,
-    nearest,
+    list_named_files,
     real,
-    unknown_options,
     word,
 )
 
@@ -87,7 +87,9 @@ class Request:
         kind, number = read_loading(given, options)  # before the patch that may follow from it
         self.problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
         inputs += [
-            file for name in sorted(own.asked & given.texts.keys()) for file in named_files(given.texts[name])
+            file
+            for name in sorted(own.asked & given.texts.keys())
+            for file in list_named_files(given.texts[name])
         ]
         if self.output:
             # With those of the problem's own options.
@@ -113,8 +115,8 @@ class Request:
         self.method, self.options = given.split_by_source(given.texts.keys() - taken)
         _refuse_method(self.options)
         known, unknown = _unknown(given.typed(), own.names)
-        if meant := [name for name in unknown if nearest(name, known)]:
-            raise InputError(unknown_options(meant, known))
+        if meant := [name for name in unknown if find_similar_name(name, known)]:
+            raise InputError(describe_unknown_options(meant, known))
         self.texts = {name: given.texts[name] for name in given.texts.keys() & taken}
 
 
@@ -139,11 +141,13 @@ def suggest_names(given):
         known, unknown = _unknown(given.typed())
         own = given.texts.get("problem") == "python"  # which may have any
         meant = [
-            name for name in unknown if (nearest(name, known) or not own) and f"-{name}" not in str(error)
+            name
+            for name in unknown
+            if (find_similar_name(name, known) or not own) and f"-{name}" not in str(error)
         ]
         if not meant:
             raise
-        raise InputError(f"{unknown_options(meant, known)}; {error}") from None
+        raise InputError(f"{describe_unknown_options(meant, known)}; {error}") from None
 
 
 def _unknown(names, own=()):
@@ -193,7 +197,7 @@ def read_loading(given, options):
 
 def list_input_files(texts):
     """Names of the files that the problem is read from; a result must not take their place. Not collective."""
-    return [file for name in FILES if name in texts for file in named_files(texts[name])]
+    return [file for name in FILES if name in texts for file in list_named_files(texts[name])]
 
 
 def format_help():

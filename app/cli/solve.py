@@ -29,7 +29,7 @@ def main(given):
     from app.cli.problem_options import Request, format_help, suggest_names
     from app.cli.summary import load_path_summary, refinement_table, summary
     from app.contact.history import Monitor
-    from app.options.option_table import as_line
+    from app.options.option_table import format_options
 
     Monitor.say = staticmethod(session.print_output)
     numba_cache.on_first_compile = lambda: session.note("compiling loops, once; this may take half a minute")
@@ -55,7 +55,7 @@ def main(given):
 
     def save(solution, file, steps=None):
         with PETSc.Log.Stage("Output"):
-            options = f"{as_line(request.texts)} {solution.options}"
+            options = f"{format_options(request.texts)} {solution.options}"
             more = {**facts, "options": options, "peak_memory": session.peak_memory()}
             solution.save(file, steps, **more)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
-from app.options.option_table import nearest
+from app.options.option_table import find_similar_name
 
 # What a Solution calls some attributes of the file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
@@ -62,7 +62,7 @@ class ContactFields:
         known = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (there := ATTRIBUTE_NAMES.get(name, name)) in known:
             return known[there]
-        meant = nearest(name, [there for there in dir(self) if there[0] != "_"] if known else ())
+        meant = find_similar_name(name, [there for there in dir(self) if there[0] != "_"] if known else ())
         hint = f"did you mean {meant}?" if meant else "what it has: .attributes"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 

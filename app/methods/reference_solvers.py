@@ -15,7 +15,7 @@ from app.base.petsc import TAO_REASONS, callback_context, error_message
 from app.contact.history import Outcome, entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 
 # Codes of PETSc errors: argument out of range and inconsistent data (line searches), floating point, no convergence
 FAILURE_CODES = 63, 72, 77, 82, 91
@@ -254,7 +254,7 @@ class SnesVI(_ReferenceSolver):
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         ksp.setTolerances(rtol=1e-8)
         # PETSc's own default is a pressure of 1e-8, whatever the units.
-        with options_set(self.prefix, {"snes_vi_zero_tolerance": "0"}, {}):
+        with temporary_options(self.prefix, {"snes_vi_zero_tolerance": "0"}, {}):
             self._configure(self.snes)
 
     @property

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from app.base.errors import format_exact
 from app.base.petsc import callback_context
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 
 
 def reason_names(reasons):
@@ -67,7 +67,7 @@ class LinearSolver:
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
         forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})
-        with options_set(self._prefix, {}, forced), callback_context():
+        with temporary_options(self._prefix, {}, forced), callback_context():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads

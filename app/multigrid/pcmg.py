@@ -34,7 +34,7 @@ from app.halfspace.mat_methods import check_unscaled
 from app.halfspace.operator import InfluenceOperator, get_operator
 from app.multigrid.direct import stored_matrix
 from app.multigrid.hierarchy import coarser_levels, transfers_between
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 
 _SMOOTHER = {
     "mg_levels_ksp_type": "richardson",
@@ -192,7 +192,7 @@ class ContactMG:
         self._symmetric |= options.getString("ksp_type", "") in _NEED_SYMMETRY
         defaults = _default_options(options.getAll(), self._symmetric)
         forced = {"pc_type": "mg", "pc_mg_levels": str(len(self.operators))}
-        with options_set(prefix, defaults, forced):
+        with temporary_options(prefix, defaults, forced):
             cycle.setFromOptions()
             self._restrict_contact()
             cycle.setUp()  # levels read their options here

@@ -23,15 +23,15 @@ from app.options.option_table import (
     FILES,
     Option,
     OptionReader,
-    as_texts,
     choice,
     count,
+    describe_unknown_options,
     flag,
     from_zero,
     integer,
     is_off,
     real,
-    unknown_options,
+    to_texts,
 )
 from app.options.solver_options import read_option_file
 
@@ -133,7 +133,7 @@ class Settings:
     replaced: tuple = ()  # names in method files that may be useless, as something later chooses other solvers
 
 
-def method_file(name):
+def find_method_file(name):
     """Path of a method file by its name. Not collective.
 
     Raises
@@ -142,11 +142,11 @@ def method_file(name):
         If there is none.
     """
     if name not in {path.stem for path in FILES.glob("*.opts")}:
-        raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+        raise InputError(f"method {name!r}: allowed: {', '.join(list_methods())}")
     return FILES / f"{name}.opts"
 
 
-def method_names():
+def list_methods():
     """Names of all method files, sorted. Not collective."""
     return sorted(
         path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
@@ -155,10 +155,10 @@ def method_names():
 
 def read_method_file(name):
     """Options of a method file, name -> text. Not collective; PETSc reads them."""
-    return read_option_file(method_file(name))
+    return read_option_file(find_method_file(name))
 
 
-def settings(method=None, options=None, periodic=False):
+def make_settings(method=None, options=None, periodic=False):
     """Put a method together. Not collective.
 
     Parameters
@@ -180,10 +180,10 @@ def settings(method=None, options=None, periodic=False):
         If an option is not allowed, or has no effect with the others. What a file says may be idle if something later
         has overridden it.
     """
-    given = as_texts(options or {})
+    given = to_texts(options or {})
     if isinstance(method, str):
         method = {method: read_method_file(method)}
-    files = {name: as_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
+    files = {name: to_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
     warnings = _give_way(files, given)
     said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
     default = PERIODIC if periodic else DEFAULT
@@ -196,7 +196,7 @@ def settings(method=None, options=None, periodic=False):
     of_files = tuple(sorted(texts.keys() - given.keys()))
     texts = texts | given
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
-        raise InputError(unknown_options(unknown, _TABLE))
+        raise InputError(describe_unknown_options(unknown, _TABLE))
     replaced = _replaced(files, given)
     texts = _without_idle(texts, of_files, files_so_far)
     reader = OptionReader(METHOD_OPTIONS, texts)
@@ -254,7 +254,7 @@ def _replaced(files, given):
     return found
 
 
-def without_unused(chosen, unused, known):
+def drop_unused(chosen, unused, known):
     """Settings without unused options of replaced methods; refuse all other unused ones. Not collective.
 
     Parameters
@@ -270,7 +270,7 @@ def without_unused(chosen, unused, known):
     """
     if mistakes := set(unused).difference(chosen.replaced):
         ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
-        raise InputError(unknown_options(mistakes, ours.union(known), "unknown or unused"))
+        raise InputError(describe_unknown_options(mistakes, ours.union(known), "unknown or unused"))
     return replace(chosen, texts={name: text for name, text in chosen.texts.items() if name not in unused})
 
 

@@ -33,7 +33,7 @@ _CAN_SHOW = [
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
 
-def option_file(path):
+def find_option_file(path):
     """Path of an option file: as it is, or one of the program's own where ``petsc_options/F`` or ``F`` is none here.
 
     Where there is neither, the same with ``.opts``.
@@ -47,12 +47,12 @@ def option_file(path):
     return path
 
 
-def named_files(text):
+def list_named_files(text):
     """Names of files that the text of an option may hold: all of it, what stands before ``:/DATASET``, or a module.
 
     Examples
     --------
-    >>> named_files("map.h5:/heights"), named_files("mine.Bump")
+    >>> list_named_files("map.h5:/heights"), list_named_files("mine.Bump")
     (['map.h5:/heights', 'map.h5'], ['mine.Bump', 'mine.py'])
     """
     module = re.fullmatch(r"([^\W\d]\w*(\.[^\W\d]\w*)*)\.[^\W\d]\w*", text)
@@ -117,20 +117,20 @@ class Option:
 
     def help(self, files=None):
         """Return a line for ``-help``, with the values in some option files: name -> texts of its options."""
-        values = {} if self.default in (None, REQUIRED) else {"default": written(self.default)}
+        values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
             if self.name in texts:
-                values[file] = written(self.kind(texts[self.name]))
+                values[file] = format_value(self.kind(texts[self.name]))
         said = ", ".join(f"{place} {value}" for place, value in values.items())
         return f"  -{self.name:<20} {self.described}" + (f" ({said})" if said else "")
 
 
-def written(value):
+def format_value(value):
     """Write a value as one would type it; nothing for None or `REQUIRED`.
 
     Examples
     --------
-    >>> written(1e-6), written((12, 10)), written(True), written(None)
+    >>> format_value(1e-6), format_value((12, 10)), format_value(True), format_value(None)
     ('1e-06', '12,10', 'on', '')
     """
     if value is None or value is REQUIRED:
@@ -138,7 +138,7 @@ def written(value):
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, tuple):
-        return ",".join(map(written, value))
+        return ",".join(map(format_value, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -168,7 +168,7 @@ class OptionReader:
 
     def __init__(self, table, texts):
         self._table = {option.name.lower(): option for option in table}
-        self._texts = as_texts(texts)
+        self._texts = to_texts(texts)
         self.asked = set()
 
     @property
@@ -209,7 +209,7 @@ class OptionReader:
         return sorted(self._table.keys() & self._texts.keys() - self.asked)
 
 
-def as_texts(options, what="options"):
+def to_texts(options, what="options"):
     """Options of a mapping as they would be written on a command line: names in lower case, values as text.
 
     Raises
@@ -219,7 +219,7 @@ def as_texts(options, what="options"):
 
     Examples
     --------
-    >>> as_texts({"lcp_nested": True, "grid": (8, 4), "Load": 0.5, "lcp_monitor": ""})
+    >>> to_texts({"lcp_nested": True, "grid": (8, 4), "Load": 0.5, "lcp_monitor": ""})
     {'lcp_nested': 'true', 'grid': '8,4', 'load': '0.5', 'lcp_monitor': ''}
     """
     if not isinstance(options, Mapping):
@@ -229,12 +229,12 @@ def as_texts(options, what="options"):
     return {name.lower(): _text(value) for name, value in options.items()}
 
 
-def as_line(texts):
+def format_options(texts):
     """Options as they would be written on a command line.
 
     Examples
     --------
-    >>> as_line({"lcp_rtol": "1e-8", "grid": "8"})
+    >>> format_options({"lcp_rtol": "1e-8", "grid": "8"})
     '-grid 8 -lcp_rtol 1e-8'
     """
     return " ".join(f"-{name} {texts[name]}".strip() for name in sorted(texts))
@@ -248,12 +248,12 @@ def _text(value):
     return "" if value is None else str(value)
 
 
-def nearest(name, known):
+def find_similar_name(name, known):
     """The known name that differs by two letters at most, of a short name by a quarter; None if there is none.
 
     Examples
     --------
-    >>> nearest("gird", ["grid", "load"]), nearest("grid", ["grid", "grip"])
+    >>> find_similar_name("gird", ["grid", "load"]), find_similar_name("grid", ["grid", "grip"])
     ('grid', None)
     """
     if name in known:
@@ -261,7 +261,7 @@ def nearest(name, known):
     return next(iter(difflib.get_close_matches(name, known, 1, max(0.75, 1 - 2 / max(len(name), 1)))), None)
 
 
-def unknown_options(names, known, what="unknown"):
+def describe_unknown_options(names, known, what="unknown"):
     """Complain about unknown options; suggest a known name that is nearly the same.
 
     Parameters
@@ -273,12 +273,12 @@ def unknown_options(names, known, what="unknown"):
 
     Examples
     --------
-    >>> unknown_options(["gird"], ["grid", "load"])
+    >>> describe_unknown_options(["gird"], ["grid", "load"])
     'unknown option: -gird (did you mean -grid?)'
     """
     said = []
     for name in sorted(names):
-        near = nearest(name, known)
+        near = find_similar_name(name, known)
         said.append(f"-{name} (did you mean -{near}?)" if near else f"-{name}")
     return f"{what} option{'s'[: len(said) > 1]}: {', '.join(said)}"
 
@@ -352,7 +352,7 @@ def choice(*names):
     return parse
 
 
-def some_of(*names):
+def subset(*names):
     """Kind: some of some words, with commas between, in any order."""
 
     def parse(text):

@@ -126,7 +126,7 @@ class SolverOptions:
 
 
 @contextmanager
-def options_set(prefix, defaults, forced):
+def temporary_options(prefix, defaults, forced):
     """Set options of PETSc's database inside the block. Not collective.
 
     Parameters
@@ -174,7 +174,7 @@ def read_option_file(path, flag="-options_file"):
         raise InputError(message if str(path) in message else f"option file {path}: {message}") from None
     finally:
         pushed = _pop_prefixes(database)
-        found = global_options(prefix)
+        found = options_with_prefix(prefix)
         for name in found:
             database.delValue(prefix + name)
     if pushed != 1:
@@ -193,7 +193,7 @@ def _pop_prefixes(database):
         database.insertString("-prefix_pop")
 
 
-def global_options(prefix):
+def options_with_prefix(prefix):
     """Options in PETSc's database that begin with a prefix: name without it -> text. Not collective."""
     database, found = PETSc.Options(), {}
     for name in database.getAll():  # which cuts values at blanks

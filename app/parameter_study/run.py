@@ -17,7 +17,7 @@ import numpy as np
 from app.io.contact_fields import ATTRIBUTE_NAMES
 from app.io.files import hash_file
 from app.io.result import read_result
-from app.options.option_table import FILES, named_files
+from app.options.option_table import FILES, list_named_files
 
 ROOT = Path(__file__).resolve().parents[2]
 _ANSWER = (
@@ -105,7 +105,7 @@ class Run:
         """
         home = Path(os.environ.get("HOME", "."), ".petscrc")
         files = [str(home), ".petscrc", "petscrc", *self.files]
-        values = [file for value in self.options.values() for file in named_files(str(value))]
+        values = [file for value in self.options.values() for file in list_named_files(str(value))]
         return [*files, *values, *_named_in(files, _environment())]
 
     def key(self, ranks=1):
@@ -128,7 +128,9 @@ def _named_in(option_files, texts):
             line = line.partition("#")[0]
             words = [*re.findall(r'"[^"]*"|[^\s"]+', line), line.partition(":")[2].strip()]
             names = [
-                name for word in words for name in named_files(os.path.expandvars(word.strip("\"'[]{},")))
+                name
+                for word in words
+                for name in list_named_files(os.path.expandvars(word.strip("\"'[]{},")))
             ]
             new = [name for name in names if name not in found and os.path.isfile(name)]  # noqa: PTH113
             found += new

@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from app.base.errors import InputError, format_yaml_error
-from app.options.option_table import number, option_file
+from app.options.option_table import find_option_file, number
 from app.parameter_study.run import Run
 
 LEFT_OUT = "~"
@@ -92,7 +92,7 @@ def _combine(content):
 def _files(entry):
     """Alternatives of an option file, or of a list of them."""
     entries = entry if isinstance(entry, list) else [entry]
-    names = [option_file(_scalar(name, "option_files")) for name in entries]
+    names = [find_option_file(_scalar(name, "option_files")) for name in entries]
     if not names:
         raise InputError("option_files: the list is empty")
     for name in names:

@@ -9,7 +9,7 @@ import numpy as np
 from app.api.solver import ContactSolver
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.options.method import method_names
+from app.options.method import list_methods
 from app.problems.contact_problem import ContactProblem
 
 UNIT = Material.combined(1 / np.pi, 0.0)  # compliance 1
@@ -26,7 +26,7 @@ def solved(problem, method=None, comm=None, start=None, options=None, **loading)
 
 def methods(periodic):
     """Names of all method files that work on a kind of patch."""
-    return [name for name in method_names() if name != ("fast" if periodic else "primal")]
+    return [name for name in list_methods() if name != ("fast" if periodic else "primal")]
 
 
 def random_problem(rng, nx, ny, periodic="", holes=True):

@@ -9,7 +9,7 @@ from running import solve
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.io.result import read_result
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
-from app.options.option_table import written
+from app.options.option_table import format_value
 
 RESULT = "result.h5"
 
@@ -311,7 +311,7 @@ def test_help_has_the_values_that_an_ordinary_run_uses(cli_here):
         for option, text in read_method_file(name).items():
             if table := [entry for entry in (*METHOD_OPTIONS, *PART_OPTIONS) if entry.name == option]:
                 [line] = [line for line in told.splitlines() if line.startswith(f"  -{option} ")]
-                assert f"{name}.opts {written(table[0].kind(text))}" in line
+                assert f"{name}.opts {format_value(table[0].kind(text))}" in line
 
 
 def test_nothing_in_sight_is_worth_a_warning(cli_here):

@@ -8,7 +8,7 @@ import pytest
 from documents import PAGES, ROOT, anchors, files_named, links, options_named
 
 from app.cli.problem_options import PROBLEM_OPTIONS
-from app.options.method import METHOD_OPTIONS, PART_OPTIONS, method_file
+from app.options.method import METHOD_OPTIONS, PART_OPTIONS, find_method_file
 
 DOCS = ROOT / "docs"
 NOTEBOOK = set(DOCS.glob("notebook/*.md"))
@@ -102,7 +102,7 @@ def test_every_option_file_has_its_row():
         for page in ("methods", "commands")
         for name in re.findall(r"`(\w+)\.opts`", TEXT[DOCS / f"{page}.md"])
     }
-    assert told == {path.stem for path in method_file("fast").parent.glob("*.opts")}
+    assert told == {path.stem for path in find_method_file("fast").parent.glob("*.opts")}
 
 
 def test_page_of_options_is_today_s():

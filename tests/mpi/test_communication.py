@@ -13,7 +13,7 @@ from app.halfspace.grid import Grid
 from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 from app.parallel.communicator import Communicator
 from app.parallel.fetch import Fetch
 from app.parallel.rank_groups import RankGroups
@@ -83,7 +83,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
         "pc_circulant_blocks": "16" if scattered else "0",
     }
     for steps in (1, 3):  # so few that the norm needs no summing anew
-        with options_set("", {}, options | {"ksp_max_it": str(steps)}):
+        with temporary_options("", {}, options | {"ksp_max_it": str(steps)}):
             solver = LinearSolver(hierarchy)
         nearly = multilevel_influence(operator) if by_levels else None
         if nearly is not None:

@@ -17,7 +17,7 @@ from app.multigrid import ContactMG
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.transfer import Transfer
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 
 MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
 RTOL = 1e-8
@@ -61,7 +61,7 @@ def of_the_loop(grid, kind):
     """Iterations that the linear solver of the paper's loop needs for each contact set, on one rank."""
     hierarchy, counts = Hierarchy(grid, STEEL, MPI.COMM_SELF), []
     options = {"ksp_type": kind, "ksp_norm_type": "preconditioned", "ksp_rtol": str(RTOL), "ksp_max_it": "60"}
-    with options_set("", {}, options | {"pc_type": "mg"}):
+    with temporary_options("", {}, options | {"pc_type": "mg"}):
         solver = LinearSolver(hierarchy)
         right = solver.mat.createVecRight()
         for contact in contact_sets(grid):
@@ -82,7 +82,7 @@ def test_a_users_ksp_needs_as_many_iterations_as_the_loop(comm, kind, grid):
     """For one contact set and then another, however PETSc is notified."""
     operator, mat = bare(comm, grid)
     counts, (p, b) = [], mat.createVecs()
-    with options_set("", {}, with_prefix("user_", MULTIGRID)):
+    with temporary_options("", {}, with_prefix("user_", MULTIGRID)):
         ksp = user_ksp(mat, kind)
         for contact, announce in zip(contact_sets(grid), (mat.assemble, mat.stateIncrease), strict=True):
             operator.mask[...] = contact[operator.slabs.rows]
@@ -126,7 +126,7 @@ def test_cycles_of_a_ksp_that_needs_symmetry_are_symmetric(comm):
     ksp.setType("cg")
     ksp.solve(b, p)
     assert asymmetry(ksp.getPC(), operator, mat) < 1e-14
-    with options_set("", {}, with_prefix("user_", MULTIGRID | {"ksp_type": "minres"})):
+    with temporary_options("", {}, with_prefix("user_", MULTIGRID | {"ksp_type": "minres"})):
         other = user_ksp(mat, "gmres")
         other.setUp()
     assert asymmetry(other.getPC(), operator, mat) < 1e-14
@@ -144,7 +144,7 @@ def test_options_are_read_under_the_prefix_of_the_pc(comm):
         "other_", MULTIGRID | {"pc_mg_cycle_type": "w"}
     )
     counts = []
-    with options_set("", {}, given):
+    with temporary_options("", {}, given):
         for prefix in ("user_", "other_"):
             other = user_ksp(mat, "gmres", prefix)
             other.solve(b, p)
@@ -172,7 +172,7 @@ def test_options_are_read_under_the_prefix_of_the_pc(comm):
 def test_what_the_grid_does_not_allow_is_refused(comm, grid, levels, message):
     _, ksp, parts = ready(comm, grid)
     with (
-        options_set("", {}, {"pc_mg_levels": levels}),
+        temporary_options("", {}, {"pc_mg_levels": levels}),
         pytest.raises(InputError, match=message),
         unwrap_errors(),
     ):

@@ -38,7 +38,7 @@ def solve(nx, ny):
     gap = np.cos(np.arange(nx) * 20 / nx) + np.cos(np.arange(ny) * 20 / ny)[:, None]
     with ContactSolver(ContactProblem(grid, Material.combined(1, 0.3), gap)) as solver:
         solver.solve(approach=solver.touching + 0.01)
-    return 8 * (grid.n * doubles_per_cell(settings()) + doubles_in_strips(grid))
+    return 8 * (grid.n * doubles_per_cell(make_settings()) + doubles_in_strips(grid))
 solve(300, 3)
 before = peak()
 estimated = solve(*map(int, sys.argv[1:]))

@@ -6,8 +6,8 @@ import pytest
 from app.base.errors import InputError
 from app.cli.option_sources import startup_args
 from app.cli.problem_options import PROBLEM_OPTIONS
-from app.options.method import METHOD_OPTIONS, method_file
-from app.options.option_table import REQUIRED, Option, OptionReader, as_texts, real
+from app.options.method import METHOD_OPTIONS, find_method_file
+from app.options.option_table import REQUIRED, Option, OptionReader, real, to_texts
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
 
@@ -89,10 +89,10 @@ LONG = "x" * 10**5
     [
         lambda: OptionReader(TABLE, {"problem": LONG})["problem"],
         lambda: OptionReader(TABLE, {"grid": "8 " * 10**5})["grid"],
-        lambda: as_texts([LONG], LONG),
+        lambda: to_texts([LONG], LONG),
         lambda: startup_args(["solve", LONG]),
         lambda: startup_args(["solve", f"-grid={LONG}"]),
-        lambda: method_file(LONG),
+        lambda: find_method_file(LONG),
         lambda: raise_(InputError(f"{LONG}: {LONG}")),
         lambda: raise_(InputError(" ".join(10**5 * ["unknown"]))),
     ],
@@ -137,4 +137,4 @@ def test_values_of_python_are_read_like_texts():
     values = {"domain": (-1, 1.5, 0, np.float64(2)), "lcp_nested": np.True_, "grid": [8, 4], "lcp_rtol": 1e-8}
     reader = OptionReader(TABLE, values)
     assert [reader[name] for name in values] == [(-1, 1.5, 0, 2), True, (8, 4), 1e-8]
-    assert as_texts({"lcp_rtol": 0.1 + 0.2})["lcp_rtol"] == "0.30000000000000004"
+    assert to_texts({"lcp_rtol": 0.1 + 0.2})["lcp_rtol"] == "0.30000000000000004"

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from app import ContactSolver
 from app.base.errors import InputError
-from app.options.solver_options import SolverOptions, options_set, read_option_file
+from app.options.solver_options import SolverOptions, read_option_file, temporary_options
 
 PROBLEM = hertz(16)
 
@@ -28,7 +28,7 @@ def test_temporary_options_leave_the_database_as_it_was(database):
     database.setValue("x_given", "1")
     database.setValue("x_in_the_way", "2 3")
     before = database.getAll()
-    with options_set("x_", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
+    with temporary_options("x_", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
         assert PETSc.Options("x_").getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
     assert database.getAll() == before and database.getString("x_in_the_way") == "2 3"
 

@@ -8,7 +8,7 @@ from petsc4py import PETSc
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.tracking_cg import TrackingCG
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 
 GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
 
@@ -293,7 +293,7 @@ def test_flops_of_its_own_sums_are_logged(make):
 def test_it_chooses_the_norm_that_it_computes_unless_an_option_names_one(make, norm):
     system, unpreconditioned = make(), PETSc.KSP.NormType.UNPRECONDITIONED
     system.ksp.setNormType(PETSc.KSP.NormType.PRECONDITIONED)
-    with options_set("", {}, {"ksp_norm_type": norm}):
+    with temporary_options("", {}, {"ksp_norm_type": norm}):
         system.ksp.setFromOptions()
     assert (system.ksp.getNormType() == unpreconditioned) == (norm is None)
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from app import Grid
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.options.method import settings
+from app.options.method import make_settings
 from app.options.solver_options import SolverOptions
 
 
@@ -25,7 +25,7 @@ def test_cycle_in_the_theory_equals_pcmg(share):
 
     grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
     hierarchy = Hierarchy(grid, page["compliance"], MPI.COMM_SELF)
-    with SolverOptions("", settings("mg_v11").texts).inserted():
+    with SolverOptions("", make_settings("mg_v11").texts).inserted():
         solver = LinearSolver(hierarchy)
         hierarchy.target.mask[...] = contact
         solver.set_contact()

@@ -15,7 +15,7 @@ from app.methods.periodic.iteration import accept, primal_active_set, verify
 from app.methods.periodic.operator import InverseOperator
 from app.methods.periodic.state import PrimalState
 from app.methods.progress import NeedsSafeguard
-from app.options.solver_options import options_set
+from app.options.solver_options import temporary_options
 from app.parallel.communicator import propagate_errors
 
 # CG for pressures, with A's own inverse as preconditioner
@@ -100,7 +100,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         primal.reset_for_safeguard()
         verify(primal, solver.scratch)
         accept(primal, solver.scratch)
-        with options_set(hierarchy.prefix, {}, _SAFEGUARD):
+        with temporary_options(hierarchy.prefix, {}, _SAFEGUARD):
             rest = solve_safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)
