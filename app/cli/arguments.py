@@ -25,8 +25,8 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message):
-        """Raise InputError; what `argument` says reads as of an option: ``--jobs 0: not allowed; allowed: ...``."""
-        raise InputError(re.sub("^argument (-[^:]*): (?=.*: not allowed; )", r"\1 ", message))
+        """Raise InputError, worded as of an option: ``--jobs 0: must be ...``."""
+        raise InputError(re.sub("^argument (-[^:]*): (?=.*: must be )", r"\1 ", message))
 
 
 def argument_type(kind):
@@ -36,7 +36,7 @@ def argument_type(kind):
         try:
             return kind(text)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(f"{shorten(text)}: not allowed; allowed: {error}") from None
+            raise argparse.ArgumentTypeError(f"{shorten(text)}: must be {error}") from None
 
     return parse
 

@@ -199,10 +199,10 @@ class OptionReader:
         try:
             return option.kind(text)
         except ValueError as error:
-            wrong = f"-{name} {shorten(text)}: not allowed" if text else f"-{name}: its value is missing"
+            wrong = f"-{name} {shorten(text)}" if text else f"-{name}: its value is missing"
             unit = re.search(r"\[[^]:]+\]", option.meaning)
             unit = f" {unit[0]}" if unit and unit[0] not in str(error) else ""
-            raise InputError(f"{wrong}; allowed: {error}{unit}") from None
+            raise InputError(f"{wrong}: must be {error}{unit}") from None
 
     def unused(self):
         """Names of the table's options that are set and that nobody has asked for, sorted."""
@@ -358,7 +358,7 @@ def subset(*names):
     def parse(text):
         found = tuple(text.split(","))
         if not set(found) <= set(names):
-            raise ValueError("with commas between: " + ", ".join(names))
+            raise ValueError("some, with commas between, of " + ", ".join(names))
         return found
 
     parse.names = names  # for the help
@@ -382,7 +382,7 @@ def flag(text):
 def word(text):
     """Kind: any non-empty text."""
     if not text:
-        raise ValueError("a name must follow")
+        raise ValueError("a name")
     return text
 
 

@@ -48,7 +48,7 @@ def test_option_file_that_includes_itself(solve, tmp_path, ranks):
 @pytest.mark.parametrize(
     ("ranks", "words", "message"),
     [
-        (None, "-lcp_max_it 0", "-lcp_max_it 0: not allowed"),
+        (None, "-lcp_max_it 0", "-lcp_max_it 0: must be"),
         (2, "-lcp_rtoll 1e-3", "unknown option: -lcp_rtoll (did you mean -lcp_rtol?)"),
         (None, "-options_file nowhere.opts", "PETSc does not start: Unable to open"),
         (None, "-malloc_debug maybe", "PETSc does not start: Invalid argument: Unknown logical value: maybe"),

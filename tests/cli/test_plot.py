@@ -62,10 +62,10 @@ def test_without_a_folder_pictures_lie_beside_the_file_and_only_some_are_drawn(p
         (["absent.h5", "-o", "DIR"], "absent.h5: no such file"),
         ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
         (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),
-        (["RESULT", "-o", "DIR", "--dpi", "many"], "--dpi many: not allowed"),
+        (["RESULT", "-o", "DIR", "--dpi", "many"], "--dpi many: must be"),
         (
             ["RESULT", "-o", "DIR", "--dpi", "5"],
-            "--dpi 5: not allowed; allowed: a whole number from 20 to 1200",
+            "--dpi 5: must be a whole number from 20 to 1200",
         ),
         (["RESULT", "-o", "DIR/below"], "does not exist"),
         (["RESULT", "-o", "RESULT"], "not a folder"),

@@ -351,9 +351,9 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, s
         (["s.npy", "--unit", "um"], "--spacing is missing: surface file "),
         (
             ["s.npy", "--unit", "inch", "--spacing", "1,1"],
-            "--unit inch: not allowed; allowed: one of m, cm, mm, um, nm, pm, angstrom, in (µm is um, Å is angstrom)",
+            "--unit inch: must be one of m, cm, mm, um, nm, pm, angstrom, in (µm is um, Å is angstrom)",
         ),
-        (["s.npy", "--unit", "um", "--spacing", "1"], "1: not allowed; allowed: DX,DY"),
+        (["s.npy", "--unit", "um", "--spacing", "1"], "1: must be DX,DY"),
         (["s.npy", "-o", "s.txt"], "the name must end in .h5"),
         (["none.npy"], "no such file"),
         (["wide.h5"], "wide.h5: spacing wide: needed: two positive numbers"),

@@ -225,7 +225,7 @@ def test_each_combination_is_a_row(swept):
 
 def test_refused_and_unfinished_rows_say_why(swept):
     _, rows = swept
-    assert rows[2]["message"].startswith("error: -approach ten: not allowed")
+    assert rows[2]["message"].startswith("error: -approach ten: must be")
     assert "1 active set iterations in a row were not enough" in rows[3]["message"]
     assert rows[2]["load"] == "" and float(rows[3]["load"]) > 0
 

@@ -95,7 +95,7 @@ def test_an_array_is_read_as_its_file(saved):
         (
             HEIGHTS,
             {"unit": "micron"},
-            "surface unit micron: not allowed; allowed: m, cm, mm, um, nm, pm, angstrom, in",
+            "surface unit micron: must be one of m, cm, mm, um, nm, pm, angstrom, in",
         ),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
@@ -104,7 +104,7 @@ def test_an_array_is_read_as_its_file(saved):
         (HEIGHTS, {"crop": 3}, "four whole numbers i0, i1, j0, j1"),
         (HEIGHTS, {"skip": -1}, "surface skip -1: .* a number of lines"),
         (HEIGHTS, {"skip": "2"}, "surface skip '2': .* a number of lines"),
-        (HEIGHTS, {"orient": "flip_z"}, "surface orient flip_z: not allowed"),
+        (HEIGHTS, {"orient": "flip_z"}, "surface orient flip_z: must be one of"),
     ],
 )
 def test_arrays_of_no_use(given, how, message):
@@ -412,16 +412,16 @@ def test_units(saved):
         (
             "s.npy",
             {"surface_unit": "inch"},
-            "-surface_unit inch: not allowed; allowed: one of m, cm, mm, um, nm, pm, angstrom, in .µm is um, Å is",
+            "-surface_unit inch: must be one of m, cm, mm, um, nm, pm, angstrom, in .µm is um, Å is",
         ),
         ("s.npy", {"surface_unit": "um"}, r"-domain\) is missing: surface file .* does not say its spacing"),
         ("s.h5", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
         ("s.txt", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
-        ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
+        ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: must be"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
-        ("s.h5", {"surface_crop": "3,3,0,2"}, "-surface_crop 3,3,0,2: not allowed"),
-        ("s.h5", {"surface_missing": "zero"}, "-surface_missing zero: not allowed"),
+        ("s.h5", {"surface_crop": "3,3,0,2"}, "-surface_crop 3,3,0,2: must be"),
+        ("s.h5", {"surface_missing": "zero"}, "-surface_missing zero: must be"),
         ("none.npy", {}, "surface file .*none.npy: no such file"),
     ],
 )

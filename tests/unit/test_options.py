@@ -44,8 +44,8 @@ BAD_VALUES = [
     ("load_path", "1_0:20:3", "n from 2 to 100000"),
     ("load_path", "1,1_0", "numbers a,b,c"),
     ("lcp_beta", "-1", "a number from 0"),
-    ("gap_file", "", "a name must follow"),
-    ("output", "", "a name must follow"),
+    ("gap_file", "", "a name"),
+    ("output", "", "a name"),
 ]
 
 
@@ -53,8 +53,8 @@ BAD_VALUES = [
 def test_value_that_is_not_allowed(name, text, allowed):
     with pytest.raises(InputError) as refusal:
         OptionReader(TABLE, {name: text})[name]
-    wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
-    assert str(refusal.value).startswith(f"{wrong}; allowed: ")
+    wrong = f"-{name} {text}" if text else f"-{name}: its value is missing"
+    assert str(refusal.value).startswith(f"{wrong}: must be ")
     assert allowed in str(refusal.value)
 
 

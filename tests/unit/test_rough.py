@@ -103,7 +103,7 @@ def test_slabs_make_the_same():
         ("32", ["surface_cutoff"], {}, "-surface_cutoff is missing"),
         ("32", ["surface_rms_slope"], {}, "neither -surface_rms_slope nor -surface_rms_height"),
         ("32", (), {"surface_rms_height": "1"}, "either its rms height or its rms slope"),
-        ("32", (), {"surface_hurst": "1.2"}, "-surface_hurst 1.2: not allowed"),
+        ("32", (), {"surface_hurst": "1.2"}, "-surface_hurst 1.2: must be"),
         ("32", (), {"surface_rolloff": "0.2"}, "positive and in this order"),
         ("32", ["contact_modulus"], {}, "neither -contact_modulus .* exactly one of these ways"),
         ("32", ["contact_modulus"], {"shear_modulus": "1"}, "-poisson_ratio is missing"),

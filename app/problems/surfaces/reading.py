@@ -122,9 +122,7 @@ def read_surface(
         *(("orient", turn, TURNS) for turn in orient),
     ):
         if value not in allowed:
-            raise InputError(
-                f"surface {name} {value}: not allowed; allowed: {', '.join(filter(None, allowed))}"
-            )
+            raise InputError(f"surface {name} {value}: must be one of {', '.join(filter(None, allowed))}")
     try:
         source = open_heights(path, skip, orient, channel, coordinates=crop is not None)
     except (ValueError, OSError) as error:
