@@ -282,7 +282,7 @@ class Replay:
     def __init__(self, recorded, ranks, network=INSIDE, cells=8192):
         self._network, self.sharing = network, ranks
         self._ranks = RankGroups.__new__(RankGroups)
-        vars(self._ranks).update(comm=Counting(ranks), size=ranks, rank=0, cells=cells, _made={})
+        vars(self._ranks).update(comm=Counting(ranks), size=ranks, rank=0, cells=cells)
         self.traffic, self.petsc, self.computing, self.communicating = Traffic(), 0, 0.0, 0.0
         self._rows = cache(self._rows)
         self._exchange = cache(self._exchange)

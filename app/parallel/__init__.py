@@ -1,1 +1,1 @@
-"""How ranks share rows of a grid and talk to each other."""
+"""Distribution of grid rows over MPI ranks, and the communication between ranks."""

@@ -1,4 +1,4 @@
-"""Rows beside a slab: the neighbours', on a periodic grid also those from the other end of the patch."""
+"""Ghost rows of a slab: rows of neighbouring ranks, on a periodic grid also from the other end of the patch."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from app.parallel.fetch import Fetch
 
 
-class _Beside:
-    """Fetches rows beside those of this rank: two pairs of arrays say from where to where, for every rank."""
+class _GhostRows:
+    """Exchange of the rows before and after those of this rank: two pairs (first, last) of arrays, see `Fetch`."""
 
     def __init__(self, slabs, before, after, comm):
         self._fetch = Fetch(slabs, [before, after], comm)
@@ -16,9 +16,7 @@ class _Beside:
         self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
-        """Fetch the rows of a field.
-
-        Collective.
+        """Fetch the ghost rows of a field. Collective.
 
         Parameters
         ----------
@@ -26,25 +24,24 @@ class _Beside:
 
         Returns
         -------
-        before, after : ndarray, shape (at most so many, columns)
-            Of the field's type; without rows if there are none here.
+        before, after : ndarray, shape (ghost rows, columns)
+            Of the field's type; without rows on a rank that has none.
         """
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
 
 
-class Halo(_Beside):
-    """Fetches some rows before and after this rank's from whatever ranks have them.
+class Halo(_GhostRows):
+    """Exchange of `width` ghost rows before and after those of this rank.
 
     Parameters
     ----------
     slabs : Slabs
     comm : mpi4py communicator or None
-        Ranks that share the rows; None if all are here.
+        Ranks that share the rows; None: this rank has all.
     width : int
-        Rows on either side.
     periodic : bool
-        Over the period; else fewer at the ends of the patch.
+        Ghost rows continue over the period. Otherwise there are fewer at the ends of the patch.
     """
 
     def __init__(self, slabs, comm, width, periodic=True):
@@ -56,21 +53,21 @@ class Halo(_Beside):
         super().__init__(slabs, (np.where(some, low, first), first), (last, np.where(some, high, last)), comm)
 
 
-class CoarseHalo(_Beside):
-    """Fetches the coarse rows between which those of a slab lie, but for those that are here.
+class CoarseHalo(_GhostRows):
+    """Exchange of the coarse rows on other ranks between which the fine rows of this rank are interpolated.
 
     Parameters
     ----------
     slabs : Slabs
-        Of the fine rows; of the coarse ones: `Slabs.surround`, or over a period those of two rows each.
+        Of the fine rows. The coarse ones have the slabs `Slabs.surround`; on a periodic grid those of two rows each.
     comm : mpi4py communicator or None
     periodic : bool
 
     Attributes
     ----------
     first : int
-        Number of the first one, which may be here, counted as `Slabs.surround` does: over a period, too, that made of
-        the first two fine rows is the second one.
+        Number of the first coarse row needed, counted as in `Slabs.surround`: the coarse row of the first two fine
+        rows is row 1, on a periodic grid, too.
     """
 
     def __init__(self, slabs, comm, periodic=False):
@@ -85,26 +82,22 @@ class CoarseHalo(_Beside):
 
 
 def fetch_row_before(field, periodic, slabs, comm, beyond):
-    """Row before the first one of this rank.
+    """Return the row before the first one of this rank, shape (nx,). Collective.
 
-    Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.
+    On a periodic patch the row before the first is the last; otherwise it is filled with `beyond`.
 
     Parameters
     ----------
     field : ndarray, shape (local rows, nx)
     periodic : bool
     slabs : Slabs or None
-        None: all rows are here.
+        None: this rank has all rows.
     comm : mpi4py communicator or None
     beyond : number
-
-    Returns
-    -------
-    ndarray, shape (nx,)
     """
     if comm is None:
         return field[-1] if periodic and len(field) else np.full(field.shape[1], beyond, field.dtype)
     first, last = slabs.bounds(comm.size)
     low = np.where(last > first, first - 1 if periodic else np.maximum(first - 1, 0), first)
-    found = Fetch(slabs, [(low, first)], comm)(field)
-    return found[0] if len(found) else np.full(field.shape[1], beyond, field.dtype)
+    rows = Fetch(slabs, [(low, first)], comm)(field)
+    return rows[0] if len(rows) else np.full(field.shape[1], beyond, field.dtype)

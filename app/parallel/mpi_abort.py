@@ -1,7 +1,7 @@
-"""How several ranks end when one of them fails: those that wait for it would wait for ever.
+"""Abort all MPI ranks when one of them fails.
 
-MPI has no way to call ranks back from a collective call, so the rank that has failed ends them. Where all ranks have
-failed, each ends by itself.
+MPI cannot call a rank back from a collective call. The other ranks would wait for the failed one forever, so that one
+aborts them. If all ranks have failed, each ends by itself.
 """
 
 from __future__ import annotations
@@ -13,100 +13,95 @@ from contextlib import suppress
 from app.base.errors import format_error
 from app.base.mpi import MPI
 
-TIMEOUT = 3.0  # s; of a rank that has met an error, until it believes that the others have not
+TIMEOUT = 3.0  # Seconds to wait for the other ranks before aborting them.
 
-_PLACE = MPI.Comm.Create_keyval(delete_fn=lambda comm, key, place: place.Free())
-_shared = MPI.COMM_SELF  # where those meet that share the solver which this process has used last
-_open = []  # those of solvers of several ranks that are not closed
-_hooks = []  # of ours, to know them
+_SHUTDOWN = MPI.Comm.Create_keyval(delete_fn=lambda comm, key, shutdown: shutdown.Free())
+_last_used = MPI.COMM_SELF  # Shutdown communicator of the solver that this process has used last.
+_groups = []  # Groups of solvers that are not closed.
+_hooks = []  # Exception hooks that this module has installed.
 
 
 def shutdown_comm(comm):
     """Return a communicator of the same ranks for `barrier_with_timeout` only.
 
-    Collective when first asked for; freed with `comm`.
+    It is a separate one, so that the shutdown barrier cannot match other messages. It is freed with `comm`. Collective
+    when first called for `comm`.
     """
     if comm.size == 1:
         return MPI.COMM_SELF
-    if comm.Get_attr(_PLACE) is None:
-        comm.Set_attr(_PLACE, comm.Dup())
-    return comm.Get_attr(_PLACE)
+    if comm.Get_attr(_SHUTDOWN) is None:
+        comm.Set_attr(_SHUTDOWN, comm.Dup())
+    return comm.Get_attr(_SHUTDOWN)
 
 
-def barrier_with_timeout(place):
-    """Whether all ranks of a meeting place call this within the time of patience. Collective, if they do."""
-    farewell = place.Ibarrier()
+def barrier_with_timeout(comm):
+    """Return whether all ranks of a shutdown communicator call this within `TIMEOUT`. Collective."""
+    request = comm.Ibarrier()
     deadline = time.monotonic() + TIMEOUT
     while time.monotonic() < deadline:
-        if MPI.Request.Test(farewell):
+        if MPI.Request.Test(request):
             return True
         time.sleep(0.01)
     return False
 
 
 def abort_all(status):
-    """End the other ranks, which may wait for this one, and this one with them if there are any. Not collective."""
+    """Abort all ranks, if there are several."""
     flush()
     if MPI.COMM_WORLD.size > 1:
-        time.sleep(0.2)  # Open MPI 5 drops what it has not passed on yet
+        time.sleep(0.2)  # Open MPI 5 drops output that it has not forwarded yet.
         MPI.COMM_WORLD.Abort(status)
 
 
 def flush():
-    """Write what is printed so far. Not collective."""
+    """Flush standard output and standard error."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()
 
 
 def abort_on_exception(comm):
-    """Let an exception that nobody catches end the ranks of this communicator, as long as no other one is shared.
+    """Let an uncaught exception abort the ranks of `comm`, and return `comm`.
 
-    Collective when first called for it. The others wait for this rank wherever it fails, in a solver or between two
-    calls of one. As long as there is an `AbortGroup`, so do those of solvers of a single rank. Caught exceptions end
-    nothing, nor do those of a notebook or at a prompt.
-
-    Returns
-    -------
-    mpi4py communicator
-        The same.
+    This holds until it is called for another communicator, and after that while an `AbortGroup` of `comm` exists.
+    Caught exceptions abort nothing, nor do those of a notebook or at a prompt. Collective when first called for `comm`.
     """
-    global _shared
-    _shared = shutdown_comm(comm)
+    global _last_used
+    _last_used = shutdown_comm(comm)
     if comm.size > 1 and sys.excepthook not in _hooks:
-        _hooks.append(_after(sys.excepthook))
+        _hooks.append(_abort_after(sys.excepthook))
         sys.excepthook = _hooks[-1]
     return comm
 
 
 class AbortGroup:
-    """As long as it is not destroyed the ranks of a communicator wait for each other. Collective when first made."""
+    """Ranks that an uncaught exception aborts until `destroy`. Collective when first made for `comm`."""
 
     def __init__(self, comm):
-        self.place = shutdown_comm(comm)
-        _open.append(self)
+        self.comm = shutdown_comm(comm)
+        _groups.append(self)
 
     def destroy(self):
-        """They do no longer, but for an exception that is on its way: nobody may catch it. Not collective."""
-        global _shared
-        _open.remove(self)
+        """Remove the group, unless an exception is propagating, which may be uncaught."""
+        global _last_used
+        _groups.remove(self)
         if sys.exc_info()[0] is not None:
-            _shared = self.place
+            _last_used = self.comm
 
 
-def _after(previous):
-    """A `sys.excepthook` that does what the previous one did, then ends what waits for this rank."""
+def _abort_after(previous):
+    """Return a `sys.excepthook` that calls the previous one and then aborts the ranks that wait for this one."""
 
-    def end(kind, error, trace):
+    def hook(kind, error, trace):
         previous(kind, error, trace)
-        at_a_prompt = hasattr(sys, "ps1") or sys.flags.inspect
-        places = [_shared, *(one.place for one in reversed(_open))]
-        place = next((place for place in places if place != MPI.COMM_NULL and place.size > 1), None)
-        if at_a_prompt or place is None or barrier_with_timeout(place):
+        at_prompt = hasattr(sys, "ps1") or sys.flags.inspect
+        comms = [_last_used, *(group.comm for group in reversed(_groups))]
+        comm = next((comm for comm in comms if comm != MPI.COMM_NULL and comm.size > 1), None)
+        if at_prompt or comm is None or barrier_with_timeout(comm):
             return
-        rank = MPI.COMM_WORLD.rank
         with suppress(OSError):
+            rank = MPI.COMM_WORLD.rank
             print(f"error: rank {rank}: {format_error(error)}; all ranks are ended", file=sys.stderr)
         abort_all(1)
 
-    return end
+    return hook

@@ -1,8 +1,9 @@
-"""Which ranks share a grid.
+"""Ranks that share a grid.
 
-Every grid but the target, and every window of one, is dealt to all ranks or to the first few, so that each has enough
-cells. A rank has the same number in every communicator here, and rows go point to point between any two layouts
-(`fetch`). A rank beyond has no rows and takes no part. It receives the results when it next owns rows.
+The target grid is shared by all ranks. Every other grid, and every window of one, is shared by all or by the first few,
+so that each of these has enough cells. The other ranks have no rows of it and take no part; they receive the results
+when they next own rows. A rank has the same number in every communicator here. Rows move point to point between any two
+layouts (`fetch`).
 """
 
 from __future__ import annotations
@@ -18,77 +19,71 @@ class RankGroups:
     ----------
     comm : mpi4py communicator
     cells : int
-        Least number of cells of a rank that shares a grid.
+        Least number of cells per rank on a shared grid.
     """
 
     def __init__(self, comm, cells):
         self.comm = comm if isinstance(comm, Communicator) else Communicator(comm)
         self.size, self.rank, self.cells = comm.size, comm.rank, cells
-        self._made = {}
+        self._subcomms = {}
 
     def count_for(self, grid):
-        """Return how many ranks share a grid, see `count_ranks`. Not collective."""
+        """Return the number of ranks that share a grid, see `count_ranks`."""
         return count_ranks(grid, self.size, self.cells)
 
+    def slabs(self, grid, size=None):
+        """Return the slabs of a grid on the first `size` ranks; by default on `count_for` of them."""
+        size = size or self.count_for(grid)
+        return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
+
     def distribute(self, grid, size=None):
-        """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
+        """Distribute a grid as `slabs` does; collective over its ranks if they share no grid yet.
 
         Returns
         -------
         slabs : Slabs
         comm : Communicator or None
-            None if all rows are here, or none.
+            None if this rank has all rows, or none.
         """
         slabs = self.slabs(grid, size)
-        return slabs, self.first(slabs.size)
-
-    def slabs(self, grid, size=None):
-        """Those of `deal`. Not collective."""
-        size = size or self.count_for(grid)
-        return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
-
-    def first(self, size):
-        """Communicator of the first ranks; None if this is the only one, or none of them. Collective over these."""
-        if size == 1 or self.rank >= size:
-            return None
-        if size == self.size:
-            return self.comm
-        if size not in self._made:
-            self._made[size] = self.comm.first(size)
-        return self._made[size]
+        if slabs.size == 1 or not slabs.active:
+            return slabs, None
+        return slabs, self.comm if slabs.size == self.size else self._subcomm(slabs.size, range(slabs.size))
 
     def idle_comm(self, size):
-        """Communicator of rank 0 and those beyond the first `size`, which wait for a grid that they have no part in.
+        """Return a communicator of rank 0 and the ranks that have no part in a grid of `size` ranks.
 
-        Collective over these, when first asked for. None if there are none, and on the other first ranks.
+        None if there are no such ranks, and on the others of the first ranks. Collective over its ranks when first
+        called for `size`.
         """
         if size == self.size or 0 < self.rank < size:
             return None
-        if size == 1:
-            return self.comm
-        if -size not in self._made:
-            self._made[-size] = self.comm.of([0, *range(size, self.size)])
-        return self._made[-size]
+        return self.comm if size == 1 else self._subcomm(-size, [0, *range(size, self.size)])
+
+    def _subcomm(self, key, ranks):
+        if key not in self._subcomms:
+            self._subcomms[key] = self.comm.subcomm(ranks)
+        return self._subcomms[key]
 
     def destroy(self):
         """Free the communicators made here. Collective."""
-        for size in sorted(self._made):
-            self._made.pop(size).Free()
+        for key in sorted(self._subcomms):
+            self._subcomms.pop(key).Free()
 
 
 def count_ranks(grid, size, cells):
-    """Return how many of `size` ranks share a grid: all, or a power of two. Not collective.
+    """Return how many of `size` ranks share a grid: all, or a power of two.
 
-    Each has `cells` cells at least, and a row. Coarser grids, and windows, are never on more.
+    Each has a row, and at least `cells` cells. Coarser grids and windows never have more ranks.
     """
     most = min(grid.n // cells, grid.ny)
     return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
 
 
 def slab_alignment(ny, size):
-    """Rows that slabs should start at multiples of: the largest power of two that costs next to no balance.
+    """Return the largest power of two that slabs can start at multiples of while staying balanced.
 
-    Not collective. Slabs of a grid and of the next coarser one then mostly fit.
+    Slabs of a grid and of the next coarser one then mostly match.
     """
     block = 1
     while 32 * block * size <= ny:

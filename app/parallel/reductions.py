@@ -1,4 +1,4 @@
-"""Loops over rows that become vector instructions, numbers from arrays, reductions over ranks."""
+"""Vectorised loops over rows, and reductions over ranks."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numba.extending import overload
 from app.base.mpi import MPI
 from app.base.numba_cache import njit
 
-# A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
-# taken in any order. The order is the same on any number of ranks.
+# LLVM vectorises a loop over one row if it has no branches, is a function of its own, and may reassociate its sums.
+# The order of the sums is the same on any number of ranks.
 njit_reassoc = njit(fastmath={"reassoc", "contract"})
 
 
 def add_tuples(sums, more):
-    """Sums of two tuples, number by number: what rows add up to. In compiled loops only."""
+    """Return the elementwise sum of two tuples; in compiled loops only."""
     raise NotImplementedError
 
 
@@ -29,43 +29,43 @@ def _add_tuples(sums, more):
 
 @njit_reassoc
 def add_row(a, scale, b):
-    """a += scale b."""
+    """Compute a += scale b."""
     for i in range(a.size):
         a[i] += scale * b[i]
 
 
 @njit_reassoc
 def copy_row(row, out):
-    """out = row, whatever their types."""
+    """Copy a row; the types may differ."""
     for i in range(row.size):
         out[i] = row[i]
 
 
 @njit_reassoc
 def mix_rows(one, weight, other, out):
-    """out = weight one + (1 - weight) other."""
+    """Compute out = weight one + (1 - weight) other."""
     for i in range(out.size):
         out[i] = weight * one[i] + (1 - weight) * other[i]
 
 
 @njit_reassoc
 def scale_row(row, factor, out):
-    """out = factor row."""
+    """Compute out = factor row."""
     for i in range(row.size):
         out[i] = factor * row[i]
 
 
 @njit_reassoc
 def add_masked(row, mask, out):
-    """out += row where the mask is set."""
-    nothing = row.dtype.type(0)
+    """Compute out += row where the mask is set."""
+    zero = row.dtype.type(0)
     for i in range(row.size):
-        out[i] += row[i] if mask[i] else nothing
+        out[i] += row[i] if mask[i] else zero
 
 
 @njit_reassoc
 def stencil_sum(above, here, below, i, x, y, diagonal):
-    """What a 3 x 3 stencil makes of the neighbours of cell i, of rows with one cell more on either side."""
+    """Apply a 3 x 3 stencil without its centre to cell i; rows have a ghost cell on either side."""
     return (
         x * (here[i] + here[i + 2])
         + y * (above[i + 1] + below[i + 1])
@@ -75,7 +75,7 @@ def stencil_sum(above, here, below, i, x, y, diagonal):
 
 @njit()
 def copy_slab_row(t, field, before, after, out):
-    """out = row t of the rows before a slab, its own, and those after it, all counted together."""
+    """Copy row t of the ghost rows before a slab, its own rows, and the ghost rows after it."""
     j = t - len(before)
     if j < 0:
         copy_row(before[t], out)
@@ -87,14 +87,14 @@ def copy_slab_row(t, field, before, after, out):
 
 @njit()
 def wrap_ends(row, nx, width):
-    """Into the ends, of some cells each, of a row of nx cells: what comes there over a period, however short."""
-    for i in range(width):  # from inside: where there are fewer cells, what is there already goes on
+    """Fill `width` ghost cells at both ends of a row of nx cells by periodic continuation."""
+    for i in range(width):  # from inside: with nx < width, ghost cells are copied on
         row[width - 1 - i], row[width + nx + i] = row[width - 1 - i + nx], row[width + i]
 
 
 @njit()
 def nonzero_span(row):
-    """First place where a row of a mask is set, and one past the last; 0, 0 if it is nowhere."""
+    """Return the first index where a mask is set and the last one plus 1; 0, 0 if it is set nowhere."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1
@@ -105,18 +105,18 @@ def nonzero_span(row):
 
 @njit()
 def any_nonzero(block):
-    """Whether anything is not zero; stops at the first row with something."""
+    """Return whether any value is not zero."""
     for j in range(block.shape[0]):
-        some = False
+        nonzero = False
         for i in range(block.shape[1]):
-            some |= block[j, i] != 0
-        if some:
+            nonzero |= block[j, i] != 0
+        if nonzero:
             return True
     return False
 
 
 def sum_over(comm, values):
-    """Sum a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
+    """Sum numbers over the ranks of `comm`, which may be None. Collective."""
     if comm is None:
         return values
     result = np.array(values, dtype=float)
@@ -125,9 +125,9 @@ def sum_over(comm, values):
 
 
 def minimum_over(comm, values):
-    """Smallest of each of a few numbers over the ranks of `comm`; None: return them as they are. Collective.
+    """Return minima over the ranks of `comm`, which may be None. Collective.
 
-    NaN is the smallest, whichever rank has it: MPI.MIN would lose it or not.
+    NaN is the smallest. With MPI.MIN the result would depend on which rank has it.
     """
     if comm is None:
         return values
@@ -135,28 +135,29 @@ def minimum_over(comm, values):
 
 
 def sums_and_minima(comm, sums, lowest):
-    """Sum some numbers and find the smallest of each of others, by one reduction. Collective; `comm` may be None."""
+    """Return sums of some numbers and minima of others, by one reduction. Collective; `comm` may be None."""
     sums, lowest = np.array(sums, float), np.array(lowest, float)
     if comm is None:
         return sums, lowest
-    # The first number tells the operation how many are to be summed; one element, as no library may cut it.
-    found = np.concatenate([[sums.size], sums, lowest])
-    kind, operation = _mixed(found.size)
-    comm.Allreduce([found.copy(), 1, kind], [found, 1, kind], operation)
-    return found[1 : 1 + sums.size], found[1 + sums.size :]
+    # The first number is the count of the sums. All are one element, so that no MPI library may split them.
+    packed = np.concatenate([[sums.size], sums, lowest])
+    comm.Allreduce(
+        [packed.copy(), 1, _element(packed.size)], [packed, 1, _element(packed.size)], _operation()
+    )
+    return packed[1 : 1 + sums.size], packed[1 + sums.size :]
 
 
 @cache
-def _mixed(size):
-    return MPI.DOUBLE.Create_contiguous(size).Commit(), _operation()
+def _element(size):
+    return MPI.DOUBLE.Create_contiguous(size).Commit()
 
 
 @cache
 def _operation():
     def merge(one, other, kind):
         a, b = np.frombuffer(one), np.frombuffer(other)
-        summed = 1 + int(b[0])
-        b[1:summed] += a[1:summed]
-        np.minimum(a[summed:], b[summed:], out=b[summed:])
+        end = 1 + int(b[0])
+        b[1:end] += a[1:end]
+        np.minimum(a[end:], b[end:], out=b[end:])
 
     return MPI.Op.Create(merge, commute=True)

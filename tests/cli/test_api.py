@@ -144,10 +144,10 @@ def test_an_exception_at_a_prompt_ends_nobody(monkeypatch, capsys):
         size = 2
 
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)
-    monkeypatch.setattr(mpi_abort, "_shared", mpi_abort._shared)
+    monkeypatch.setattr(mpi_abort, "_last_used", mpi_abort._last_used)
     monkeypatch.setattr(mpi_abort, "shutdown_comm", lambda comm: comm)
     monkeypatch.setattr(mpi_abort, "barrier_with_timeout", lambda comm: comm.size < 2)
-    monkeypatch.setattr(mpi_abort, "abort", lambda status: print("aborted", status))
+    monkeypatch.setattr(mpi_abort, "abort_all", lambda status: print("aborted", status))
     mpi_abort.abort_on_exception(Two())
     mpi_abort.abort_on_exception(Two())
     error = ValueError("two\nlines")
