@@ -11,7 +11,7 @@ from app.api.solution import Solution
 from app.api.solver import ContactSolver
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
-from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
+from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
 from app.multigrid.hierarchy import check_room
 from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions
@@ -99,7 +99,7 @@ def refine(
             numbers.append(GridNumbers(*found, grid.cell_area))
             if len(numbers) > 1:
                 [prescribed] = (kind for kind, number in loading.items() if number is not None)
-                errors = errors_from(numbers, solver.touching, prescribed).with_contact_edge(solution)
+                errors = estimate_errors(numbers, solver.touching, prescribed).with_contact_edge(solution)
             rows.append(_row(solution, errors))
             # Without a pressure there is nothing to refine.
             reached = solution.converged and (errors.largest <= until or not solution.load)

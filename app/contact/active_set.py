@@ -1,7 +1,7 @@
-"""The active set iteration: NORM (Sec. 3) with CG, MG + active set (Sec. 4.1) with one cycle per contact set.
+"""The active set iteration: NORM (Sec. 3) with CG, MG + active set (Sec. 4.1) with one cycle per set.
 
-What the linear solver does to the system of a contact set - many CG iterations, a few, one cycle - is the business of
-its options. The pressure carries over from one set to the next.
+Options of the linear solver decide how far it solves the system of a contact set: by many CG iterations, a few, or one
+cycle. The pressure carries over from one set to the next.
 """
 
 from __future__ import annotations
@@ -14,49 +14,46 @@ from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 
 CONVERGED = "contact area unchanged and residual small enough"
 NO_CONTACT = "the bodies do not touch"
-TOO_MANY = (
+TOO_MANY_ITERATIONS = (
     "{} active set iterations in a row were not enough: more by -lcp_max_it, "
     "or the default method, which has a safeguard"
 )
 
 
 def active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`: Sec. 3; Sec. 4.1, steps 2 to 6.
+    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`: Sec. 3 and 4.1.
 
-    Collective over the ranks of `state`, for which step 1, the first contact set, is done. `solver` is a LinearSolver
-    or DirectSolver on its operator. Returns the Outcome.
+    Collective over the ranks of `state`, which has done step 1. `solver` is a LinearSolver or DirectSolver on its
+    operator. Returns the Outcome.
     """
     if not start_grid(state, solver, loading, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
-        state.keep_solvable()  # periodic patches only
-        solver.set_contact()  # 2. (2.11) on C^k
-        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # 3. one cycle, or CG
+        state.before_iteration(k)  # periodic patches only
+        solver.set_contact()  # Sec. 4.1, step 2: (2.11) on C^k
+        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # Sec. 4.1, step 3
         state.add(correction)
-        state.release_tensile()  # (4.a)
+        state.release_tensile()  # Sec. 4.1, step 4.a
         state.compute_displacement()  # u = A p, after the release: any other order oscillates
-        loading.update(state)  # a prescribed load only: the approach
-        update = state.activate_penetrating()  # (4.b)
+        loading.update(state)  # the approach under a prescribed load
+        update = state.activate_penetrating()  # Sec. 4.1, step 4.b
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
-        if wrong := failure_reason(failure, residual):
-            return Outcome(False, wrong, k, residual)
-        if not update.changed and stop(state, update.residual):  # 5. and 6. (5.1)
+        if reason := failure_reason(failure, residual):
+            return Outcome(False, reason, k, residual)
+        if not update.changed and stop(state, update.residual):  # Sec. 4.1, steps 5 and 6: (5.1)
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, residual)
-        if (
-            not update.changed
-            and history.stagnates()
-            and update.residual <= ROUNDING_RESIDUAL * update.h_on_contact
-        ):
+        is_rounding = update.residual <= ROUNDING_RESIDUAL * update.h_on_contact
+        if not update.changed and is_rounding and history.stagnates():
             loading.settle(state, update)
             return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
-    return Outcome(False, TOO_MANY.format(stop.max_it), stop.max_it, residual)
+    return Outcome(False, TOO_MANY_ITERATIONS.format(stop.max_it), stop.max_it, residual)
 
 
 def active_set_or_search(state, solver, loading, stop, history):
-    """`active_set`, behind which stands the root search over approaches for a load on a periodic patch. Collective.
+    """Run `active_set`; if it fails for a load on a periodic patch, search for the approach. Collective.
 
     Near full contact the slope of the load changes with every cell, and Newton's method on it may not converge.
     """
@@ -76,12 +73,11 @@ def active_set_or_search(state, solver, loading, stop, history):
 
 
 def start_grid(state, solver, loading, history):
-    """Begin a grid; return whether there is contact. Collective.
+    """Start the iteration on a grid; return whether there is contact. Collective.
 
-    A coarser grid may have missed it; without pressure the gap decides.
+    If C is empty, it is the cells that overlap without pressure: a coarser grid may have missed contact.
     """
     loading.begin(state)
-    state.begin()
     history.start(state, solver)
     touches = state.cells_in_contact() > 0
     if not touches:
@@ -93,7 +89,7 @@ def start_grid(state, solver, loading, history):
 
 
 def failure_reason(failure, residual):
-    """Say why an iteration cannot go on, empty if it can. Not collective."""
+    """Return why an iteration cannot continue; empty if it can."""
     if failure:
         return f"the linear solver failed: {failure}"
     return "" if residual < float("inf") else "the residual is not a finite number"

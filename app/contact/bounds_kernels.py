@@ -1,7 +1,6 @@
-"""The loops of the bounds on the pressure, compiled: p >= 0, called by `app.contact.bounds.PressureBounds` alone.
+"""Compiled loops of `app.contact.bounds.PressureBounds`, for p >= 0.
 
-Arrays are (rows, nx) of a rank; `b` is -h at no depth, so that (2.3) is ``e = u - (b + depth)``. Sums are per row
-first, so that they lose nothing on large grids.
+Arrays are as in `app.contact.kernels`.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit_reassoc
 def violation(p, admissible):
-    """By how much the pressure of a cell is outside its bounds; negative inside."""
+    """Return how far the pressure of a cell is outside its bounds; negative inside."""
     return -p if admissible else abs(p)
 
 
 @njit_reassoc
-def displaced(without, closed):
-    """Displacement of a cell: `closed` if that takes a pressure within its bounds, else as `without` pressure."""
-    return max(without, closed)
+def projected_displacement(free, closed):
+    """Return the displacement of a cell: `closed` if that needs p >= 0, else the `free` one."""
+    return max(free, closed)
 
 
 @njit_reassoc
@@ -35,7 +34,7 @@ def _change_by_release_row(p, contact, change):
 def _release_row(p, contact, released):
     count = 0
     for i in range(p.size):
-        out = contact[i] & (p[i] < 0)
+        out = contact[i] & (p[i] < 0)  # (4.a)
         released[i] = out
         contact[i] &= not out
         count += out
@@ -45,7 +44,7 @@ def _release_row(p, contact, released):
 
 @njit()
 def release(p, contact, released, change):
-    """(4.a): take cells with p < 0 out of C, set p = 0 there, mark them; return their number.
+    """Remove cells with p < 0 from C, mark them as released and set p = 0; return their number.
 
     The change of p is added to `change`, unless that has no rows.
     """
@@ -68,7 +67,7 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Sum of p, and of -p where p < 0 on C."""
+    """Return the sum of p, and the sum of -p where p < 0 on C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -91,7 +90,7 @@ def _predicted_overlap_row(b, depth, u, expected, overlap):
 def _activate_row(overlap, admissible, contact, released):
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
-        new = (not contact[i]) & admissible[i] & overlap[i]
+        new = (not contact[i]) & admissible[i] & overlap[i]  # (4.b)
         contact[i] |= new
         cells += contact[i]
         added += new & (not released[i])
@@ -119,10 +118,10 @@ def _sum_row(x):
 
 @njit()
 def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
-    """(4.b): put cells outside C into it where h + u <= 0, u changed as expected; clear `released`.
+    """Add cells outside C with h + u + expected <= 0 to C; clear `released`.
 
-    Without rows `expected` is zero. Returns the number of cells in C, of those added, and of those released and not
-    added again, the sums of squares of h + u and of h over the new C, and the sum of p. `overlap`: room for a row.
+    `expected` without rows is zero. `overlap` is work space of a row. Returns the number of cells in C, of those added,
+    and of those released and not added again; the sums of squares of h + u and of h over the new C; the sum of p.
     """
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
@@ -130,9 +129,9 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
             _overlap_row(b[j], depth, u[j], overlap)
         else:
             _predicted_overlap_row(b[j], depth, u[j], expected[j], overlap)
-        here = _activate_row(overlap, admissible[j], contact[j], released[j])
-        cells = add_tuples(cells, here)
-        if here[0]:
+        row_cells = _activate_row(overlap, admissible[j], contact[j], released[j])
+        cells = add_tuples(cells, row_cells)
+        if row_cells[0]:
             squares = add_tuples(squares, _squares_row(b[j], depth, u[j], contact[j]))
         total += _sum_row(p[j])
         released[j] = False
@@ -151,7 +150,7 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """out = max(p, 0) in some cells, 0 elsewhere; return its sum. In place if they are one."""
+    """Compute out = max(p, 0) in some cells, 0 elsewhere; return its sum. `out` may be `p`."""
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], cells[j], out[j])
@@ -179,10 +178,10 @@ def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compli
 
 @njit()
 def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
-    """(4.a) and (4.b) in one: release cells of C with p < -slack, capture others with w + change - b < least_gap.
+    """Release cells of C with p < -slack and capture others with w + change - b < least_gap: (4.a), (4.b).
 
-    Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squares of the least
-    change of w there: the gap, or p times a compliance. It is infinite if one of these is more than `far`.
+    Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squares of the moves
+    of these cells: their gap, or p times a compliance. It is infinite if one moves by more than `far`.
     """
     sums = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):

@@ -89,7 +89,7 @@ class Certificate:
         return replace(self, error_bound=np.inf)
 
 
-_estimates = WeakKeyDictionary()  # of states: revision and Certificate
+_certificates = WeakKeyDictionary()  # of states: the key of `estimate` and the Certificate
 
 
 def certify(state, wanted=np.inf):
@@ -117,11 +117,12 @@ def estimate(state, wanted=np.inf, work=None):
 
     Collective. Parameters and result as of `certify`; `work` is a field to work in.
     """
-    revision, certificate = _estimates.get(state, (None, None))
-    if revision != state.revision:
+    key = state.pressure.stateGet(), state.depth, state.displacement_status
+    cached_key, certificate = _certificates.get(state, (None, None))
+    if key != cached_key:
         with _event:
             certificate = _prove(state, min(wanted, _NEGLIGIBLE), work)
-        _estimates[state] = state.revision, certificate
+        _certificates[state] = key, certificate
     return certificate
 
 

@@ -1,10 +1,11 @@
-"""Full contact: where a periodic patch without holes is in contact everywhere, the answer costs two products.
+"""Full contact of a periodic patch without holes, which costs two products.
 
-With all gaps closed u is the negative undeformed distance but for its mean, so ``p = mean pressure + B (-h)``, B the
-inverse of A on fields without mean. If the bounds allow this p it solves (2.8)-(2.10), and the approach is the mean
-undeformed distance. Means over cells are smoother than what is in them, and mostly ask for less pressure: where a
-coarser grid is far from full contact, it is not tried before anything else, but afterwards, if the iteration finds no
-cell free, or no answer.
+If all gaps are closed, u is the negative undeformed distance except for its mean, so ``p = mean pressure + B (-h)``
+with B the inverse of A on fields without mean. If the bounds allow this p it solves (2.8)-(2.10), and the approach is
+the mean undeformed distance.
+
+Means over cells are smoother than the cells, and mostly need less pressure. If a coarser grid is far from full contact,
+the iteration runs first, and full contact is tried only if that closes all cells or fails.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from app.contact.state import Update
 from app.parallel.reductions import minimum_over
 
 FULL_CONTACT = "contact everywhere"
-_ROUNDING = 1e-12  # of what the highest pressure displaces a cell by
-_PROBED = 2  # grids between the target and the one that is asked first ...
-_FAR = 0.5  # ... and believed, if so much of the mean pressure that it needs is not there
+_ROUNDING = 1e-12  # residual that is rounding, over the displacement of a cell by the highest pressure
+_PROBED_LEVELS = 2  # levels between the target and the grid that is tried first
+_MAX_PRESSURE_FRACTION = 0.5  # of the pressure for full contact there: below it full contact is unlikely
 
 
 class FullContact:
-    """Solves with all cells in contact, if that is the answer; in place of a linear solver in the history.
+    """Solver for all cells in contact; takes the place of a linear solver in the history.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ class FullContact:
     Attributes
     ----------
     postponed : bool
-        Not tried, on a coarser grid's word.
+        True if a coarser grid showed that full contact is unlikely.
     """
 
     work_units, postponed = 0.0, False
@@ -42,10 +43,9 @@ class FullContact:
         self.hierarchy, self._distances, self.level = hierarchy, distances, len(distances) - 1
 
     def solve(self, state, loading, stop, history):
-        """Set pressure, displacement and approach of `state`, if contact is full.
+        """Set pressure, displacement and approach of `state` if contact is full.
 
-        Collective over all ranks. At most one product and one with the inverse. At the approach of full contact the
-        mean pressure is the least possible.
+        Collective over all ranks. Under a prescribed approach the mean pressure is the least possible.
 
         Parameters
         ----------
@@ -57,17 +57,17 @@ class FullContact:
         Returns
         -------
         Outcome or None
-            None if contact is not full; `state` may be thrown away then.
+            None if contact is not full; the pressure of `state` may have changed then.
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)
-        if not (state.highest < np.inf and loading.depth_on(distance) >= state.highest):
+        if not (distance.max_depth < np.inf and loading.depth_on(distance) >= distance.max_depth):
             return None
         prescribed, (least, most) = wanted < np.inf, distance.full_contact_pressures
         if prescribed and not least <= wanted <= most:
             return None
         if prescribed and np.isinf(least) and not self.postponed:
-            self.postponed = self._far(wanted)
+            self.postponed = self._is_unlikely(wanted)
             if self.postponed:
                 return None
         p = state.values
@@ -84,14 +84,14 @@ class FullContact:
         state.compute_displacement(exact=True)
         rms = state.on_contact_or_overlap().rms
         residual = np.sqrt(grid.n) * rms
-        # Heights may differ by rounding only, which is no measure of what is left.
+        # ||h|| is no measure of the residual if heights differ by rounding only.
         highest = -float(state.minimum([-state.p.max(initial=0.0)])[0])
         solved = stop(state, residual) or rms <= _ROUNDING * highest * state.operator.diagonal
         history.add(state, self, Update(grid.n, grid.n, 0, residual), 0)
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Find the mean pressures of full contact on a grid; p becomes B (-h). Collective over all ranks."""
+        """Set p to B (-h) and return the mean pressures of full contact. Collective over all ranks."""
         if inverse is not None:
             inverse.apply(distance.b, p)
         least, most = distance.bounds.mean_pressures(p)
@@ -99,13 +99,13 @@ class FullContact:
         distance.full_contact_pressures = -minus_least, most
         return distance.full_contact_pressures
 
-    def _far(self, wanted):
-        """Whether a coarser grid, if there is one, is far from full contact under a mean pressure. Collective."""
+    def _is_unlikely(self, mean_pressure):
+        """Return whether a coarser grid is far from full contact. Collective over all ranks."""
         if not self.level:
             return False
-        number = max(self.level - _PROBED, 0)
+        number = max(self.level - _PROBED_LEVELS, 0)
         operator, distance = self.hierarchy.levels[number], self._distances[number]
         if np.isinf(distance.full_contact_pressures[0]):
             inverse = operator.inverse if operator.active else None
             self._find_allowed(inverse, distance, np.empty(operator.local_shape))
-        return wanted < _FAR * distance.full_contact_pressures[0]
+        return mean_pressure < _MAX_PRESSURE_FRACTION * distance.full_contact_pressures[0]

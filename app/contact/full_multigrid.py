@@ -1,6 +1,6 @@
-"""The full multigrid scheme: the active set iteration inside a nested iteration over the grids (Sec. 4.3).
+"""The full multigrid scheme: the active set iteration inside a nested iteration (Sec. 4.3).
 
-With one grid to visit, the target, it is the active set iteration alone (Sec. 3 and 4.1).
+With the target grid alone it is the active set iteration (Sec. 3 and 4.1).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from app.parallel.communicator import propagate_errors
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
-    Collective. A grid is solved by the ranks that share it, and they tell those that join them on the next.
+    Collective. The ranks that share a grid solve on it, and broadcast the result to those that join on the next.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     stop : StoppingTest
     history : History
     nested : bool
-        Nested iteration; else the target grid alone, from C = {h <= 0}.
+        Nested iteration; otherwise the target grid alone, from C = {h <= 0}.
     beta : float
         (4.1).
     prolong : callable or None
@@ -46,7 +46,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
         On the target grid.
     """
     grids, coarse = GridSequence(hierarchy, distances, loading, nested), None
-    for number in grids:  # Sec. 4.3, 4: steps 2 and 3 up to the target grid
+    for number in grids:  # Sec. 4.3, 4
         level = hierarchy.levels[number]
         state = contact_state(level, distances[number])
         if coarse is not None:
@@ -57,17 +57,21 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
                 state.start_from_interpenetration()
             coarse.destroy()
         if level.active:
-            solver = target_solver
-            if not grids.at_target:
-                solver = _solver_on(hierarchy, number, first=coarse is None)
-            # Sec. 4.3, 3, (3.b): until the contact area is unchanged, and on the target grid (5.1)
+            if grids.at_target:
+                solver = target_solver
+            elif coarse is None and starts_directly(hierarchy, number):
+                solver = DirectSolver(level, number)
+            else:
+                solver = LinearSolver(hierarchy, number)
             solve = partial(
                 active_set_or_search, state, solver, stop=grids.stopping_test(stop), history=history
             )
-            # Sec. 4.3, 1: the coarsest grid, directly if it is small
             with propagate_errors(grids.waiting_ranks(state)):
-                found = loading.first_solve(state, solve) if coarse is None else solve(loading)
-            grids.record(found, state.depth)
+                if coarse is None:
+                    outcome = loading.first_solve(state, solve)  # Sec. 4.3, 1
+                else:
+                    outcome = solve(loading)  # Sec. 4.3, 3, (3.b)
+            grids.record(outcome, state.depth)
             if solver is not target_solver:
                 solver.destroy()
         grids.broadcast_to_next(state)
@@ -76,29 +80,21 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
 
 
 def prolongate(transfer, coarse, state, beta, prolong):
-    """Sec. 4.3, 2 and (3.a): u bilinear, then C and p by ``prolong(transfer, coarse, state)``, or if false by copy.
+    """Initialise C, p and u of `state` from the coarser grid (Sec. 4.3, 2 and 3.a). Collective.
 
-    Collective.
+    C and p come from ``prolong(transfer, coarse, state)``, or by copy if that is None or returns false.
     """
-    transfer.interpolate(coarse.u, state.u)
+    transfer.interpolate(coarse.u, state.u)  # Sec. 4.3, 2
     state.displacement_status = Displacement.STALE
     if not (prolong and prolong(transfer, coarse, state)):
         copy_prolongation(transfer, coarse, state, beta)
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Sec. 4.3, 2 and (3.a): p by copy, C = {e <= beta max(u)} (4.1), p = 0 outside; u is there already. Collective."""
-    highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
-    np.less_equal(state.gap(), beta * highest, out=state.contact)  # (4.1)
+    """Initialise C by (4.1) and p by copy; u has been interpolated. Collective."""
+    max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
+    np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1), Sec. 4.3, (3.a)
     state.contact &= state.admissible
     p = state.values
-    transfer.copy(coarse.p, p)
+    transfer.copy(coarse.p, p)  # Sec. 4.3, 2
     state.bounds.project(state.p, state.contact, p)
-
-
-def _solver_on(hierarchy, number, first):
-    """Make the solver of a level: directly if it is the first and small enough. Collective over its ranks."""
-    operator = hierarchy.levels[number]
-    if first and starts_directly(hierarchy, number):
-        return DirectSolver(operator, number)
-    return LinearSolver(hierarchy, number)

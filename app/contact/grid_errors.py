@@ -78,21 +78,14 @@ def compute_grid_numbers(state, comm, load=None, depth=None):
     Collective over `comm`, all ranks that want to know.
     """
     grid = state.operator.grid
-    total, highest, cells = kernels.numbers(state.p, state.contact)
+    total, highest, cells = kernels.sum_pressure(state.p, state.contact)
     (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
     load = grid.cell_area * float(total) if load is None else load
     depth = state.depth if depth is None else depth
     return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area, grid.cell_area)
 
 
-def estimated_errors(coarser, state, comm, prescribed):
-    """Estimate the errors of the numbers of `state`, by those of coarser grids. Collective over `comm`."""
-    if not coarser:
-        return UNKNOWN
-    return errors_from([*coarser, compute_grid_numbers(state, comm)], state.first_touch(), prescribed)
-
-
-def errors_from(grids, touching, prescribed):
+def estimate_errors(grids, touching, prescribed):
     """Estimate the errors of the finest grid.
 
     Not collective.

@@ -1,7 +1,7 @@
-"""One pass over the cells instead of ten: the loops of the contact state, compiled.
+"""Compiled loops of the contact state: one pass over the cells each.
 
-Arrays are (rows, nx) of a rank; `b` is -h at no depth, so that (2.3) is ``e = u - (b + depth)``. Sums are per row
-first, so that they lose nothing on large grids.
+Arrays are (rows, nx) of a rank; `b` is -h at depth 0, so that (2.3) is ``e = u - (b + depth)``. Sums are taken row by
+row, which keeps their rounding small on large grids.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit()
 def gap(u, b, depth):
-    """e = h + u of a cell. In this order: near contact b + depth is exact, u - b is not."""
-    return u - (b + depth)
+    """Return e = h + u of a cell; in this order, because b + depth is exact near contact."""
+    return u - (b + depth)  # (2.3)
 
 
 @njit_reassoc
@@ -25,13 +25,13 @@ def _defect_row(b, depth, u, contact, factor, out):
 
 @njit_reassoc
 def defect(b, depth, u, contact, factor, out):
-    """out = -(h + u) on C, times a factor, 0 elsewhere."""
+    """Compute out = -factor (h + u) on C, 0 elsewhere."""
     for j in range(b.shape[0]):
         _defect_row(b[j], depth, u[j], contact[j], factor, out[j])
 
 
 @njit_reassoc
-def _numbers_row(p, contact):
+def _pressure_row(p, contact):
     total, highest, cells = 0.0, 0.0, 0
     for i in range(p.size):
         total += p[i]
@@ -41,11 +41,11 @@ def _numbers_row(p, contact):
 
 
 @njit()
-def numbers(p, contact):
-    """Sum of p, its largest value or 0, and the number of cells in C with p > 0."""
+def sum_pressure(p, contact):
+    """Return the sum of p, its largest value or 0, and the number of cells in C with p > 0."""
     total, highest, cells = 0.0, 0.0, 0
     for j in range(p.shape[0]):
-        row = _numbers_row(p[j], contact[j])
+        row = _pressure_row(p[j], contact[j])
         total += row[0]
         highest = max(highest, row[1])
         cells += row[2]
@@ -54,7 +54,7 @@ def numbers(p, contact):
 
 @njit()
 def compensated_sum(x, mask):
-    """Sum over a mask, and what it loses by rounding."""
+    """Return the sum over a mask, and the rounding error of that sum."""
     total, lost = 0.0, 0.0
     for j in range(x.shape[0]):
         for i in range(x.shape[1]):
@@ -76,7 +76,7 @@ def _sum_squares_row(x, shift, mask):
 
 @njit_reassoc
 def sum_squares(x, shift, mask):
-    """Sum of squares of x - shift over a mask."""
+    """Return the sum of squares of x - shift over a mask."""
     total = 0.0
     for j in range(x.shape[0]):
         total += _sum_squares_row(x[j], shift, mask[j])
@@ -97,10 +97,10 @@ def _gap_row(b, depth, u, mask, overlapping):
 
 
 @njit_reassoc
-def gap_on(b, depth, u, mask, overlapping):
-    """Sum of squares and sum of h + u over a mask, and where it is not positive over another; number of these cells.
+def sum_gaps(b, depth, u, mask, overlapping):
+    """Return the sum of squares and the sum of h + u over some cells, and their number.
 
-    The same mask twice: over that alone.
+    These are the cells of `mask`, and those of `overlapping` with h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
@@ -109,7 +109,7 @@ def gap_on(b, depth, u, mask, overlapping):
 
 
 @njit_reassoc
-def _unlike(row, other):
+def _count_differences(row, other):
     count = 0
     for i in range(row.size):
         count += row[i] != other[i]
@@ -117,12 +117,15 @@ def _unlike(row, other):
 
 
 @njit()
-def faces(contact, before, periodic):
-    """Faces in x and in y between contact and no contact; without the last rows' upper ones."""
+def count_faces(contact, before, periodic):
+    """Count the faces in x and in y between contact and no contact, without the last row's upper ones.
+
+    `before` is the row before the first.
+    """
     in_x, in_y = 0, 0
     for j in range(contact.shape[0]):
         row = contact[j]
-        in_x += _unlike(row[1:], row[:-1])
+        in_x += _count_differences(row[1:], row[:-1])
         in_x += row[0] != row[-1] if periodic else int(row[0]) + int(row[-1])
-        in_y += _unlike(row, contact[j - 1] if j else before)
+        in_y += _count_differences(row, contact[j - 1] if j else before)
     return in_x, in_y

@@ -1,11 +1,11 @@
-"""What is prescribed: the base of all loadings, and a known approach.
+"""Loadings: the base class, a prescribed approach and a prescribed mean gap.
 
-Order of the calls: on the first grid `first_solve`, or `resume` from a solution; on each grid `begin`; in each active
-set iteration `update`, between u = A p and (4.b); on the target, when (5.1) holds, `settle`; after a grid `record`, and
-before the next one `predict`. Ranks that join receive `shared`. `solve_by_search` serves where this fails. The periodic
-method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of `update` and `settle`.
+The solvers call `first_solve` on the first grid, or `resume` from a solution. On each grid they call `begin`; in each
+active set iteration `update`, between u = A p and (4.b); on the target, when (5.1) holds, `settle`; after a grid
+`record`, and before the next one `predict`. Ranks that join receive `shared_state`. `solve_by_search` is the fallback.
+The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of `update` and `settle`.
 
-A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it of a number.
+A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Loading:
-    """What is prescribed; the base of all loadings, and what they do where they do nothing special.
+    """Base of all loadings; its methods are those of a known approach.
 
     Attributes
     ----------
@@ -23,29 +23,29 @@ class Loading:
     load : float or None
         Total force, if it is prescribed [N].
     approach_is_known : bool
-        Whether the approach follows from the loading alone, on every grid. If not, it is found along the way.
+        True if the loading alone determines the approach on every grid.
     allows_no_contact : bool
-        Whether bodies that do not touch may be the answer.
-    shared : any
-        What has been found out on coarser grids, for the ranks that join on a finer one.
+        True if bodies that do not touch can be the solution.
+    shared_state : any
+        Results of coarser grids, for the ranks that join on a finer one.
     """
 
-    kind, load, approach_is_known, allows_no_contact, shared = "", None, True, True, None
+    kind, load, approach_is_known, allows_no_contact, shared_state = "", None, True, True, None
 
     def depth_on(self, distance):
-        """Return the approach beyond the reference of an `UndeformedDistance`, if known, or infinity [mm]."""
+        """Return the depth on the grid of an `UndeformedDistance`, or infinity if unknown [mm]."""
         return np.inf
 
     def mean_pressure_on(self, grid):
-        """Return the mean pressure over the patch, if it is prescribed, or infinity [N/mm2]."""
+        """Return the mean pressure over the patch, or infinity if unknown [N/mm2]."""
         return np.inf
 
     def largest_pressure(self, distance, grid, coefficient):
-        """Return a pressure that none exceeds by much [N/mm2], from an influence coefficient [mm3/N]."""
+        """Return an estimate of the highest pressure [N/mm2], from an influence coefficient [mm3/N]."""
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement that the prescribed mean pressure causes in a cell, or 0 [mm]."""
+        """Return the displacement of a cell by the prescribed mean pressure, or 0 [mm]."""
         return 0.0
 
     def misses_contact(self, distance):
@@ -57,7 +57,7 @@ class Loading:
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return ContactMeasures with the prescribed number as given, from which they differ by rounding."""
+        """Return ContactMeasures with the prescribed number exactly as given, without rounding."""
         return measures
 
     def first_solve(self, state, solve):
@@ -65,31 +65,32 @@ class Loading:
         raise NotImplementedError
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Solve by ``solve(loading, stop)``, a method that converges at any approach; return the Outcome. Collective.
+        """Solve by a method that converges at any approach; return the Outcome. Collective.
 
         Parameters
         ----------
         state : ContactState
         solve : callable
+            ``solve(loading, stop)`` is that method.
         stop : StoppingTest
         tighter : float
             Factor on the tolerance of solves after which the pressure is scaled.
         rtol : float
-            Of what is searched for.
+            Of the search.
         step : float, optional
-            How far the depth of `state` may be from the right one [mm].
+            Estimated error of the depth of `state` [mm].
         """
         return solve(self, stop)
 
     def resume(self, state, load):
-        """Choose the approach to begin with, where `state` is a solution with a load [N]. Collective."""
+        """Choose the first approach from `state`, a solution with a load [N]. Collective."""
         raise NotImplementedError
 
     def record(self, depth):
-        """Note the depth that a grid has ended with [mm]."""
+        """Record the final depth on a grid [mm]."""
 
     def predict(self, depth):
-        """Return the depth to begin with on the next finer grid, after `depth` on this one [mm]."""
+        """Return the first depth on the next finer grid, from that on this one [mm]."""
         return depth
 
     def begin(self, state):
@@ -100,27 +101,27 @@ class Loading:
         return 0.0
 
     def settle(self, state, update):
-        """Meet the prescribed value exactly, after `update`; return the Update since then. Collective."""
+        """Meet the prescribed value exactly; return the Update including `update`. Collective."""
         return update
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Give a pressure >= 0 of the given sum the prescribed load; return whether that is possible."""
+        """Scale a pressure >= 0 of the given sum to the prescribed load; return whether that is possible."""
         return True
 
     def set_depth(self, state):
-        """Set the depth of a periodic state whose displacement is A p. Collective."""
+        """Set the depth of a periodic state with u = A p. Collective."""
         state.depth = self.depth_on(state.distance)
 
 
 class PrescribedApproach(Loading):
-    """The approach is given [mm].
+    """Prescribed approach [mm].
 
     Parameters
     ----------
     approach : float
         delta [mm].
     depth : float, optional
-        The same beyond the reference, if it is known without the rounding of the approach [mm].
+        The same beyond the reference, if known without the rounding of the approach [mm].
     """
 
     kind = "approach"
@@ -141,7 +142,7 @@ class PrescribedApproach(Loading):
         return self.approach
 
     def first_solve(self, state, solve):
-        """See `Loading.first_solve`: from C = {h <= 0}, step 1."""
+        """See `Loading.first_solve`."""
         state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
@@ -151,12 +152,12 @@ class PrescribedApproach(Loading):
         state.depth = self.depth_on(state.distance)
 
     def begin(self, state):
-        """See `Loading.begin`: the grid before may have had full contact, or no holes."""
+        """See `Loading.begin`; the depth of the coarser grid may differ, at full contact or by a mean gap."""
         state.depth = self.depth_on(state.distance)
 
 
 class PrescribedMeanGap(PrescribedApproach):
-    """The mean gap is given: the mean undeformed distance, another one on every grid, less the approach.
+    """Prescribed mean gap: the mean undeformed distance minus the approach, which depends on the grid.
 
     Parameters
     ----------

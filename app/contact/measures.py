@@ -56,11 +56,11 @@ def measure_contact(state):
     ContactMeasures
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
-    _, total, _ = kernels.gap_on(distance.b, state.depth, state.u, state.admissible, state.admissible)
-    force, highest, _ = kernels.numbers(state.p, state.contact)
+    _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
+    force, highest, _ = kernels.sum_pressure(state.p, state.contact)
     # Cells that touch without pressure count, too, as in perimeter and patches.
     cells = np.count_nonzero(state.contact)
-    in_x, in_y = kernels.faces(
+    in_x, in_y = kernels.count_faces(
         state.contact,
         fetch_row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
         bool(grid.periodic),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-ROUNDING_RESIDUAL = 1e-13  # of ||h|| on C: what it leaves of displacements there
+ROUNDING_RESIDUAL = 1e-13  # of ||h|| on C: residual that rounding of displacements leaves
 BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choose a larger one"
 
 
@@ -17,17 +17,17 @@ class StoppingTest:
     final: bool = True  # on the target grid
 
     def allowed(self, state):
-        """Norm of the residual that solves the problem, rtol ||h|| over the admissible cells [mm]. Not collective."""
+        """Return the norm of the residual that solves the problem, rtol ||h|| [mm]."""
         return self.rtol * state.distance.norm()
 
     def __call__(self, state, residual):
-        """(5.1): ||r||_rms / ||h||_rms <= rtol, for the norm of r on C [mm]. As collective as `allowed`."""
-        return residual <= self.allowed(state)
+        """Return whether ||r||_rms / ||h||_rms <= rtol, from the norm of r on C [mm]."""
+        return residual <= self.allowed(state)  # (5.1)
 
     def tighter(self, factor):
-        """Return a test that asks for a residual smaller by a factor. Not collective."""
+        """Return a test with rtol multiplied by a factor."""
         return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
-        """On the way to the target grid an unchanged contact area is enough (Sec. 4.3, 3.b). Not collective."""
-        return StoppingTest(float("inf"), self.max_it, final=False)
+        """Return the test of coarser grids, where an unchanged contact area is enough."""
+        return StoppingTest(float("inf"), self.max_it, final=False)  # Sec. 4.3, (3.b)

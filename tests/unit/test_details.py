@@ -19,7 +19,7 @@ from app.base.errors import InputError
 from app.cli.monitor import Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
-from app.contact.grid_errors import GridNumbers, errors_from
+from app.contact.grid_errors import GridNumbers, estimate_errors
 from app.contact.history import Listener
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement, Gaps
@@ -184,7 +184,7 @@ def test_the_bar_of_a_solver_that_diverges():
 def test_differences_of_grids_that_do_not_fall_are_an_error_of_all():
     def error(*pressures):
         grids = [GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures]
-        return errors_from(grids, 0.0, "load")
+        return estimate_errors(grids, 0.0, "load")
 
     slow = error(1.0, 2.0, 3.0, 4.0).max_pressure_error
     assert slow == error(0.5, 1.0, 2.0, 3.0, 4.0).max_pressure_error == 1.0

@@ -5,7 +5,7 @@ import pytest
 from running import solve
 
 from app import ContactProblem, Cylinder, Grid, Material
-from app.contact.grid_errors import GridNumbers, errors_from
+from app.contact.grid_errors import GridNumbers, estimate_errors
 
 STEEL = Material.from_contact_modulus(1e5)
 
@@ -16,7 +16,7 @@ STEEL = Material.from_contact_modulus(1e5)
 def test_a_number_that_converges_like_a_geometric_series(grids, ratio, sign):
     """The error left on the finest grid is the rest of the series."""
     pressures = [1 + sign * 0.1 * ratio**k for k in range(grids)]
-    errors = errors_from([GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures], 0.0, "load")
+    errors = estimate_errors([GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures], 0.0, "load")
     error = abs(pressures[-1] - 1) / pressures[-1]
     assert error * (1 - 1e-9) <= errors.max_pressure_error <= max(1.01, 2 / ratio) * error
 

@@ -19,7 +19,7 @@ from app import (
 )
 from app.api import refinement
 from app.base.errors import InputError
-from app.contact.grid_errors import GridNumbers, errors_from
+from app.contact.grid_errors import GridNumbers, estimate_errors
 
 PAIRS = {"load": "load_error", "max_pressure": "max_pressure_error", "contact_area": "contact_area_error"}
 
@@ -45,11 +45,11 @@ def test_the_estimate_bounds_the_error_of_whatever_converges(order):
     """With order 1 it is the error itself, with 2 at most 6 times; two grids that agree by chance do not lower it."""
     values = [1 + 0.3 * 2.0 ** (-order * level) for level in range(5)]
     error = abs(1 - 1 / values[-1])
-    estimated = errors_from(grids_of(*values), 0.0, "approach").max_pressure_error
+    estimated = estimate_errors(grids_of(*values), 0.0, "approach").max_pressure_error
     assert error * (1 - 1e-12) <= estimated <= 6.1 * error
     by_chance = grids_of(*values[:-1], values[-2])
     assert (
-        errors_from(by_chance, 0.0, "approach").max_pressure_error
+        estimate_errors(by_chance, 0.0, "approach").max_pressure_error
         >= (values[-3] - values[-2]) / 2 / values[-2]
     )
 
@@ -58,11 +58,11 @@ def test_the_estimate_bounds_the_error_of_whatever_converges(order):
 def test_what_does_not_converge_is_told(growth):
     """Pressures that grow like the logarithm, or the root, of the number of cells; and those of a rigid punch."""
     steps = np.cumsum(growth ** np.arange(5))
-    assert errors_from(grids_of(*(1 + steps)), 0.0, "approach").max_pressure_error == 1
+    assert estimate_errors(grids_of(*(1 + steps)), 0.0, "approach").max_pressure_error == 1
     assert (
-        errors_from(grids_of(*(1 + steps)[:2]), 0.0, "approach").max_pressure_error < 1
+        estimate_errors(grids_of(*(1 + steps)[:2]), 0.0, "approach").max_pressure_error < 1
     )  # two grids cannot know
-    assert np.isnan(errors_from(grids_of(1.0), 0.0, "approach").load_error)
+    assert np.isnan(estimate_errors(grids_of(1.0), 0.0, "approach").load_error)
 
 
 def test_what_hardly_changes_converges_though_its_changes_do_not_fall():
@@ -71,7 +71,7 @@ def test_what_hardly_changes_converges_though_its_changes_do_not_fall():
     grids = [GridNumbers(1.0, 1.0, 1.0, area) for area in areas]
     slow = [GridNumbers(1.0, 1.0, 1.0, area) for area in (0.9796, 0.9754, 0.9711, 0.9669)]
     for numbers in grids, slow:
-        assert 0.003 < errors_from(numbers, 0.0, "load").contact_area_error < 0.05
+        assert 0.003 < estimate_errors(numbers, 0.0, "load").contact_area_error < 0.05
 
 
 @pytest.mark.parametrize(("seed", "load", "area"), [(2, 10, 0.007684), (11, 10, 0.008133)])
@@ -166,7 +166,7 @@ def test_without_a_pressure_there_is_nothing_to_refine(loading):
 
 def test_no_error_is_more_than_all():
     grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate((50.0, 10.0, 1.0))]
-    assert errors_from(grids, 0.0, "load").contact_area_error == 1.0
+    assert estimate_errors(grids, 0.0, "load").contact_area_error == 1.0
 
 
 def test_stops_before_the_largest_grid_that_petsc_can_count(monkeypatch):
@@ -202,7 +202,7 @@ def test_an_area_that_scatters_by_its_rim_converges():
     for times, least, most in ((1, 5e-3, 0.02), (3, 0.25, 0.3)):
         areas = cells[-1] + times * (cells - cells[-1])
         grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate(areas)]
-        assert least <= errors_from(grids, 0.0, "load").contact_area_error <= most
+        assert least <= estimate_errors(grids, 0.0, "load").contact_area_error <= most
 
 
 def test_finer_grids_are_solved_better():

@@ -57,6 +57,10 @@ class WindowState(ContactState):
         super().compute_displacement(exact)
         self.scaled = 1.0 if self.displacement_status is Displacement.EXACT else self.scaled
 
+    def first_touch(self):
+        """See `ContactState.first_touch`; computed, as windows do not store it."""
+        return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
+
     def scale(self, factor):
         """See `ContactState.scale`."""
         super().scale(factor)

@@ -218,7 +218,7 @@ class PrimalState:
         if not (cells or self.loading.allows_no_contact):
             self.restore_contact()
             cells, released, moves = released, 0, 0.0
-        elif cells == self.cells and self.prescribed_depth < state.highest:
+        elif cells == self.cells and self.prescribed_depth < state.distance.max_depth:
             opened = self._open_least(solver)
             cells, released, moves = cells - opened, released + opened, np.inf
         if captured or released:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.bounds_kernels import displaced
+from app.contact.bounds_kernels import projected_displacement
 from app.parallel.reductions import (
     add_row,
     copy_row,
@@ -39,7 +39,7 @@ def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
 def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
         beside = stencil_sum(above, here, below, i, wx, wy, wd)
-        out[i + 1] = displaced(source[i] - beside, lowest[i])
+        out[i + 1] = projected_displacement(source[i] - beside, lowest[i])
 
 
 @njit_reassoc

@@ -129,7 +129,7 @@ class TwoGrid:
             mask, grid = self.operator.mask, self.operator.grid
             self._free = before, _ = self._rows(mask)
             last = before[-1] if len(before) else np.zeros(grid.nx, bool)
-            counts = *kernels.faces(mask, last, True), np.count_nonzero(mask)
+            counts = *kernels.count_faces(mask, last, True), np.count_nonzero(mask)
             in_x, in_y, cells = sum_over(self.operator.comm, counts)
             perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
             if self._long_waves and cells:
