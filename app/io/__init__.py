@@ -1,1 +1,1 @@
-"""What leaves the program: HDF5 results, pictures, tables."""
+"""Result files, tables and XDMF files."""

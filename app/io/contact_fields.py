@@ -1,4 +1,4 @@
-"""What a solution and a result file that is read have in common."""
+"""Methods that solutions and result files share; importable without MPI or numba."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ import numpy as np
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.options.option_table import find_similar_name
 
-# What a Solution calls some attributes of the file.
+# Name in a Solution -> name of the attribute in a file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
-_ROUNDING = 1e-9  # on average over cells all around a period
+_MIN_MEAN_VECTOR = 1e-9  # mean length of unit vectors; below, cells lie all around the period
 
 
 class Patches(NamedTuple):
-    """Patches of contact from large to small, those of one size by their first cells; the same on all ranks.
+    """Contact spots by decreasing size, equal on all ranks.
 
-    Cells hang together by faces; on a periodic patch across its sides, too.
+    Spots of one size are ordered by their first cells. Cells are connected by faces, on a periodic patch also across
+    its sides.
 
     Attributes
     ----------
     labels : ndarray of int, shape (rows, nx)
-        Of the rows here: 0 where there is no contact; k + 1 in patch k, from 0.
-    cells : ndarray of int, shape (patches,)
-    area, load, max_pressure : ndarray of float64, shape (patches,)
+        Of this rank's rows: 0 without contact, k + 1 in spot k (from 0).
+    cells : ndarray of int, shape (spots,)
+    area, load, max_pressure : ndarray of float64, shape (spots,)
         [mm2], [N], [N/mm2].
-    centre_x, centre_y : ndarray of float64, shape (patches,)
-        Of the area [mm]. On a periodic patch of no meaning, or NaN, where one goes all around.
+    centre_x, centre_y : ndarray of float64, shape (spots,)
+        Centre of the area [mm]. Meaningless or NaN for a spot that surrounds a periodic patch.
     """
 
     labels: np.ndarray
@@ -41,36 +42,36 @@ class Patches(NamedTuple):
 
 
 class ContactFields:
-    """Patches and distributions, and a line that says what it is; who only reads a file need not wait for MPI or numba.
+    """Contact spots, distributions and attributes of a solution or result.
 
-    Who derives from it has `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None where
-    all rows are here; and the numbers that `__repr__` tells.
+    Subclasses have `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None if this rank
+    has all rows; and the numbers in `__repr__`.
     """
 
     def __repr__(self):
-        notes = len(self.notes)
-        said = f", {notes} note{'s'[: notes > 1]}: see .notes" if notes else ""
+        count = len(self.notes)
+        notes = f", {count} note{'s'[: count > 1]}: see .notes" if count else ""
         return (
             f"<{type(self).__name__}: {self.grid.nx} x {self.grid.ny} cells, load {self.load:g} N, approach "
             f"{self.approach:g} mm, {'converged' if self.converged else 'NOT converged'}, error bound "
-            f"{self.error_bound:.1g}{said}>"
+            f"{self.error_bound:.1g}{notes}>"
         )
 
     def __getattr__(self, name):
-        """An attribute of the file, by the name that it has there, or in a `Solution`."""
-        # There are none yet while it is unpickled.
-        known = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
-        if (there := ATTRIBUTE_NAMES.get(name, name)) in known:
-            return known[there]
-        meant = find_similar_name(name, [there for there in dir(self) if there[0] != "_"] if known else ())
-        hint = f"did you mean {meant}?" if meant else "what it has: .attributes"
+        """Return an attribute by its name in file or `Solution`."""
+        # Unpickling asks for names before there are attributes.
+        attributes = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
+        if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
+            return attributes[key]
+        similar = find_similar_name(name, [public for public in dir(self) if public[0] != "_"] if attributes else ())
+        hint = f"did you mean {similar}?" if similar else "what it has: .attributes"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
         return {*super().__dir__(), *self.attributes, *ATTRIBUTE_NAMES}
 
     def patches(self):
-        """The patches of contact one by one: which cells, how large, under what load, where. Collective.
+        """Return cells, area, load and centre of each contact spot. Collective.
 
         Returns
         -------
@@ -79,28 +80,28 @@ class ContactFields:
         from app.parallel.reductions import minimum_over, sum_over
 
         grid = self.grid
-        found, sizes = self._connected()
-        order, number = np.argsort(-sizes, kind="stable"), np.zeros(len(sizes) + 1, found.dtype)
+        unsorted, sizes = self._connected_sets()
+        order, number = np.argsort(-sizes, kind="stable"), np.zeros(len(sizes) + 1, unsorted.dtype)
         number[order + 1] = np.arange(1, len(sizes) + 1)
-        labels, sizes = number[found], sizes[order]
+        labels, sizes = number[unsorted], sizes[order]
         j, i = np.nonzero(labels)
-        of, pressure, highest = labels[j, i] - 1, self.pressure[j, i], np.zeros(len(sizes))
-        np.maximum.at(highest, of, pressure)
+        spot, pressure, highest = labels[j, i] - 1, self.pressure[j, i], np.zeros(len(sizes))
+        np.maximum.at(highest, spot, pressure)
 
         def total(values):
-            return sum_over(self.comm, np.bincount(of, values, len(sizes)))
+            return sum_over(self.comm, np.bincount(spot, values, len(sizes)))
 
-        def centre(at, first, period):
+        def centre(positions, start, period):
             if not grid.periodic:
-                return total(at) / sizes
-            # The mean on the circle, then that of the cells as they are nearest to it.
-            turn = 2 * np.pi * (at - first) / period
-            x, y = total(np.cos(turn)), total(np.sin(turn))
-            near = np.arctan2(y, x) / (2 * np.pi) * period
-            near[np.hypot(x, y) < _ROUNDING * sizes] = np.nan
-            away = at - first - near[of]
-            away -= period * np.round(away / period)
-            return first + (near + total(away) / sizes) % period
+                return total(positions) / sizes
+            # Start from the mean direction on the circle; then average the distances from it.
+            angle = 2 * np.pi * (positions - start) / period
+            x, y = total(np.cos(angle)), total(np.sin(angle))
+            mean = np.arctan2(y, x) / (2 * np.pi) * period
+            mean[np.hypot(x, y) < _MIN_MEAN_VECTOR * sizes] = np.nan
+            distance = positions - start - mean[spot]
+            distance -= period * np.round(distance / period)
+            return start + (mean + total(distance) / sizes) % period
 
         return Patches(
             labels,
@@ -113,26 +114,23 @@ class ContactFields:
         )
 
     def contact_patches(self):
-        """Areas of the patches of contact, from large to small [mm2]; the same on all ranks. Collective.
-
-        More about them: `patches`.
-        """
-        _, cells = self._connected()
+        """Return the areas of the contact spots [mm2]. Collective."""
+        _, cells = self._connected_sets()
         return np.sort(cells)[::-1] * self.grid.cell_area
 
-    def _connected(self):
-        """Labels of the patches of contact in the rows here, and their cells. Collective."""
+    def _connected_sets(self):
+        """Return labels and numbers of cells of contact spots. Collective."""
         from app.halfspace.connected_sets import label_connected_sets
 
         return label_connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
 
     def count_patches(self):
-        """Number of patches of contact, and area of the largest [mm2], as results have them. Collective."""
+        """Return number of contact spots and largest area. Collective."""
         areas = self.contact_patches()
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 
     def distribution(self, name, bins=100, logarithmic=False):
-        """Distribution of positive pressures over cells in contact, or of positive gaps over those that are open.
+        """Return the distribution of positive pressures in contact, or of positive gaps.
 
         Collective.
 
@@ -147,15 +145,14 @@ class ContactFields:
         Returns
         -------
         edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
-            From the smallest to the largest value; from half to twice the value, if it is only one; empty if there
-            are none.
+            From the smallest to the largest value; from half to twice a single value; empty without values.
         density : ndarray, shape (bins,)
-            Share of the cells counted per unit; its integral is 1.
+            Share of the counted cells per unit; its integral is 1.
 
         Raises
         ------
         InputError
-            If it is the distribution of something else, or in no bins.
+            If `name` or `bins` is not allowed.
         """
         from app.parallel.reductions import minimum_over, sum_over
 
@@ -176,7 +173,7 @@ class ContactFields:
         high = -high
         if not high:
             return np.zeros(0), np.zeros(0)
-        if high <= low * (1 + 1e-12 * bins):  # bins could not be told apart
+        if high <= low * (1 + 1e-12 * bins):  # narrower bins would have equal edges
             low, high = low / 2, 2 * high
         edges = np.geomspace(low, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
         edges[0], edges[-1] = low, high

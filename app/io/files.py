@@ -1,6 +1,6 @@
-"""Files that appear whole or not at all, and only where nothing is lost by it.
+"""Atomic writing of files, and checks of their paths before any work.
 
-A file is written under a temporary name in the folder of its target and renamed at the very end.
+A file is written under a temporary name in the target's folder and renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -16,143 +16,133 @@ from pathlib import Path
 from app.base.errors import InputError, call_collectively
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
-_PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
-_BLOCK = 1 << 20  # bytes by which a file in memory grows
-_DAY = 86400  # s; no file is under its temporary name for so long
+_SAMPLES, _SAMPLE_BYTES = 64, 1 << 16
+_HDF5_BLOCK_BYTES = 1 << 20  # growth of a file in memory
+_MAX_TEMPORARY_AGE = 86400  # s; older temporary files are left by killed runs
 
 
 def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
-    """Refuse a path to which no file can be written, before any work is done.
-
-    Not collective (looks at the file system of the calling rank).
+    """Check that a file can be written, on this rank.
 
     Parameters
     ----------
     path : str or Path
-        File to be; it may exist and is then replaced later.
+        File to write; an existing one will be replaced.
     inputs : iterable of str or Path
-        Files that are read and must not be replaced; those that do not exist do not matter.
+        Files that must not be replaced; missing ones are ignored.
     what : str
-        What it is, for messages.
+        Name of the file in messages.
     suffixes : sequence of str
-        That its name may end in.
+        Allowed endings of its name.
 
     Returns
     -------
     Path
-        Absolute; where a symbolic link leads, if it is one.
+        Absolute; the target of a symbolic link.
 
     Raises
     ------
     InputError
-        If the suffix is unknown, the path is not a regular file, or one of the inputs, or of another user in a folder
-        such as /tmp, or its folder is missing, read-only, or the name is too long for it.
+        If the suffix is wrong; the path is not a regular file, is an input, or is another user's in a sticky folder;
+        or the folder is missing or read-only, or does not allow so long a name.
     """
     try:
-        given, path = str(path), Path(path)
+        name, path = str(path), Path(path)
     except TypeError:
         raise InputError(f"{what}: is {type(path).__name__}; needed: a file name") from None
-    if given.endswith("/") or path.suffix.lower() not in suffixes:
-        raise InputError(f"{what} {given}: the name must end in {' or '.join(suffixes)}")
+    if name.endswith("/") or path.suffix.lower() not in suffixes:
+        raise InputError(f"{what} {name}: the name must end in {' or '.join(suffixes)}")
     try:
-        target = _target(path)
+        target = _follow_link(path)
+        folder = target.parent
         if target.exists() and not target.is_file():
             raise InputError(f"{what} {path}: exists and is not a regular file")
-        if not target.parent.is_dir():
-            raise InputError(f"{what} {path}: folder {target.parent} does not exist")
-        if target.exists() and _guarded(target):
-            raise InputError(
-                f"{what} {path}: is another user's, and {target.parent} keeps it; choose another name"
-            )
+        if not folder.is_dir():
+            raise InputError(f"{what} {path}: folder {folder} does not exist")
+        sticky = folder.stat().st_mode & stat.S_ISVTX  # only owners rename files there, as in /tmp
+        if sticky and target.exists() and os.geteuid() not in (0, folder.stat().st_uid, target.stat().st_uid):
+            raise InputError(f"{what} {path}: is another user's, and {folder} keeps it; choose another name")
     except OSError as error:
         raise InputError(f"{what} {path}: {error.strerror}") from None
     for other in inputs:
-        if _same_file(target, other):
-            raise InputError(f"{what} {path}: is the input {other}; choose another name")
+        with suppress(OSError):
+            if Path(other).samefile(target):
+                raise InputError(f"{what} {path}: is the input {other}; choose another name")
     try:
         temporary = make_temporary_name(target)
         temporary.touch(exist_ok=False)
         temporary.unlink()
     except OSError as error:
-        raise InputError(f"{what} {path}: cannot write in {target.parent} ({error.strerror})") from None
+        raise InputError(f"{what} {path}: cannot write in {folder} ({error.strerror})") from None
     return target
 
 
 def check_shared_folder(comm, path):
-    """Refuse a result file to be in a folder that ranks on other hosts do not have. Collective.
+    """Check that all hosts share the folder of a result file. Collective.
 
     Raises
     ------
     InputError
         On all ranks.
     """
-    probe = call_collectively(comm, _touch, path, only_root=True)
+
+    def create():
+        file = make_temporary_name(_follow_link(Path(path)))
+        file.touch(exist_ok=False)
+        return file
+
+    def check():
+        if not temporary.exists():
+            raise ValueError(
+                f"result file {path}: {temporary.parent} is not the folder that rank 0 has; share it"
+            )
+
+    temporary = call_collectively(comm, create, only_root=True)
     try:
-        call_collectively(comm, _find, probe, path)
+        call_collectively(comm, check)
     finally:
         if comm.rank == 0:
-            remove(probe)
-
-
-def _touch(path):
-    probe = make_temporary_name(_target(Path(path)))
-    probe.touch(exist_ok=False)
-    return probe
-
-
-def _find(probe, path):
-    if not probe.exists():
-        raise ValueError(f"result file {path}: {probe.parent} is not the folder that rank 0 has; share it")
+            remove(temporary)
 
 
 def hash_file(path):
-    """SHA-256 of a file, in hexadecimal digits; read piece by piece. Not collective."""
+    """Return the SHA-256 of a file in hexadecimal digits."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def hash_samples(path):
-    """Size and digest of a file, None if there is none: of large ones some pieces only. Not collective."""
+    """Return size and hash of a file, or None.
+
+    Above 4 MiB the hash is of evenly spaced samples.
+    """
     path = Path(path)
     if not path.is_file():
         return None
-    size, pieces = path.stat().st_size, hashlib.sha256()
+    size, samples = path.stat().st_size, hashlib.sha256()
     with path.open("rb") as file:
-        for number in range(_PIECES):
-            file.seek(number * max(size - _PIECE, 0) // (_PIECES - 1))
-            pieces.update(file.read(_PIECE))
-    return size, pieces.hexdigest()
+        for number in range(_SAMPLES):
+            file.seek(number * max(size - _SAMPLE_BYTES, 0) // (_SAMPLES - 1))
+            samples.update(file.read(_SAMPLE_BYTES))
+    return size, samples.hexdigest()
 
 
-def _target(path):
-    """Where a path leads: a symbolic link stays, and what it names is replaced."""
-    with suppress(RuntimeError):  # Python before 3.13, of a circle
+def _follow_link(path):
+    """Return the absolute path, or the target of a symbolic link."""
+    with suppress(RuntimeError):  # Python before 3.13 raises it for circular links
         target = path.resolve() if path.is_symlink() else path.absolute()
         if not target.is_symlink():
             return target
     raise InputError(f"{path}: the symbolic link leads to itself")
 
 
-def _guarded(target):
-    """Whether the folder of a file lets its owner alone take its place, as /tmp does, and that is not us."""
-    folder = target.parent.stat()
-    return folder.st_mode & stat.S_ISVTX and os.geteuid() not in (0, folder.st_uid, target.stat().st_uid)
-
-
-def _same_file(one, other):
-    try:
-        return Path(other).samefile(one)
-    except OSError:
-        return False
-
-
 @contextmanager
 def atomic_file(path):
-    """Yield a temporary path whose file takes the place of `path` when the block succeeds.
+    """Yield a temporary path that replaces `path` if the block succeeds.
 
-    Not collective. A block that raises, or a killed process, leaves an existing `path` as it was.
+    If the block raises or the process is killed, `path` stays as it was.
     """
-    target = _target(Path(path))
+    target = _follow_link(Path(path))
     temporary = make_temporary_name(target)
     try:
         yield temporary
@@ -163,21 +153,23 @@ def atomic_file(path):
 
 
 def write_text(path, text):
-    """Write a text (UTF-8), whole or not at all. Not collective."""
+    """Write a text (UTF-8) atomically."""
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 @contextmanager
 def atomic_hdf5(path):
-    """Yield an HDF5 file in memory that is written to `path` when the block succeeds. Not collective.
+    """Yield an HDF5 file in memory and write it atomically.
 
-    HDF5 cannot close a file that a full disk kept it from writing; plain system calls say what is wrong.
+    HDF5 cannot close a file on a full disk; system calls report the error.
     """
     import h5py
 
     with atomic_file(path) as temporary:
-        with h5py.File(temporary, "w", driver="core", backing_store=False, block_size=_BLOCK) as file:
+        with h5py.File(
+            temporary, "w", driver="core", backing_store=False, block_size=_HDF5_BLOCK_BYTES
+        ) as file:
             yield file
             file.flush()
             image = file.id.get_file_image()
@@ -185,33 +177,28 @@ def atomic_hdf5(path):
 
 
 def make_temporary_name(path):
-    """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
-
-    Not collective. It is short, whatever the name of `path`. What killed runs left in the folder a day ago goes.
-    """
-    for left in path.parent.glob(".contact-*.tmp"):
-        with suppress(OSError):  # Another process may have removed it.
-            if time.time() - left.stat().st_mtime > _DAY:
-                left.unlink()
+    """Return an unused name in the folder; remove outdated temporary files."""
+    for outdated in path.parent.glob(".contact-*.tmp"):
+        with suppress(OSError):  # another process may have removed it
+            if time.time() - outdated.stat().st_mtime > _MAX_TEMPORARY_AGE:
+                outdated.unlink()
     return path.with_name(f".contact-{secrets.token_hex(8)}.tmp")
 
 
 def remove(path):
-    """Remove a file that may never have come to be; one that stays is not worth a second error. Not collective."""
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        pass
+    """Remove a file if that is possible."""
+    with suppress(OSError):
+        path.unlink()
 
 
 def publish(temporary, path):
-    """Bring the file to disk, then give it its name: a crash leaves the old file or the new one. Not collective."""
-    _to_disk(temporary)
+    """Flush a file to disk, then rename it."""
+    _sync(temporary)
     temporary.replace(path)
-    _to_disk(temporary.parent)
+    _sync(temporary.parent)
 
 
-def _to_disk(path):
+def _sync(path):
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""Result file (HDF5): the solution, the history of the iteration and how the run was made.
+"""Result file (HDF5): solution, history and facts of the run.
 
 =========================  ==========  =======  =====  ==========================================
 dataset                    shape       type     unit   meaning (symbol of the paper)
@@ -10,7 +10,7 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
 ``x``, ``y``               (nx), (ny)  float64  mm     cell centres
 ``history/<column>``       (k)                  yes    one entry per active set iteration
-``path/<column>``          (steps)              yes    of a load path: one entry per step, the fields are the last's
+``path/<column>``          (steps)              yes    one entry per step of a load path; fields are of the last one
 =========================  ==========  =======  =====  ==========================================
 
 `x` and `y` are the dimension scales of the fields, as in NetCDF: xarray finds the coordinates.
@@ -19,9 +19,8 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
 
 Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
-`load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. Of the others
-docs/results.md says what they mean.
-Datasets and attributes beyond the required ones are kept.
+`load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. docs/results.md
+describes the others. Additional datasets and attributes are kept.
 """
 
 from __future__ import annotations
@@ -61,22 +60,22 @@ ATTRIBUTES = (
     "setup_seconds", "ranks", "options", "command_line", "version",
 )  # fmt: skip
 TEXTS = ("reason", "options", "command_line", "version", "notes", "problem", "periodic_symbol")
-NUMBERS = (  # beside `ATTRIBUTES` and the table of quantities, where there are any
+NUMBERS = (  # optional, like those of the table of quantities
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
     "lcp_rtol", "shear_modulus", "hertz_rx", "hertz_ry", "surface_hurst", "surface_rolloff", "surface_cutoff",
     "load_error", "approach_error", "max_pressure_error", "contact_area_error",
 )  # fmt: skip
 PAIRS = ("young", "poisson", "cell_size")
-_LEAST = 1e-60  # mm, size of a cell, and 1 / mm: its powers are numbers
-_UNEVEN = 0.1  # of a cell: rounding of what lies far from zero
+MIN_CELL = 1e-60  # mm, and 1 / MIN_CELL the largest: powers of cell sizes must not overflow
+MAX_STEP_DEVIATION = 0.1  # of a cell: rounding of coordinates far from zero
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(ContactFields):
-    """A result file in memory; names, shapes and units as in the module's table.
+    """Contents of a result file, as in the module's table.
 
-    An attribute of the file is one of the object, too: ``result.load`` is ``result.attributes["load"]``; so are the
-    other names that a `Solution` has for them (``message``, ``iterations``, ``rtol``).
+    Attributes of the file are attributes of the object: ``result.load`` is ``result.attributes["load"]``. The names
+    of a `Solution` work too (``message``, ``iterations``, ``rtol``).
 
     Attributes
     ----------
@@ -87,11 +86,11 @@ class Result(ContactFields):
         Root attributes as Python bool, int, float, str or ndarray.
     history : dict of str to ndarray, shape (k,)
     extra : dict of str to ndarray
-        Datasets of the file's root that are not in the table.
+        Other datasets in the root of the file.
     units : dict of str to str
-        Unit of every dataset that states one.
+        Unit of each dataset that has one.
     path : dict of str to ndarray, shape (steps,)
-        Table of a load path; empty if the result is of one loading.
+        Table of a load path, else empty.
     """
 
     pressure: np.ndarray
@@ -107,28 +106,28 @@ class Result(ContactFields):
     units: dict = field(default_factory=dict)
     path: dict = field(default_factory=dict)
 
-    slabs = comm = None  # all rows are here
+    slabs = comm = None  # this rank has all rows
 
     @property
     def error_bound(self):
-        """Proved bound of the relative error of the pressure in the energy norm; NaN if the file has none."""
+        """Proved bound of the pressure's relative error, or NaN."""
         return self.attributes.get("error_bound", np.nan)
 
     @property
     def notes(self):
-        """What a user should look at twice, a text each."""
+        """Texts on what needs a second look."""
         return tuple(self.attributes.get("notes", "").splitlines())
 
     @property
     def grid(self):
-        """Its `Grid`, see `grid_of`."""
+        """`Grid` of the result."""
         return make_grid(self.x, self.y, self.attributes)
 
 
 def make_grid(x, y, attributes):
-    """`Grid` of cell centres [mm], where a single one does not tell the size of its cell, and attributes of a result.
+    """Make a `Grid` from cell centres [mm] and attributes of a result.
 
-    Not collective.
+    Attribute `cell_size` gives the size of a cell without neighbours.
     """
     from app.halfspace.grid import Grid
 
@@ -140,9 +139,7 @@ def make_grid(x, y, attributes):
 
 
 def read_result(path):
-    """Read a result file.
-
-    Not collective: the calling rank reads the whole grid.
+    """Read a result file, the whole grid on this rank.
 
     Parameters
     ----------
@@ -155,15 +152,37 @@ def read_result(path):
     Raises
     ------
     InputError
-        If there is no such file, or it is not a result file (the message names what is missing).
+        If it is missing or no result file; the message names what is wrong.
     """
     with open_result(path) as file:
-        return _read_hdf5(file)
+        check_is_result(file)
+        if missing := [name for name in ATTRIBUTES if name not in file.attrs]:
+            raise InputError(f"attribute {', '.join(missing)} is missing")
+        sizes = []
+        file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
+        check_fits(sum(sizes), "what it holds")  # a few bytes may stand for many
+        data = {name: read_dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
+        shape = data["y"].size, data["x"].size
+        for name in FIELDS:
+            if data[name].shape != shape:
+                raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
+        if data["contact"].max() > 1:
+            raise InputError("dataset contact: has other values than 0 and 1")
+        history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
+        history |= _read_columns(file, "history", history)
+        others = {name: item for name, item in file.items() if name not in data}
+        extra = {name: item[()] for name, item in others.items() if isinstance(item, h5py.Dataset)}
+        units = {name: file[name].attrs.get("unit") for name in (*data, *extra)}
+        units = {name: str(unit) for name, unit in units.items() if unit is not None}
+        attributes, path = read_attributes(file), _read_columns(file, "path")
+        if path and not np.size(path.get("load", ())):
+            raise InputError("path: has no loads")
+        return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=path)
 
 
 @contextmanager
 def open_result(path):
-    """A result file to be read inside the block; whatever goes wrong is an InputError that names it. Not collective."""
+    """Open a result file; raise InputError if it cannot be read."""
     try:
         path = Path(path)
     except TypeError:
@@ -176,17 +195,15 @@ def open_result(path):
     except ValueError as error:
         raise InputError(f"result file {path}: {format_message(error)}") from error
     except TypeError as error:
-        if "No NumPy equivalent" not in str(error):  # of the type of something in the file
+        if "No NumPy equivalent" not in str(error):  # a data type of the file
             raise
         raise InputError(f"result file {path}: {format_message(error)}") from error
-    except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
+    except (OSError, RuntimeError, KeyError) as error:  # the last two for broken and circular links
         raise InputError(f"result file {path}: not a readable HDF5 file ({format_message(error)})") from error
 
 
 def has_heights(path):
-    """Whether a file is a map of heights, as app.convert writes it, and no result.
-
-    Not collective.
+    """Return True for a map of heights written by app.convert.
 
     Raises
     ------
@@ -194,19 +211,12 @@ def has_heights(path):
         If it cannot be read.
     """
     with open_result(path) as file:
-        return "heights" in file and not _holds_a_result(file)
-
-
-def _holds_a_result(file):
-    return any(name in file for name in FIELDS)
+        return "heights" in file and not FIELDS.keys() & file.keys()
 
 
 def check_is_result(file):
-    """Refuse an open file without any field of a result, by its name if another command wrote it: InputError.
-
-    Not collective.
-    """
-    if _holds_a_result(file):
+    """Raise InputError for an open file without fields of a result."""
+    if FIELDS.keys() & file.keys():
         return
     if "depth" in file and "line/von_mises" in file:
         raise InputError(
@@ -218,51 +228,22 @@ def check_is_result(file):
     raise InputError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
 
 
-def _read_hdf5(file):
-    check_is_result(file)
-    if missing := [name for name in ATTRIBUTES if name not in file.attrs]:
-        raise InputError(f"attribute {', '.join(missing)} is missing")
-    sizes = []
-    file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
-    check_fits(sum(sizes), "what it holds")  # a few bytes can stand for many
-    data = {name: read_dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
-    shape = data["y"].size, data["x"].size
-    for name in FIELDS:
-        if data[name].shape != shape:
-            raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
-    if data["contact"].max() > 1:
-        raise InputError("dataset contact: has other values than 0 and 1")
-    history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
-    history |= _columns(file, "history", history)
-    extra = {
-        name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
-    }
-    units = {
-        name: str(file[name].attrs.get("unit", "1")) for name in (*data, *extra) if "unit" in file[name].attrs
-    }
-    attributes = read_attributes(file)
-    steps = _columns(file, "path")
-    if steps and not np.size(steps.get("load", ())):
-        raise InputError("path: has no loads")
-    return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=steps)
-
-
-def _columns(file, group, known=()):
-    """Columns of a group that are not known yet; all of the group are numbers, and equally many."""
+def _read_columns(file, group, known=()):
+    """Return the columns of a group except the known ones."""
     if group not in file:
         return {}
     names = list(file[group]) if isinstance(file[group], h5py.Group) else [""]
     columns = {name: read_dataset(file, f"{group}/{name}") for name in names if name not in known}
-    lengths = {column.shape for column in (*columns.values(), *dict(known).values())}
-    if len(lengths) > 1 or any(len(shape) != 1 for shape in lengths):
-        raise InputError(f"{group}: columns of shapes {sorted(lengths)}")
+    shapes = {column.shape for column in (*columns.values(), *dict(known).values())}
+    if len(shapes) > 1 or any(len(shape) != 1 for shape in shapes):
+        raise InputError(f"{group}: columns of shapes {sorted(shapes)}")
     return columns
 
 
 def read_dataset(file, name, dtype=None):
-    """A dataset of numbers from an open file, of its own type if no other is given; InputError if it is none.
+    """Read a numeric dataset; raise InputError if it is none.
 
-    Not collective.
+    `dtype` defaults to the dataset's own.
     """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
@@ -273,7 +254,7 @@ def read_dataset(file, name, dtype=None):
         raise InputError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
     check_fits(float(item.nbytes), f"dataset {name}")
     dtype = np.dtype(dtype or item.dtype)
-    if not np.can_cast(item.dtype, dtype, "same_kind"):  # holds all values but for rounding
+    if not np.can_cast(item.dtype, dtype, "same_kind"):
         raise InputError(f"dataset {name}: type {item.dtype} where {dtype} is needed")
     values = item[()].astype(dtype, copy=False)
     if name in AXES and not _are_centres(values):
@@ -286,24 +267,21 @@ def _are_centres(values):
         return np.isfinite(values[0])
     with np.errstate(invalid="ignore", over="ignore"):
         step = (values[-1] - values[0]) / (values.size - 1)
-        return _LEAST < step < 1 / _LEAST and np.abs(np.diff(values) - step).max() < _UNEVEN * step
+        deviation = np.abs(np.diff(values) - step).max()
+        return MIN_CELL < step < 1 / MIN_CELL and deviation < MAX_STEP_DEVIATION * step
 
 
 def read_attributes(file):
-    """Attributes of an open file as Python has them; InputError if one is not of its kind. Not collective."""
-    return {name: _attribute(name, value) for name, value in file.attrs.items()}
-
-
-def _attribute(name, value):
-    """An attribute as Python has it."""
-    text, number = name in TEXTS, name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
-    plain = value.item() if isinstance(value, np.generic) else value
-    if name in PAIRS and not (
-        isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
-    ):
-        raise InputError(f"attribute {name}: {plain!r} where two numbers are needed")
-    if (text and not isinstance(plain, str)) or (
-        number and not text and not isinstance(plain, bool | int | float)
-    ):
-        raise InputError(f"attribute {name}: {plain!r} where a {'text' if text else 'number'} is needed")
-    return plain
+    """Return attributes as Python objects; raise InputError on wrong types."""
+    attributes = {}
+    for name, value in file.attrs.items():
+        plain = attributes[name] = value.item() if isinstance(value, np.generic) else value
+        is_pair = isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
+        if name in PAIRS and not is_pair:
+            raise InputError(f"attribute {name}: {plain!r} where two numbers are needed")
+        if name in TEXTS and not isinstance(plain, str):
+            raise InputError(f"attribute {name}: {plain!r} where a text is needed")
+        is_number = name not in TEXTS and name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
+        if is_number and not isinstance(plain, bool | int | float):
+            raise InputError(f"attribute {name}: {plain!r} where a number is needed")
+    return attributes

@@ -1,4 +1,4 @@
-"""Writing of a result file: planned by rank 0, laid out whole, filled by the ranks, and only then given its name."""
+"""Parallel and atomic writing of a result file."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, make_temporary_name, publish, remove
 from app.io.result import AXES, FIELDS, HISTORY, UNITS
 
-_CELLS_AT_ONCE = 1 << 20  # written together
-_METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
+_CELLS_PER_WRITE = 1 << 20
+_METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets
 
 
 @dataclass(frozen=True)
 class ByRows:
-    """A field that is made some rows at a time, when they are written: ``values(slice) -> ndarray``."""
+    """A field computed when it is written: ``values(slice of rows) -> ndarray``."""
 
     shape: tuple
     dtype: np.dtype
@@ -32,60 +32,57 @@ class ByRows:
 
 
 def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=None):
-    """Write a result file; it appears whole or not at all.
+    """Write a result file atomically.
 
-    Collective. `path`, `x`, `y`, `attributes`, `history` and `steps` are those of rank 0 (a measured
-    time need not be the same everywhere). An error on any rank is raised on all of them.
+    Collective; errors are raised on all ranks. Rank 0 provides all arguments except `fields`.
 
     Parameters
     ----------
     path : str or Path
-        Ends in ``.h5`` or ``.hdf5``; an existing file is replaced at the very end.
+        Ends in ``.h5`` or ``.hdf5``; an existing file is replaced.
     comm : mpi4py.MPI.Comm
-        More than one rank write by the MPI-IO driver, or in turn if h5py is built without it.
+        Its ranks write by MPI-IO, or in turn if h5py has no MPI.
     slabs : app.parallel.slabs.Slabs
-        Distribution of the rows; ranks may own none.
+        Distribution of the rows; ranks may have none.
     fields : mapping of str to array_like or ByRows, shape (slabs.local, nx)
-        This rank's rows of all of `FIELDS`, and of any others to be stored.
+        This rank's rows of all `FIELDS` and of additional fields.
     x, y : array_like, shapes (nx,) and (ny,), [mm]
         Cell centres of the whole grid.
     attributes : mapping
-        All of `app.io.result.ATTRIBUTES` and any others: bool, int, float, str or numeric arrays.
+        All of `app.io.result.ATTRIBUTES` and additional bool, int, float, str or numeric arrays.
     history : mapping of str to array_like, shape (k,)
-        All of `HISTORY` and any other numeric columns; empty if there was no iteration.
+        All of `HISTORY` and additional numeric columns; empty without iterations.
     steps : mapping of str to array_like, shape (steps,), optional
         Numeric columns of a load path.
 
     Raises
     ------
     InputError
-        If an attribute, a step or a field is of no type for a file, or `path` is of no use.
+        If the type of an attribute, step or field, or `path`, is not allowed.
     OSError
         If writing fails.
     """
     path = call_collectively(comm, check_output_path, path, only_root=True)
     plan = call_collectively(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
-    rows = {name: _rows_of(fields[name]) for name in plan["types"]}
+    rows = {name: _as_rows(fields[name]) for name in plan["types"]}
     temporary = comm.bcast(make_temporary_name(path) if comm.rank == 0 else None)
     try:
-        # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
-        # the file, on one rank leaves the others waiting for ever. So rank 0 alone writes all metadata,
-        # every rank tries to open the file (folder not shared, too many open files), and only rows of
-        # data go through MPI-IO.
-        _together(comm, lambda: _lay_out(temporary, plan), only_root=True)
-        _together(comm, lambda: temporary.open("r+b").close())
+        # In MPI-IO an error of one rank in metadata or in opening the file deadlocks the others. So rank 0 writes
+        # all metadata, each rank tries to open the file, and only rows of data go through MPI-IO.
+        _run_collectively(comm, lambda: _lay_out(temporary, plan), only_root=True)
+        _run_collectively(comm, lambda: temporary.open("r+b").close())
         _write_rows(temporary, comm, slabs, rows)
-        _together(comm, lambda: publish(temporary, path), only_root=True)
-    except BaseException as error:  # Ctrl-C, too
+        _run_collectively(comm, lambda: publish(temporary, path), only_root=True)
+    except BaseException as error:  # also Ctrl-C
         if comm.rank == 0:
             remove(temporary)
         if isinstance(error, OSError):
-            comm.Barrier()  # the file is gone when the error appears, on every rank
+            comm.Barrier()  # no rank reports the error before the file is removed
         raise
 
 
 def _plan(fields, x, y, attributes, history, steps):
-    """Check what a user may have given and return all that rank 0 writes as dict."""
+    """Check the user's data and return all that rank 0 writes."""
     for name, value in attributes.items():
         value = np.asarray(value)
         if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
@@ -102,7 +99,7 @@ def _plan(fields, x, y, attributes, history, steps):
             raise InputError(
                 f"steps: column {name}: shape {column.shape}, type {column.dtype}; needed: a number for each step"
             )
-    types = {name: np.dtype(FIELDS.get(name) or _rows_of(values).dtype) for name, values in fields.items()}
+    types = {name: np.dtype(FIELDS.get(name) or _as_rows(values).dtype) for name, values in fields.items()}
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
             raise InputError(f"field {name}: {dtype} is not numeric")
@@ -116,17 +113,17 @@ def _plan(fields, x, y, attributes, history, steps):
     }
 
 
-def _rows_of(field):
+def _as_rows(field):
     return field if isinstance(field, ByRows) else np.asarray(field)
 
 
 def _lay_out(path, plan):
-    """Write everything except the rows of the fields, for which space is kept. Rank 0 only."""
+    """Write all metadata and reserve space for the fields; rank 0 only."""
     early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     shape = plan["axes"]["y"].size, plan["axes"]["x"].size
-    # A full disk must show up here, in plain system calls: HDF5 cannot even close a file that it failed
-    # to write. The space is taken twice because HDF5 starts from an empty file.
+    # HDF5 cannot close a file on a full disk, so system calls reserve the space. HDF5 empties the file; therefore
+    # the space is reserved again at the end.
     columns = (*plan["axes"].values(), *plan["history"].values(), *plan["path"].values())
     size = sum(column.nbytes for column in columns)
     size += sum(len(str(value).encode(errors="replace")) for value in plan["attributes"].values())
@@ -135,7 +132,7 @@ def _lay_out(path, plan):
     with h5py.File(path, "w") as file:
         in_order = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
         in_order.set_link_creation_order(h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED)
-        in_order.set_obj_track_times(False)  # the same result is the same file
+        in_order.set_obj_track_times(False)  # equal results are equal files
         for name in ("history", *(["path"] if plan["path"] else [])):
             h5py.h5g.create(file.id, name.encode(), gcpl=in_order)
         for name, value in plan["attributes"].items():
@@ -164,36 +161,36 @@ def _reserve(path, size, mode):
 
 
 def _write_rows(path, comm, slabs, rows):
-    """Write the rows of the fields, all ranks at once by MPI-IO, or rank after rank if h5py cannot. Collective."""
+    """Write the fields, by MPI-IO or rank after rank. Collective."""
 
     def write(**driver):
         with h5py.File(path, "r+", **driver) as file:
             for name, values in rows.items():
-                for part in row_blocks(*values.shape, _CELLS_AT_ONCE):
+                for part in row_blocks(*values.shape, _CELLS_PER_WRITE):
                     start = slabs.rows.start
                     file[name][start + part.start : start + part.stop] = values[part]
 
     if np.count_nonzero(slabs.counts) == 1:
-        _together(comm, lambda: write() if slabs.local else None)
+        _run_collectively(comm, lambda: write() if slabs.local else None)
     elif h5py.get_config().mpi:
-        _together(comm, lambda: write(driver="mpio", comm=comm))
+        _run_collectively(comm, lambda: write(driver="mpio", comm=comm))
     else:
         for turn in range(comm.size):
-            _together(comm, lambda: write() if turn == comm.rank else None)  # noqa: B023
+            _run_collectively(comm, lambda: write() if turn == comm.rank else None)  # noqa: B023
 
 
-def _together(comm, step, only_root=False):
-    """Run what writes on all ranks (or rank 0); if it fails on any, raise OSError on all. Collective.
+def _run_collectively(comm, step, only_root=False):
+    """Run a step; raise OSError on all ranks if it fails.
 
-    Other than `app.base.errors.call_collectively` it says which rank, and whatever HDF5 raises counts.
+    Collective. Unlike `call_collectively` it catches all exceptions and names the rank.
     """
-    complaint = None
+    message = None
     try:
         if comm.rank == 0 or not only_root:
             step()
     except Exception as error:
-        # Its text only: an exception in a variable would keep alive all objects of this rank, but not of the others.
-        complaint = format_message(error)
-    for rank, message in enumerate(comm.allgather(complaint)):
-        if message is not None:
-            raise OSError(message if comm.size == 1 else f"rank {rank}: {message}")
+        # Keep no exception: its traceback would keep objects of this rank alive.
+        message = format_message(error)
+    for rank, text in enumerate(comm.allgather(message)):
+        if text is not None:
+            raise OSError(text if comm.size == 1 else f"rank {rank}: {text}")

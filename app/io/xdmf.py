@@ -1,11 +1,9 @@
-"""XDMF: a small text file beside result files that tells ParaView and others what is in them.
+"""XDMF files, with which ParaView and other programs read result files.
 
-A result becomes a uniform grid with its fields on cells; several results, such as the steps of a load path, a series in
-time. The file names the HDF5 files by their names alone: keep them in one folder. The patch is one layer of cells below
-z = 0: ParaView's readers stand a mesh of two directions (``2DCoRectMesh``) in the y-z plane, and only one of them reads
-fields on a layer without thickness.
-
-Not collective: call on one rank.
+A result becomes a uniform grid with fields on cells; several results, such as the steps of a load path, become a time
+series. The XDMF file refers to HDF5 files of its own folder by name. The patch is a layer of cells below z = 0:
+ParaView's readers put a two-dimensional mesh (``2DCoRectMesh``) in the y-z plane, and only one reads fields on a
+layer without thickness.
 """
 
 from __future__ import annotations
@@ -21,14 +19,14 @@ from app.io.result import AXES, FIELDS, check_is_result, make_grid, open_result,
 
 
 def write_xdmf(results, path=None):
-    """Write the XDMF file of some result files.
+    """Write the XDMF file of result files.
 
     Parameters
     ----------
     results : sequence of str or Path
         In one folder, in the order of time.
     path : str or Path, optional
-        Default: beside the first of them, with its name and the suffix ``.xdmf``.
+        Default: that of the first result, with suffix ``.xdmf``.
 
     Returns
     -------
@@ -37,58 +35,54 @@ def write_xdmf(results, path=None):
     Raises
     ------
     InputError
-        If a file is no result file, or lies in another folder.
+        If a file is no result file or is in another folder.
     """
     results = [Path(result) for result in results]
     path = results[0].with_suffix(".xdmf") if path is None else Path(path)
     if path.suffix != ".xdmf":
         raise InputError(f"{path}: the name must end in .xdmf")
     for result in results:
-        if result.parent.resolve() != path.resolve().parent:  # a link may stand there for the result
+        if result.parent.resolve() != path.resolve().parent:  # which may have a link to the result
             raise InputError(f"{path}: must lie in the folder of {result}, which it refers to")
-    loads, grids = zip(*map(_read, results), strict=True)
+    loads, grids = zip(*map(_read_grid, results), strict=True)
     rising = len(loads) > 1 and (np.diff(loads) > 0).all()
     for grid, time in zip(grids, loads if rising else range(len(grids)), strict=True):
-        grid.find("Time").set("Value", repr(float(time)))
+        SubElement(grid, "Time", Value=repr(float(time)))
     root = Element("Xdmf", Version="3.0")
-    place = SubElement(root, "Domain")
+    parent = SubElement(root, "Domain")
     if len(grids) > 1:
-        place = SubElement(place, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal")
-    place.extend(grids)
+        parent = SubElement(parent, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal")
+    parent.extend(grids)
     indent(root)
     write_text(path, '<?xml version="1.0"?>\n' + tostring(root, "unicode") + "\n")
     return path
 
 
-def _read(result):
-    """Load [N], and element of a grid whose time is not known yet, of a result."""
+def _read_grid(result):
+    """Return load [N] and XML element of a result."""
     with open_result(result) as file:
         check_is_result(file)
         x, y = (read_dataset(file, name) for name in AXES)
-        there = {name: getattr(file.get(name), "shape", None) for name in file}
-        if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
+        shapes = {name: getattr(file.get(name), "shape", None) for name in file}
+        if wrong := [name for name in FIELDS if shapes.get(name) != (y.size, x.size)]:
             raise InputError(f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say")
-        fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
+        types = {name: file[name].dtype for name, shape in shapes.items() if shape == (y.size, x.size)}
         attributes = read_attributes(file)
-        return float(attributes.get("load", np.nan)), _grid(result, make_grid(x, y, attributes), fields)
-
-
-def _grid(result, grid, fields):
+    grid = make_grid(x, y, attributes)
     nx, ny, dz = grid.nx, grid.ny, min(grid.dx, grid.dy)
-    found = Element("Grid", Name=result.stem, GridType="Uniform")
-    SubElement(found, "Time")
-    SubElement(found, "Topology", TopologyType="3DCoRectMesh", Dimensions=f"2 {ny + 1} {nx + 1}")
-    geometry = SubElement(found, "Geometry", GeometryType="ORIGIN_DXDYDZ")
+    element = Element("Grid", Name=result.stem, GridType="Uniform")
+    SubElement(element, "Topology", TopologyType="3DCoRectMesh", Dimensions=f"2 {ny + 1} {nx + 1}")
+    geometry = SubElement(element, "Geometry", GeometryType="ORIGIN_DXDYDZ")
     for numbers in (-dz, grid.y0, grid.x0), (dz, grid.dy, grid.dx):
         _add_item(geometry, "3", "XML", " ".join(map(repr, numbers)))
-    for name, kind in fields.items():
-        attribute = SubElement(found, "Attribute", Name=name, AttributeType="Scalar", Center="Cell")
-        _add_item(attribute, f"1 {ny} {nx}", "HDF", f"{result.name}:/{name}", kind)
-    return found
+    for name, dtype in types.items():
+        attribute = SubElement(element, "Attribute", Name=name, AttributeType="Scalar", Center="Cell")
+        _add_item(attribute, f"1 {ny} {nx}", "HDF", f"{result.name}:/{name}", dtype)
+    return float(attributes.get("load", np.nan)), element
 
 
-def _add_item(parent, dimensions, where, text, kind=np.float64):
-    kind = np.dtype(kind)
-    number = {"f": "Float", "i": "Int", "u": "UInt" if kind.itemsize > 1 else "UChar"}.get(kind.kind, "Int")
-    facts = {"NumberType": number, "Precision": str(kind.itemsize), "Format": where}
+def _add_item(parent, dimensions, storage, text, dtype=np.float64):
+    dtype = np.dtype(dtype)
+    number = {"f": "Float", "i": "Int", "u": "UInt" if dtype.itemsize > 1 else "UChar"}.get(dtype.kind, "Int")
+    facts = {"NumberType": number, "Precision": str(dtype.itemsize), "Format": storage}
     SubElement(parent, "DataItem", Dimensions=dimensions, **facts).text = text
