@@ -63,7 +63,9 @@ class ContactFields:
         attributes = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
             return attributes[key]
-        similar = find_similar_name(name, [public for public in dir(self) if public[0] != "_"] if attributes else ())
+        similar = find_similar_name(
+            name, [public for public in dir(self) if public[0] != "_"] if attributes else ()
+        )
         hint = f"did you mean {similar}?" if similar else "what it has: .attributes"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
