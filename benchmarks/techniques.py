@@ -89,7 +89,7 @@ FREE = (
     Constant("MIN_SCATTERED_FRACTION", "share of blocks in partial contact from which on block means are used",
         _BLOCKS),
     Constant("lcp_defect_correction", "share of a residual that is left to the next exact product"),
-    Constant("IN_CONTACT", "factor on the tolerance of (5.1) with h on C only", "app.methods.free.stopping"),
+    Constant("IN_CONTACT", "factor on the tolerance of (5.1) with h on C only", "app.methods.stopping"),
     Constant("MAX_RELEASED_SHARE", "share of the load that a coarse grid releases without a product", _FAST),
     Constant("MAX_COARSE_LOAD_MISS", "largest error of the approach on a coarse grid, in tolerances", _FAST),
     Constant("MIN_SINGLE_RESIDUAL", "residual over h on C below which single precision is noise", _FAST),

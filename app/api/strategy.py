@@ -18,12 +18,12 @@ from app.contact.stopping import StoppingTest
 from app.methods.free import circulant, lift
 from app.methods.free.nested import nested_iteration, solve_level
 from app.methods.free.solver import TrackingSolver
-from app.methods.free.stopping import InexactStop
 from app.methods.free.window_cache import WindowCache
 from app.methods.periodic import solver as primal_solver
 from app.methods.periodic.nested import primal_iteration
 from app.methods.periodic.solver import PrimalSolver
 from app.methods.reference_solvers import REFERENCE_SOLVERS
+from app.methods.stopping import InexactStop
 from app.multigrid import direct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
@@ -244,14 +244,14 @@ class Fast(Inexact):
         chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            return state, solve_level(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
+            return state, solve_level(hierarchy, last, state, loading, stop, history, first=False, cache=kept)
         try:
             return nested_iteration(
                 hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
                 self._coarse_minimum, kept,
             )  # fmt: skip
         except BaseException:
-            kept.abandon()
+            kept.reset_windows()
             raise
 
 

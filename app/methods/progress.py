@@ -1,12 +1,12 @@
-"""Whether the iteration makes progress. Where it does not, `NeedsSafeguard` is raised."""
+"""Test of progress of the default methods, and the exception without any."""
 
 from __future__ import annotations
 
-PATIENCE = 8  # iterations that do not halve the residual: there is no progress
+PATIENCE = 8  # iterations within which a residual must be halved
 
 
 class NeedsSafeguard(Exception):
-    """The iteration makes no progress; ``outcome`` is what it came to."""
+    """Lack of progress, with the Outcome of the iteration so far."""
 
     def __init__(self, outcome):
         super().__init__(outcome.reason)
@@ -14,50 +14,24 @@ class NeedsSafeguard(Exception):
 
 
 class HalvingTest:
-    """Whether a number is halved from time to time. Not collective.
+    """Test that a number is halved within PATIENCE iterations.
 
     Attributes
     ----------
     best : float
-        What it is to be half of.
+        Number to be halved.
     """
 
     def __init__(self, best=float("inf")):
         self.best, self._since = best, 0
 
-    def after(self, number, otherwise=False):
-        """Take note of it after an iteration; `otherwise`: there was other progress."""
+    def update(self, number, otherwise=False):
+        """Record the number after an iteration; `otherwise`: other progress was made."""
         self._since += 1
         if number <= 0.5 * self.best or otherwise:
             self.best, self._since = min(number, self.best), 0
 
     @property
-    def stalls(self):
-        """Whether it has not been for too long."""
+    def stagnates(self):
+        """True if the number was not halved for PATIENCE iterations."""
         return self._since >= PATIENCE
-
-
-class ResidualProgress:
-    """Of the residual. Not collective.
-
-    Parameters
-    ----------
-    norm : float
-        Of the residual to begin with [mm].
-
-    Attributes
-    ----------
-    iterations, products : HalvingTest
-        In every iteration, and from product to product.
-    by_product : float
-        Norm by the last product, which is right whatever multiplies in between [mm].
-    """
-
-    def __init__(self, norm):
-        self.by_product, self.products, self.iterations = norm, HalvingTest(norm), HalvingTest()
-
-    def after_product(self, norm):
-        """Take note of what a product tells of the residual [mm]."""
-        self.iterations.best = max(self.by_product, norm)  # more where a load has let cells in
-        self.by_product = norm
-        self.products.after(norm)

@@ -109,7 +109,7 @@ def test_where_levels_do_not_help_products_take_over(monkeypatch, wrong):
 
     def improve_and_tell(self, *arguments):
         mine["influence"] = self.operator.multipliers.get("influence")
-        nearly.append(self.by_levels)
+        nearly.append(self.multilevel)
         return improve(self, *arguments)
 
     monkeypatch.setattr(TrackingSolver, "improve", improve_and_tell)

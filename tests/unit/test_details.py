@@ -28,8 +28,8 @@ from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator, wrap_vec
 from app.halfspace.product import DenseProduct
 from app.methods.free.lift import lift
-from app.methods.free.stopping import IN_CONTACT, ROUNDING_RESIDUAL, InexactStop
 from app.methods.periodic import stencil
+from app.methods.stopping import IN_CONTACT, ROUNDING_RESIDUAL, InexactStop
 from app.multigrid.hierarchy import Hierarchy
 
 

@@ -89,8 +89,10 @@ def test_light_loads_look_through_windows_of_one_size(made):
 
 def test_hardly_any_verification_fails(monkeypatch):
     """Every second one did when none was rehearsed."""
-    products, plain = [], VerificationProduct.by_all
-    monkeypatch.setattr(VerificationProduct, "by_all", lambda self, *a: (products.append(0), plain(self, *a)))
+    products, plain = [], VerificationProduct.apply_on_all
+    monkeypatch.setattr(
+        VerificationProduct, "apply_on_all", lambda self, *a: (products.append(0), plain(self, *a))
+    )
     with ContactSolver(punch(160)) as solver:
         loads = np.geomspace(100, 4e4, 10)
         for load in loads:

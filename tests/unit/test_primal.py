@@ -21,11 +21,11 @@ from app.contact.prescribed_load import PrescribedLoad
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.halfspace.operator import InfluenceOperator
-from app.methods.free.stopping import InexactStop
 from app.methods.periodic import iteration, kernels, stencil
 from app.methods.periodic.operator import InverseOperator
 from app.methods.periodic.solver import PrimalSolver
 from app.methods.periodic.state import PrimalState
+from app.methods.stopping import InexactStop
 from app.multigrid.hierarchy import Hierarchy
 from app.options.method import read_method_file
 from app.options.solver_options import SolverOptions
@@ -424,7 +424,7 @@ def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
     for _ in range(3):
         norms.append(solver.improve(primal, 0.0)[2])
         primal.exchange(solver, 0.0, -np.inf, np.inf, norms[-1])  # releases only
-        assert primal.lags and (primal.w == w).all()
+        assert primal.pending and (primal.w == w).all()
         np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
         there = pressure_of(primal, w + solver.change)
         np.testing.assert_allclose(solver.carried, there, rtol=0, atol=1e-11 * abs(there).max())
@@ -432,7 +432,7 @@ def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
         np.testing.assert_array_equal(state.p, solver.carried)
     np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
     primal.commit(solver)
-    assert not primal.lags and not primal.is_nearly
+    assert not primal.pending and not primal.approximate
     np.testing.assert_allclose(primal.w, w + solver.change, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(state.p, solver.carried)
     taken = primal.w.copy()
@@ -539,8 +539,8 @@ def test_if_they_matter_after_all_it_goes_on(steps, loading):
     accuracy = iteration._Accuracy(1e-9)
     stop = InexactStop(1e-6, 100, True)
     verdict = iteration._judge(primal, solver.scratch, stop, accuracy.allowed)
-    iteration._go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), True)
-    assert update.added and not verdict.solved and accuracy.doubted
+    iteration._continue(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), True)
+    assert update.added and not verdict.solved and accuracy.verification_failed
     np.testing.assert_array_equal(free, ~state.contact)
     np.testing.assert_array_equal(primal.w[state.contact], state.distance.b[state.contact])
     np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())

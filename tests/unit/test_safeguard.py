@@ -17,9 +17,9 @@ from app.halfspace.product import DenseProduct
 from app.methods import progress
 from app.methods.free import nested
 from app.methods.free.solver import TrackingSolver
-from app.methods.free.stopping import InexactStop
 from app.methods.periodic import nested as primal_nested
 from app.methods.safeguard import projected_newton
+from app.methods.stopping import InexactStop
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.options.solver_options import SolverOptions

@@ -1,18 +1,18 @@
-"""The active set iteration of the default method: contact sets solved a little, u = A p carried along.
+"""Active set iteration of the default method on one grid.
 
-The same steps as `app.contact.active_set.active_set`, with six differences:
+It has the steps of `app.contact.active_set.active_set`, with six differences:
 
-- *Inexact sets.* Each system is solved until its residual is smaller by the forcing term (``-ksp_rtol``) only.
-- *Carried displacement.* u follows p by its changes, which are multiplied by levels
-(`app.methods.multilevel_operators`), nearly by A.
-- *Defect correction.* Where the residual has become so small that this counts, u is computed anew, by a product.
-- *Predictor.* Far from the solution cells enter C by the displacement to be expected when the residual is gone.
-- *Verification.* Nothing counts as solved before a product in double precision has said so. Where that is dear it is
-  rehearsed: the same steps by the carried displacement, which costs nothing, must pass first.
-- *Coarse grids are left early*: when the residual is small enough for one, next to no pressure is negative and a load
-  is nearly met, though the contact set may still change.
+- *Inexact solves.* Each system is solved until its residual is smaller by the forcing term (``-ksp_rtol``).
+- *Updated displacement.* u is updated by A times the changes of p, by multilevel products
+  (`app.methods.multilevel_operators`), which are nearly A.
+- *Defect correction.* u is recomputed by FFT when the residual reaches the error of the multilevel products.
+- *Predictor.* Far from the solution, cells enter C by the displacement that is predicted for a zero residual.
+- *Verification.* The target grid is accepted by a product in double precision. Where that product is expensive, the
+  same steps must pass a rehearsal with the updated displacement first.
+- *Coarse grids are left early*, when the residual is small, next to no pressure is negative and a load is nearly met.
+  The contact set may still change then.
 
-Where it makes no progress it gives up (`NeedsSafeguard`), and `app.methods.safeguard` takes over.
+If it makes no progress it raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
 """
 
 from __future__ import annotations
@@ -24,22 +24,18 @@ import numpy as np
 from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
-from app.methods.progress import NeedsSafeguard, ResidualProgress
+from app.methods.progress import HalvingTest, NeedsSafeguard
 
-MAX_RELEASED_SHARE = (
-    0.01  # share of the load that may be released on a coarse grid without asking what that does to u
-)
-MAX_COARSE_LOAD_MISS = (
-    3.0  # on a coarse grid the approach to a load may still be off by so many times its tolerance
-)
-MIN_SINGLE_RESIDUAL = 1e-6  # a residual below this share of ||h|| on C is noise in single precision
+MAX_RELEASED_SHARE = 0.01  # largest share of the load that a coarse grid releases without updating u
+MAX_COARSE_LOAD_MISS = 3.0  # largest error of the approach to a load on a coarse grid, in its tolerance
+MIN_SINGLE_RESIDUAL = 1e-6  # smaller residuals over ||h|| on C are noise in single precision
 MIN_LOAD_FRACTION = (
-    0.01  # a load below this share of the largest since u was computed is lost in the rounding left in u
+    0.01  # of the largest load since u was computed: smaller loads are lost in the rounding of u
 )
 
 
 def inexact_active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`.
+    """Solve (2.8)-(2.10) on one grid from the contact set and pressure of `state`.
 
     Collective over the ranks of `state`. Parameters and result as of `active_set`; the solver is a TrackingSolver.
 
@@ -53,80 +49,82 @@ def inexact_active_set(state, solver, loading, stop, history):
     sets = _ContactSets(state, solver, loading, stop)
     for k in range(1, stop.max_it + 1):
         solved = sets.solve()  # 2. and 3. (2.11) on C^k, a little
-        found = sets.exchange(solved)  # 4. p < 0 leaves C, e < 0 enters; 5. and 6. on the last one
-        history.add(state, solver, found.update, solved.iterations)
-        residual = found.update.residual / state.distance.norm()
+        exchanged = sets.exchange(solved)  # 4. p < 0 leaves C, e < 0 enters; 5. and 6. on the last one
+        history.add(state, solver, exchanged.update, solved.iterations)
+        residual = exchanged.update.residual / state.distance.norm()
         if wrong := failure_reason(solved.failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
-        if found.done and sets.stop.certified(state):
+        if exchanged.done and sets.stop.certified(state):
             return Outcome(True, CONVERGED, k, residual)
-        sets.learn_from(solved, found)
-        if sets.progress.iterations.stalls:
+        sets.record(solved, exchanged)
+        if sets.progress.stagnates:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 class _Solved(NamedTuple):
-    """How far the system of a contact set has been solved."""
+    """Result of the linear solver on a contact set."""
 
     iterations: int
     failure: str
     norm: float  # of the residual, as the solver has it [mm]
-    allowed: float  # norm that is small enough [mm]
-    goal: float  # that was aimed at: larger where a product has to tell what levels leave [mm]
-    by_levels: bool
+    allowed: float  # largest norm that passes [mm]
+    goal: float  # norm aimed at; larger if a product by FFT has to follow [mm]
+    multilevel: bool
 
 
 class _Exchanged(NamedTuple):
-    """What step 4 has found."""
+    """Result of step 4."""
 
     update: Update
-    done: bool = False  # all but the certificate is content
-    computed: bool = False  # u is that of a product
-    too_loose: bool = False  # the certificate says so before a product is spent
+    done: bool = False  # solved, if the certificate agrees
+    computed: bool = False  # u was recomputed by FFT
+    too_loose: bool = False  # the certificate failed before a verification product
 
 
 class _ContactSets:
-    """The contact sets of one grid, and what each tells the next. All methods are collective.
+    """Contact sets of one grid, and what carries over from one to the next. Collective.
 
     Attributes
     ----------
     stop : InexactStop
-        Becomes tighter where the certificate says that (5.1) was too loose.
-    progress : ResidualProgress
+        Becomes tighter where the certificate shows that (5.1) was too loose.
+    progress : HalvingTest
+        Of the residual.
     """
 
     def __init__(self, state, solver, loading, stop):
         self.state, self.solver, self.loading, self.stop = state, solver, loading, stop
-        solver.begin(by_levels=stop.defect_correction > 0)
-        gaps = state.on_contact(with_h=True)  # of C^k; later the last update knows
+        solver.begin(multilevel=stop.defect_correction > 0)
+        gaps = state.on_contact(with_h=True)  # later of the last update
         self._h_on_contact, self._norm, self._cells = gaps.h, gaps.residual, max(gaps.cells, 1)
-        self.progress = ResidualProgress(self._norm)
-        self._rehearsal_failed = False  # the last verification was one, and did not pass
-        self._heaviest, self._load_has_fallen = 0.0, False
+        self._computed_norm = gaps.residual  # by the last product by FFT [mm]
+        self.progress, self._computed_progress = HalvingTest(), HalvingTest(gaps.residual)
+        self._rehearsal_failed = False
+        self._largest_load, self._load_has_fallen = 0.0, False
 
-    def _levels_may_leave(self, allowed):
-        """Largest error of a product by levels with which they go on [mm]. Not collective."""
-        return max(allowed, 0.5 * self.progress.by_product)
+    def _max_multilevel_error(self, allowed):
+        """Return the largest error [mm] with which multilevel products are used further."""
+        return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
-        """Steps 2 and 3, until the residual is small enough, or levels tell no more."""
-        stop, by_levels = self.stop, self.solver.by_levels
+        """Steps 2 and 3, down to the allowed residual or the error of multilevel products."""
+        stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
-        if stop.final and by_levels:  # on coarse grids what levels leave is no worse than the grid itself
-            goal = max(allowed, stop.defect_correction * self.progress.by_product)
+        if stop.final and multilevel:  # on coarse grids this error is below that of the grid
+            goal = max(allowed, stop.defect_correction * self._computed_norm)
         self.solver.set_contact()
-        return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, by_levels)
+        return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, multilevel)
 
     def exchange(self, solved):
-        """Step 4, in one of three ways."""
+        """Step 4: go on, verify the target grid, or leave a coarse grid."""
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
-        # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
+        # Solved, and with next to no negative pressure on the target grid: this may be the last contact set.
         ready = tension is not None and (not stop.final or tension <= stop.rtol)
         too_loose = False
-        if ready and stop.says_little(state, self._h_on_contact):
-            solver.carry(state)
+        if ready and stop.is_weak(state, self._h_on_contact):
+            solver.update_displacement(state)
             too_loose = not stop.certified(state)
         if ready and stop.final and not too_loose:
             return self._verify(solved, tension)
@@ -134,101 +132,90 @@ class _ContactSets:
             return self._leave_coarse(solved, tension)
         return self._go_on(solved)._replace(too_loose=too_loose)
 
-    def learn_from(self, solved, found):
-        """Hear what came of the set. Not collective."""
-        update = found.update
-        if found.computed and solved.by_levels:
-            self.progress.after_product(update.residual)
-            self.solver.by_levels &= not self.progress.products.stalls
-        self.progress.iterations.after(update.residual)
-        self._heaviest = update.load if found.computed else max(update.load, self._heaviest)
-        self._load_has_fallen = update.load < MIN_LOAD_FRACTION * self._heaviest
-        self._h_on_contact, self._cells, self._norm = (
-            update.h_on_contact,
-            max(update.cells, 1),
-            update.residual,
-        )
-        if found.done or found.too_loose:
+    def record(self, solved, exchanged):
+        """Record the result of a contact set."""
+        update = exchanged.update
+        if exchanged.computed and solved.multilevel:
+            self.progress.best = max(
+                self._computed_norm, update.residual
+            )  # more if cells entered under a load
+            self._computed_norm = update.residual
+            self._computed_progress.update(update.residual)
+            self.solver.multilevel &= not self._computed_progress.stagnates
+        self.progress.update(update.residual)
+        self._largest_load = update.load if exchanged.computed else max(update.load, self._largest_load)
+        self._load_has_fallen = update.load < MIN_LOAD_FRACTION * self._largest_load
+        self._h_on_contact, self._norm = update.h_on_contact, update.residual
+        self._cells = max(update.cells, 1)
+        if exchanged.done or exchanged.too_loose:
             self.stop = self.stop.tighter(0.1)
 
     def _go_on(self, solved):
-        """Step 4 before the last set: u computed anew where levels tell no more, else carried along."""
+        """Step 4 before the last set; u is updated, or recomputed by FFT."""
         state, solver, allowed = self.state, self.solver, solved.allowed
-        levels_tell_no_more = allowed < solved.goal and solved.norm <= solved.goal
-        computed = levels_tell_no_more or self._load_has_fallen
-        released = solver.release(state, carry=not computed)  # (4.a), and u along with it
+        computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)
+        released = solver.release(state, update=not computed)  # (4.a), and u along with it
         if computed:
             state.compute_displacement(exact=allowed < MIN_SINGLE_RESIDUAL * self._h_on_contact)
             if not released:
-                solver.check_levels(state, self._levels_may_leave(allowed))
+                solver.check_multilevel(state, self._max_multilevel_error(allowed))
         self.loading.update(state)
         expected = solver.predict(state, self.stop.predictor) if solved.norm > allowed else None
         return _Exchanged(state.activate_penetrating(expected), computed=computed)  # (4.b)
 
     def _verify(self, solved, tension):
-        """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly.
+        """Steps 4 to 6 on the target grid, by a product in double precision.
 
-        Where it pays they are rehearsed by the carried displacement; if that does not pass the product is not made.
+        The load is met exactly. If a rehearsal with the updated displacement fails the product is saved.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
-        if self._is_worth_a_rehearsal(tension):
-            rehearsal = self._rehearse(tension)
-            if self._rehearsal_failed:
-                return _Exchanged(rehearsal)
-        else:
+        # By approach a release of next to no pressure needs no rehearsal. By load the approach may move by it.
+        exact = state.displacement_status is Displacement.EXACT
+        if (
+            exact
+            or self._rehearsal_failed
+            or self._load_has_fallen
+            or (loading.approach_is_known and tension)
+        ):
             state.release_tensile(tension > 0)  # (4.a)
+        else:
+            solver.release(state, tension)  # (4.a), and u along with it
+            loading.update(state)
+            rehearsal = state.activate_penetrating()  # (4.b)
+            allowed = self.stop.allowed(state, rehearsal.h_on_contact)
+            if rehearsal.added or rehearsal.residual > allowed:
+                self._rehearsal_failed = True
+                return _Exchanged(rehearsal)
         self._rehearsal_failed = False
         solver.rest()
         if state.displacement_status is not Displacement.EXACT:
             state.compute_displacement(exact=True)
-            solver.check_levels(state, self._levels_may_leave(solved.allowed))
+            solver.check_multilevel(state, self._max_multilevel_error(solved.allowed))
         loading.update(state)
         update = state.activate_penetrating()  # (4.b)
         if rehearsal is not None:
             update = update.after(rehearsal)
-        done = self._meets_the_test(update)
+        done = self._passes(update)
         if done:
             update = loading.settle(state, update)
-            done = self._meets_the_test(update)
+            done = self._passes(update)
         return _Exchanged(update, done, computed=True)
 
-    def _is_worth_a_rehearsal(self, tension):
-        """Whether the carried displacement may tell that the product would be in vain. Not collective.
-
-        By approach a release of next to no pressure is not rehearsed. By load it is: the approach may move by it.
-        """
-        if (
-            self.state.displacement_status is Displacement.EXACT
-            or self._rehearsal_failed
-            or self._load_has_fallen
-        ):
-            return False
-        return not (self.loading.approach_is_known and tension)
-
-    def _rehearse(self, tension):
-        """Step 4 by the carried displacement; return the update. It fails if cells enter, or the residual grows."""
-        self.solver.release(self.state, tension)  # (4.a), and u along with it
-        self.loading.update(self.state)
-        update = self.state.activate_penetrating()  # (4.b)
-        allowed = self.stop.allowed(self.state, update.h_on_contact)
-        self._rehearsal_failed = bool(update.added) or update.residual > allowed
-        return update
-
-    def _meets_the_test(self, update):
-        """5. and 6. (5.1). Not collective."""
+    def _passes(self, update):
+        """5. and 6. (5.1)."""
         return not update.changed and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
 
     def _leave_coarse(self, solved, tension):
-        """Step 4 on a coarse grid whose system is solved well enough.
+        """Step 4 on a coarse grid that is solved well enough.
 
-        What little the last release does to u is for the finer grid to find out, if the load is nearly met.
+        If the load is nearly met, u is not updated for the last release: the finer grid does that.
         """
         state, solver, loading = self.state, self.solver, self.loading
         if tension > MAX_RELEASED_SHARE:
             solver.release(state, tension)  # (4.a), and u along with it
             loading.update(state)
             return _Exchanged(state.activate_penetrating())  # (4.b)
-        solver.carry(state)
+        solver.update_displacement(state)
         met = loading.update(state) <= MAX_COARSE_LOAD_MISS * solved.allowed / np.sqrt(self._cells)
         if met:
             state.release_tensile(tension > 0)  # (4.a)

@@ -1,14 +1,14 @@
-"""Lift: the pressure of the next finer grid from the displacement, by the FFT preconditioner (in place of copying p).
+"""Lift: the pressure of the next finer grid, computed from displacements instead of copied.
 
-B is the inverse of the circulant matrix: p = B T for the displacement T that p causes if it is continued periodically.
-With p_H and u_H of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
+p = B T, B the inverse of A continued periodically and T the displacement that p causes on that patch. With p_H and u_H
+of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
 
-1. T = I T_H, on all cells of the fine grid.
-2. C is that of the coarse grid and the cells with h + I u_H <= 0. There u shall be -h, the gap closed; and with the
-   difference of periodic and true displacement that the coarse grid has, T = -h + I (T_H - u_H).
+1. T = I T_H on all cells of the fine grid.
+2. C is that of the coarse grid and the cells with h + I u_H <= 0. There the gap shall be closed, u = -h; with the
+   difference of periodic and true displacement on the coarse grid, T = -h + I (T_H - u_H).
 3. p = B T; cells without p > 0 leave C.
 
-Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.methods.free`.
+Option ``-lcp_prolongation lift|copy``. For the gain see `app.methods.free`.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from app.base.numba_cache import njit
 from app.contact.kernels import gap
 from app.methods.free.circulant import circulant_inverse
 
-# Factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer.
-MAX_LOAD_RATIO = 20.0
+MAX_LOAD_RATIO = (
+    20.0  # of the two grids, either way: beyond it the coarse grid is too coarse, and p is copied
+)
 
 
 def lift(transfer, coarse, state):
-    """Set C and p of `state`, whose u is I u_H already; that of the coarser grid is written over.
+    """Set C and p of `state`, whose u is I u_H; u of the coarser grid is overwritten.
 
     Collective.
 
     Returns
     -------
     bool
-        False if the load came out so different that the coarse grid cannot be trusted; u is as it was.
+        False if the loads differ so much that the coarse grid cannot be trusted. u is unchanged.
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
@@ -55,6 +56,6 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
+    """Add the cells with h + u <= 0 to C; subtract h + u from `target` on C."""
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

@@ -1,4 +1,4 @@
-"""The linear solver of the default method: a KSP that starts from a known u = A p, and u carried along with p."""
+"""Linear solver of the default method, which updates u with p."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _event = PETSc.Log.Event("InfluenceByLevels")
 
 
 class TrackingSolver(LinearSolver):
-    """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
+    """Linear solver whose KSP is TrackingCG. Collective.
 
-    An iteration calls `improve`; then `release`, or `carry`, or it computes u anew. After a
-    `release` it may `predict`. Nobody else is told of C before the next set.
+    An iteration calls `improve`, then `release` or `update_displacement`, or it recomputes u. After a `release` it may
+    call `predict`. Parameters as of `LinearSolver`.
 
     Attributes
     ----------
-    by_levels : bool
-        Changes of u are computed by levels (`app.methods.multilevel_operators`). May be set to False.
+    multilevel : bool
+        Changes of u are multilevel products. May be set to False.
 
     Raises
     ------
@@ -43,25 +43,21 @@ class TrackingSolver(LinearSolver):
             )
         self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
-    def begin(self, by_levels):
-        """Begin to solve on the grid, with changes of u by levels if it has such. Collective."""
-        self.by_levels, self._change_not_in_u = (
-            by_levels and multilevel_influence(self.operator) is not None,
-            False,
-        )
+    def begin(self, multilevel):
+        """Prepare the solution of a grid, with multilevel products if it has them."""
+        self.multilevel = multilevel and multilevel_influence(self.operator) is not None
+        self._change_not_in_u = False
 
     def improve(self, state, allowed, norm):
-        """Step 3, inexactly: p towards (2.11) on C. What that does to u is left to `release` or `carry`.
-
-        Collective.
+        """Step 3: improve p towards (2.11) on C; u is not changed.
 
         Parameters
         ----------
         state : ContactState
         allowed : float
-            Norm of the residual that is small enough [mm].
+            Largest norm of the residual that passes [mm].
         norm : float
-            That of the residual now [mm].
+            Present norm of the residual [mm].
 
         Returns
         -------
@@ -69,10 +65,10 @@ class TrackingSolver(LinearSolver):
         failure : str
             As of `LinearSolver.solve`.
         residual : float
-            Its norm [mm].
+            Norm of the residual [mm].
         """
-        enough = self._enough(allowed)
-        if enough is not None and norm <= enough:
+        atol = self._enough(allowed)
+        if atol is not None and norm <= atol:
             return 0, "", norm
         if self._large:
             self.operator.forget_exact_support()
@@ -80,72 +76,68 @@ class TrackingSolver(LinearSolver):
         cg = self._cg
         cg.displacement, cg.shift, cg.first_norm, cg.multiply = state.u, state.depth, norm, self._multiply
         iterations, failure = self._run(state.distance.rhs, state.pressure, allowed)
-        cg.displacement, cg.shift = None, 0.0  # not for longer than the state
+        cg.displacement, cg.shift = None, 0.0  # not longer than the state
         if iterations:
             self._change_not_in_u, state.displacement_status = True, Displacement.STALE
         return iterations, failure, self._cg.residual
 
     def _multiply(self, p, u):
-        """Compute u = A p, by levels if that will do."""
-        if not self.by_levels:
+        """Compute u = A p, or nearly so by a multilevel product."""
+        if not self.multilevel:
             return self.operator.displacement(p, u)
         apply_logged(_event, multilevel_influence(self.operator), p, u)
 
     def rest(self):
-        """See `LinearSolver.rest`. Who calls it computes u anew."""
+        """Free what only the next contact set needs; the caller recomputes u."""
         self._change_not_in_u = False
         if self._large:
             self._cg.rest()
 
-    def check_levels(self, state, most):
-        """Multiply by FFT from here on if levels have left more than `most` on C [mm], as u, computed anew, tells.
+    def check_multilevel(self, state, most):
+        """Switch to FFT if the residual of the recomputed u on C exceeds `most` [mm]."""
+        if self.multilevel:
+            self.multilevel = state.on_contact().residual <= most
 
-        Collective.
-        """
-        if self.by_levels:
-            self.by_levels = state.on_contact().residual <= most
+    def release(self, state, tension=None, update=True):
+        """Step 4.a: release cells, and update u with p unless `update` is False.
 
-    def release(self, state, tension=None, carry=True):
-        """Step 4.a, and u along with it; return whether cells left C. Collective.
-
-        `tension`: that of the state, if it is known. `carry`: unless u is to be computed anew.
+        Returns whether cells left C. `tension`: that of the state, if known.
         """
         change = self._cg.change
         if not self._change_not_in_u:
             change[...] = 0
         released = state.release_tensile(None if tension is None else tension > 0, change)
-        self._change_not_in_u = carry and (self._change_not_in_u or released > 0)
-        self.carry(state)
+        self._change_not_in_u = update and (self._change_not_in_u or released > 0)
+        self.update_displacement(state)
         return released
 
-    def carry(self, state):
-        """Add to u what the last `improve` has changed in it, unless that is done. Collective."""
+    def update_displacement(self, state):
+        """Add to u the effect of the last change of p, if not done yet."""
         if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
             self._change_not_in_u, state.displacement_status = False, Displacement.UPDATED
 
     def predict(self, state, factor):
-        """Predict what the reduction of the residual will add to u beside C.
+        """Predict the change of u outside C that a zero residual would cause.
 
-        Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim:
-        that of the set just solved for, so that cells which it has released are not expected back.
+        The method ``extend(r)`` of the preconditioner, if it has one, continues the residual past the contact edge. It
+        has the contact set of the last solve, so that released cells are not predicted to return.
 
         Parameters
         ----------
+        state : ContactState
         factor : float
-            Factor on it.
+            Factor on the prediction; 0: none.
 
         Returns
         -------
         ndarray, shape (local rows, nx), [mm], or None
             In the solver's work array.
         """
-        if not factor:
-            return None
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
-        if extend is None:
+        if not factor or extend is None:
             return None
         expected = self._cg.product
         kernels.defect(state.distance.b, state.depth, state.u, state.contact, factor, expected)

@@ -1,8 +1,7 @@
-"""Conjugate gradients that start from a known displacement, and leave what they changed.
+"""Conjugate gradients that start from a known displacement.
 
-The first residual is -(h + u), and u is there: it costs no product. What the solve adds to x is kept as `change`, for
-who wants to know what it adds to u. And what stands for A may be nearly A only (`multiply`).
-Usable from options::
+The first residual, -(h + u), costs no product. The change of x is kept, so that the caller can update u by it. Products
+may be nearly A (`multiply`). Usable from options::
 
     -ksp_type python -ksp_python_type app.methods.free.tracking_cg.TrackingCG
 """
@@ -21,10 +20,10 @@ from app.halfspace.operator import InfluenceOperator, get_operator, wrap_vec
 from app.multigrid.ksp_context import KspContext
 from app.parallel.reductions import add_row, add_tuples, njit_reassoc, nonzero_span
 
-# So much may be left of r.r before it is summed anew, by the digits of r.
+# r.r is updated without a reduction until it has fallen to this share; then it is summed again.
 MIN_CARRIED_SQUARES = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
 
-# r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
+# r and d vanish outside C; z and q need not. Loops run over each row from its first to its last cell of C.
 
 
 @njit_reassoc
@@ -80,9 +79,9 @@ def _dots_row(d, q, r, contact):
 
 @njit_reassoc
 def _first_residual(b, shift, u, contact, spans, r):
-    """r = b + shift - u on C, 0 elsewhere, and each row's first column of C and one past the last.
+    """Compute r = b + shift - u on C, 0 elsewhere, and the span of C in each row.
 
-    Return r.r, and the number of cells between these columns.
+    Returns r.r and the number of cells in these spans.
     """
     squares, cells = 0.0, 0
     for j in range(r.shape[0]):
@@ -97,7 +96,7 @@ def _first_residual(b, shift, u, contact, spans, r):
 
 @njit_reassoc
 def _advance(change, r, d, q, contact, spans, alpha):
-    """change += alpha d, r -= alpha q on C; return r.r."""
+    """Add alpha d to `change`, subtract alpha q from r on C; return r.r."""
     squares = 0.0
     for j in range(r.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -108,14 +107,14 @@ def _advance(change, r, d, q, contact, spans, alpha):
 
 @njit_reassoc
 def add(a, scale, b):
-    """a += scale b."""
+    """Add scale b to a."""
     for j in range(a.shape[0]):
         add_row(a[j], scale, b[j])
 
 
 @njit_reassoc
 def _direction(d, z, beta, contact, spans):
-    """d = z + beta d on C."""
+    """Compute d = z + beta d on C."""
     for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
         _direction_row(d[j, span], z[j, span], beta, contact[j, span])
@@ -123,7 +122,7 @@ def _direction(d, z, beta, contact, spans):
 
 @njit_reassoc
 def _dot(a, b, contact, spans):
-    """a.b over C."""
+    """Return a.b over C."""
     total = 0.0
     for j in range(a.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -133,7 +132,7 @@ def _dot(a, b, contact, spans):
 
 @njit_reassoc
 def _dots(d, q, r, contact, spans):
-    """d.q, d.r, q.r and q.q over C."""
+    """Return d.q, d.r, q.r and q.q over C."""
     sums = 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -142,26 +141,26 @@ def _dots(d, q, r, contact, spans):
 
 
 class TrackingCG(KspContext):
-    """KSP context; its operator must be an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
+    """KSP context for C A C x = C b with an `InfluenceOperator`. Collective.
 
-    As a KSP it solves C A C x = C b.
+    Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
     Attributes
     ----------
     displacement : ndarray, shape (local rows, nx), or None
-        u = A x on entry; set by the caller, who also says that x is the initial guess.
+        u = A x on entry; set by the caller, with a nonzero initial guess x.
     shift : float
         Constant that is added to b. Set by the caller.
     first_norm : float or None
-        Norm of the residual on entry, if it is known. Set by the caller, for one solve.
+        Norm of the residual on entry, if known. Set by the caller for one solve.
     multiply : callable
-        ``multiply(d, q)`` computes q = A d, or nearly so. To be replaced by the caller.
+        ``multiply(d, q)`` computes q = A d, or nearly so. May be replaced by the caller.
     residual : float
-        Norm of the residual after the last solve, as these products have it.
+        Norm of the residual after the last solve, by these products.
     change : ndarray, shape (local rows, nx)
-        What the last solve has added to x, in the operator's precision.
+        Change of x in the last solve, in the operator's precision.
     work, product : ndarray, shape (local rows, nx)
-        z, and in its place q, in the operator's precision. To be used by others between solves.
+        Storage of z, and in its place q, in the operator's precision. Free for other use between solves.
     """
 
     displacement = first_norm = None
@@ -169,7 +168,7 @@ class TrackingCG(KspContext):
     _z = _r = _d = _change = None
 
     def setUp(self, ksp):
-        """Make the work arrays: z and q, never needed at the same time, are one."""
+        """Make the work arrays; z and q are never needed at the same time and share one."""
         mat = ksp.getOperators()[0]
         self._operator = operator = get_operator(mat, InfluenceOperator, "TrackingCG")
         check_unscaled(mat, "TrackingCG")
@@ -183,7 +182,7 @@ class TrackingCG(KspContext):
 
     @property
     def change(self):
-        """What was added to x: in lent storage, or made when it is needed and freed by `rest`. Not collective."""
+        """Change of x: in spare storage of the operator, or made when needed and freed by `rest`."""
         if self._lent is not None:
             return self._lent
         if self._change is None:
@@ -191,7 +190,7 @@ class TrackingCG(KspContext):
         return self._change
 
     def rest(self):
-        """Free what is kept from one solve to the next, until it is needed. Not collective."""
+        """Free the work arrays that the next solve can make again."""
         self._r = self._d = self._change = None
 
     def solve(self, ksp, b, x):
@@ -199,10 +198,10 @@ class TrackingCG(KspContext):
         operator, multiply = self._operator, self.multiply
         precondition, local_terms, r, z = self._preconditioner(ksp.getPC())
         contact, spans, q, change = operator.mask, self._spans, self.product, self.change
-        d = self._room_for_d(z)
+        d = self._direction_array(z)
         norm, cells = self._start(ksp, b, x, r)
         d[...] = change[...] = 0  # outside the new spans too
-        squares, digits = norm**2, MIN_CARRIED_SQUARES[r.dtype]
+        squares, min_share = norm**2, MIN_CARRIED_SQUARES[r.dtype]
         summed, reduced = squares, None
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
@@ -213,19 +212,19 @@ class TrackingCG(KspContext):
             _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
             multiply(d, q)
-            numbers, wanted = _dots(d, q, r, contact, spans), local_terms(q)
-            more = len(wanted)
-            found = self._sum(np.append(numbers, wanted) if more else numbers)
-            (dq, rd, qr, qq), of_q = found[:4], found[4:]
+            numbers, terms = _dots(d, q, r, contact, spans), local_terms(q)
+            more = len(terms)
+            sums = self._sum(np.append(numbers, terms) if more else numbers)
+            dq, rd, qr, qq = sums[:4]
             if not dq > 0:
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 break
             alpha = rd / dq
-            reduced = (alpha, of_q) if more else None
-            here = _advance(change, r, d, q, contact, spans, alpha)
-            squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
-            if not squares > digits * summed:
-                summed = squares = self._sum([here])[0]
+            reduced = (alpha, sums[4:]) if more else None
+            local = _advance(change, r, d, q, contact, spans, alpha)
+            squares += alpha * (alpha * qq - 2 * qr)  # exact except for cancellation
+            if not squares > min_share * summed:
+                summed = squares = self._sum([local])[0]
             previous = rz
             norm = sqrt(max(squares, 0.0))
             iteration += 1
@@ -236,8 +235,8 @@ class TrackingCG(KspContext):
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
-    def _room_for_d(self, z):
-        """Beside q in the place of z, where these are in a lower precision than Vecs."""
+    def _direction_array(self, z):
+        """Return the array of d: behind q in `work`, if both are in single precision."""
         halves = self.work.reshape(-1).view(self._operator.dtype)
         if z is not self.work and halves.size > z.size:
             return halves[z.size :].reshape(z.shape)
@@ -246,9 +245,9 @@ class TrackingCG(KspContext):
         return self._d
 
     def _preconditioner(self, pc):
-        """What computes z from r, what it wants to know of q, r and z.
+        """Return the function that computes z from r, its `local_terms`, r and z.
 
-        In the operator's precision, if the PC has `precondition` and `local_terms` as `Circulant` has, else Vecs.
+        They are in the operator's precision if the PC has `precondition` and `local_terms`, as `Circulant`; else Vecs.
         """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)
@@ -265,11 +264,11 @@ class TrackingCG(KspContext):
         return apply, lambda _: (), self._r, self.work
 
     def _start(self, ksp, b, x, r):
-        """r = b + shift - u; return its norm, and how many cells are worked on.
+        """Compute r = b + shift - u; return its norm and the number of cells in spans.
 
-        Without `displacement` u is A x for the initial guess, and not kept.
+        Without `displacement` u is A x for the initial guess.
         """
-        u, known, self.first_norm = self.displacement, self.first_norm, None
+        u, norm, self.first_norm = self.displacement, self.first_norm, None
         if u is None:
             u = self.work
             if ksp.getInitialGuessNonzero():
@@ -278,14 +277,14 @@ class TrackingCG(KspContext):
                 x.set(0)
                 u[...] = 0
         squares, cells = _first_residual(self._read(b), self.shift, u, self._operator.mask, self._spans, r)
-        return (sqrt(self._sum([squares])[0]) if known is None else known), cells
+        return (sqrt(self._sum([squares])[0]) if norm is None else norm), cells
 
     def reset(self, ksp):
-        """Free the work vectors; the next set-up makes others."""
+        """Free the work vectors."""
         self.rest()
         if self._z is not None:
             self._z.destroy()
-        self._z = self._lent = self.work = self.product = self.multiply = None  # storage of others
+        self._z = self._lent = self.work = self.product = self.multiply = None
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

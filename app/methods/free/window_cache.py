@@ -1,8 +1,8 @@
-"""What is kept between solves: linear solvers, small windows' operators with theirs, spectra of large windows.
+"""Cache of linear solvers and of operators of windows, from one solve to the next.
 
-What these depend on is the number and the size of their cells, not where a window lies. So another solve that looks
-through a window of the same shape, at another load or another gap, makes no spectra and no objects of PETSc's; and a
-large window that is transformed by the same periods, as along a load path, makes no spectra.
+They depend on the number and size of cells, not on the place of a window. So a window of the same shape, at another
+load or gap, needs no new spectra and no new PETSc objects. A large window with the same FFT length, as along a load
+path, needs no new spectra.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from app.multigrid.solver_cache import SolverCache, is_large
 
 
 class WindowCache(SolverCache):
-    """`SolverCache`, direct ones, and operators of windows, of one hierarchy.
+    """Cache of solvers, direct solvers and operators of windows of a hierarchy. Collective.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     target : TrackingSolver or None
-        Of the target grid, if there is one; its owner frees it.
+        Of the target grid; its owner frees it.
     """
 
     def __init__(self, hierarchy, target=None):
@@ -29,43 +29,45 @@ class WindowCache(SolverCache):
         self._windows, self._spectra, self._direct = {}, {}, {}
 
     def window(self, place, grid, slabs, comm, verification=None):
-        """Operator of a window, ready for another contact set. Collective over `comm`.
+        """Return the operator of a window, ready for another contact set.
+
+        Collective over `comm`.
 
         Parameters
         ----------
         place : hashable
-            What the window is for; the last one of every place is kept, if it is small.
+            Purpose of the window; the last small one of each place is cached.
         grid, slabs, comm
             See `InfluenceOperator`.
-        verification : optional
+        verification : VerificationProduct, optional
             Its exact product.
         """
-        kept = self._windows.get(place)
-        if kept is None or (kept.grid.shape, kept.slabs.starts) != (grid.shape, slabs.starts):
-            if kept is not None:
+        operator = self._windows.get(place)
+        if operator is None or (operator.grid.shape, operator.slabs.starts) != (grid.shape, slabs.starts):
+            if operator is not None:
                 self._free(self._windows.pop(place))
             hierarchy = self._hierarchy
             self._spectra[place] = spectra = SpectrumCache(self._spectra.get(place))
             shared = hierarchy.dtype, verification, hierarchy.target, spectra
-            kept = InfluenceOperator(grid, hierarchy.compliance, slabs, comm, *shared)
+            operator = InfluenceOperator(grid, hierarchy.compliance, slabs, comm, *shared)
             if not is_large(grid):
-                self._windows[place] = kept
+                self._windows[place] = operator
         elif verification is not None:
-            kept.exact_product = verification  # until it is closed: it holds a field of all cells
-        kept.grid = grid
-        return kept
+            operator.exact_product = verification  # until `close`: it holds a field of all cells
+        operator.grid = grid
+        return operator
 
     def direct(self, number, operator):
-        """Direct solver of a level, made when first asked for. Not collective.
+        """Return the direct solver of a level, created on first use.
 
-        Of the coarsest one; where a gap has no admissible cell there, of a finer one.
+        This is the coarsest level, or a finer one if a gap has no admissible cell there.
         """
         if operator not in self._direct:
             self._direct[operator] = DirectSolver(operator, number)
         return self._direct[operator]
 
     def close(self, operator):
-        """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
+        """Count the products of a window, and free it unless it is cached. Collective over its ranks."""
         self._hierarchy.count_window(operator)
         operator.spectra.forget()
         if operator in self._windows.values():
@@ -73,11 +75,8 @@ class WindowCache(SolverCache):
         else:
             self._free(operator)
 
-    def abandon(self):
-        """Count what an interrupted solve has computed in windows that are kept, and free what they hold of all cells.
-
-        Not collective.
-        """
+    def reset_windows(self):
+        """Count the products of cached windows and free their exact products, after an error. Not collective."""
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)
             operator.free_exact_product()
@@ -87,7 +86,7 @@ class WindowCache(SolverCache):
         operator.free()
 
     def destroy(self):
-        """Free everything. Collective."""
+        """Free everything."""
         super().destroy()
         for solver in self._direct.values():
             solver.destroy()

@@ -1,17 +1,16 @@
-"""Windows: a grid is worked on in a rectangle around the contact area of the coarser grid.
+"""Windows: a grid is solved in a rectangle around the contact area of the coarser grid.
 
-Pressure vanishes outside, so nothing is neglected there but the question whether the bodies penetrate, and that is
-asked in the end, of the verification product on all cells of the target grid. If they do, the iteration goes on there.
-That is dear, so where asperities of the target grid stand out of the cells of the finest grid that is always worked on
-as a whole (`Hierarchy.coarse_minimum`), a box around the contact they may make is in every window.
+The pressure vanishes outside. The verification product on all cells of the target grid shows whether the bodies
+penetrate there; if so, the iteration continues on all cells, which is expensive. Therefore each window also contains
+the cells where asperities of the target grid that are smaller than the cells of the finest grid without a window may
+touch (`Hierarchy.coarse_minimum`).
 
-Switch: ``-lcp_window`` (share of the extent of contact that is added on every side, 0: none). Gain: see
+Option ``-lcp_window`` (share of the extent of contact that is added on each side, 0: no windows). For the gain see
 `app.methods.free`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,13 +25,14 @@ from app.methods.free.verification_product import VerificationProduct
 from app.multigrid.transfer import Transfer
 
 MIN_MARGIN = 4  # cells of the coarser grid around contact
-SIZE_STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
-MAX_WINDOW_FRACTION = 0.85  # of the cells; a larger window is not worth its own spectra
+SIZE_STEP = (
+    16  # cells by which the sizes of small windows differ, and half the smallest size: they are cached
+)
+MAX_WINDOW_FRACTION = 0.85  # of the cells: a larger window costs more for its spectra than it saves
 
 
-@dataclass
-class CoarseSolution:
-    """What the coarser grid found, cut to the window of the finer one."""
+class CoarseSolution(NamedTuple):
+    """Solution of the coarser grid, cut to the window of the finer one."""
 
     operator: InfluenceOperator
     u: np.ndarray
@@ -47,7 +47,7 @@ class WindowState(ContactState):
     Attributes
     ----------
     scaled : float
-        Factor by which p and u have been multiplied since the last product in double precision.
+        Factor by which p and u were multiplied since the last product in double precision.
     """
 
     scaled = 1.0
@@ -74,46 +74,42 @@ class WindowState(ContactState):
 
 
 class Boxes(NamedTuple):
-    """What the window of the next finer grid is chosen by, in cells of the coarser grid."""
+    """Boxes that determine the window of the next finer grid, in cells of this grid."""
 
-    worked_on: Window  # the coarser grid's own window
+    outer: Window  # the window of this grid
     contact: Window | None
-    predicted: Window | None  # where the target grid may have contact that this one cannot see
+    predicted: Window | None  # possible contact of the target grid that this grid does not resolve
 
 
 class WindowedLevel:
-    """A grid of a nested iteration, or a window of it, ready to start from what the coarser one found.
-
-    Collective.
+    """Grid of a nested iteration, or a window of it, with the coarser solution. Collective.
 
     Parameters
     ----------
     hierarchy : Hierarchy
-        Says which levels may have a window, and how large it is.
-    kept : WindowCache
-        Where operators of windows come from.
+    cache : WindowCache
     number : int
         Level.
     distance : UndeformedDistance
-        On all of the level.
+        On all cells of the level.
     coarse : ContactState or None
         State of the coarser grid.
     boxes : Boxes, optional
-        What was found on it.
+        Of the coarser grid.
 
     Attributes
     ----------
     state : ContactState
     coarse : ContactState or CoarseSolution
-        As far as it is below `state`. To be set to None when its arrays may go.
+        On the cells below `state`. To be set to None when its arrays may be freed.
     transfer : Transfer
         Between these.
     windowed : bool
-        Whether `state` is that of a window.
+        `state` is that of a window.
     """
 
-    def __init__(self, hierarchy, kept, number, distance, coarse, boxes=None):
-        self._hierarchy, self._kept, self._number, self._distance = hierarchy, kept, number, distance
+    def __init__(self, hierarchy, cache, number, distance, coarse, boxes=None):
+        self._hierarchy, self._cache, self._number, self._distance = hierarchy, cache, number, distance
         self._predicted = boxes and boxes.predicted
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         self._level = level = hierarchy.levels[number]
@@ -121,18 +117,17 @@ class WindowedLevel:
         if coarse is not None:
             distance.move_to(coarse.depth)
             if hierarchy.may_be_windowed(level):
-                coarse_window = _choose(
-                    boxes, coarse.distance.patch, hierarchy.margin, distance.possible, self.transfer
-                )
+                possible = distance.possible.coarsen(self.transfer.factors)
+                coarse_window = _choose_window(boxes, coarse.distance.patch, hierarchy.margin, possible)
         self.windowed = coarse_window is not None
         if self.windowed:
-            self._make_window(coarse_window, boxes.worked_on)
+            self._make_window(coarse_window, boxes.outer)
         else:
             self.state = ContactState(level, distance)
 
     @PETSc.Log.EventDecorator("ContactWindow")
-    def _make_window(self, coarse_window, worked_on):
-        """Make operators, transfer and state of a window, given as cells of the coarser grid, like what it lies in."""
+    def _make_window(self, coarse_window, outer):
+        """Make operators, transfer and state of a window, given in cells of the coarser grid."""
         hierarchy, level = self._hierarchy, self._level
         coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
         self._window = window = coarse_window.refine(factors, level.grid)
@@ -141,27 +136,26 @@ class WindowedLevel:
         self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
             self._verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
-        fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
-        below = self._kept.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
+        fine = self._cache.window((self._number, "fine"), grid, slabs, few, self._verification)
+        below = self._cache.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
-        cut = Scatter(coarse_window.relative_to(worked_on), coarse.operator.slabs, below.slabs, comm).forward
+        cut = Scatter(coarse_window.relative_to(outer), coarse.operator.slabs, below.slabs, comm).forward
         self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
         self.transfer = Transfer(fine, below, factors, comm)
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
         self.state = WindowState(fine, part)
 
     def boxes_for_next(self, coarse_minimum, depth):
-        """Boxes that the window of the next finer grid should hold.
+        """Return the boxes for the window of the next finer grid.
 
-        Collective over the ranks of the state. Asperities smaller than the cells of this grid are told of by the
-        finest whole one, when it is solved, and known on the finer levels.
+        Collective over the ranks of the state.
 
         Parameters
         ----------
         coarse_minimum : ndarray or None
-            See `Hierarchy.coarse_minimum`.
+            See `Hierarchy.coarse_minimum`; used on the finest grid without a window.
         depth : float
-            That is to be expected on the next finer grid [mm].
+            Predicted on the next finer grid [mm].
 
         Returns
         -------
@@ -181,18 +175,18 @@ class WindowedLevel:
         return Boxes(self._window, contact, others[0] if others else predicted)
 
     def end_verification(self):
-        """End the iteration in a window, on ranks outside of it, too. Collective."""
+        """End the iteration in a window, also on ranks outside of it."""
         if self._verification:
             self._verification.end(self.state)
 
     def close(self):
-        """Free what is of no use to a finer grid. Collective over the ranks of the state."""
+        """Release the operators of a window. Collective over the ranks of the state."""
         if self.windowed:
             for operator in self._operators:
-                self._kept.close(operator)
+                self._cache.close(operator)
 
     def expand_to_grid(self, converged):
-        """Return the state on all cells of the target grid, that in the window being final. Collective.
+        """Return the state on all cells of the target grid, from that in the window.
 
         Parameters
         ----------
@@ -203,7 +197,7 @@ class WindowedLevel:
         -------
         state : ContactState
         complete : bool
-            It is true for all cells: the bodies penetrate nowhere outside. Not asked if it is not converged.
+            False if the bodies penetrate outside of a window that has converged.
         """
         inside, scatter = self.state, self._scatter
         u = self._verification.displacement(inside, converged)
@@ -219,10 +213,10 @@ class WindowedLevel:
         return state, not converged or not state.activate_penetrating().added
 
 
-def _choose(boxes, patch, margin, possible, transfer):
-    """Window of the coarser grid around its contact, in the one that was worked on.
+def _choose_window(boxes, patch, margin, possible):
+    """Return the window of the coarser grid around its contact.
 
-    Not collective. If a smaller one does not pay: that one, or None if all of the coarser grid was worked on.
+    If a smaller window does not pay it is that of the coarser grid, or None if that had none.
 
     Parameters
     ----------
@@ -231,33 +225,29 @@ def _choose(boxes, patch, margin, possible, transfer):
         The coarser grid.
     margin : float
     possible : Window
-        Of the finer grid, around all cells where contact is possible.
-    transfer : Transfer
+        Around all cells where contact is possible.
     """
-    outer, contact = boxes.worked_on, boxes.contact
-    otherwise, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)
+    outer, contact = boxes.outer, boxes.contact
+    fallback, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)
     if contact is None:
-        return otherwise
-    possible = possible.coarsen(transfer.factors)
+        return fallback
     rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
     columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
     box = Window(*rows, *columns)
     box = box.join(boxes.predicted) if boxes.predicted else box
-    window = Window(
-        *_round_up_size(box.y0, box.y1, outer.y0, outer.y1),
-        *_round_up_size(box.x0, box.x1, outer.x0, outer.x1),
-    )
-    return window if 0 < window.n <= most * outer.n else otherwise
+    rows = _round_up_size(box.y0, box.y1, outer.y0, outer.y1)
+    window = Window(*rows, *_round_up_size(box.x0, box.x1, outer.x0, outer.x1))
+    return window if 0 < window.n <= most * outer.n else fallback
 
 
 def _widen(first, last, margin, lowest, highest):
-    """Add the margin on both sides, as far as contact is possible there."""
+    """Add the margin on both sides, within the cells where contact is possible."""
     by = max(MIN_MARGIN, int(np.ceil(margin * (last - first))))
     return max(first - by, lowest), min(last + by, highest)
 
 
 def _round_up_size(first, last, lowest, highest):
-    """Grow to a length that many windows have, between `lowest` and `highest`; nothing stays nothing."""
+    """Round an interval up to a cached size or a fast FFT length; empty stays empty."""
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
         return lowest, lowest

@@ -1,11 +1,11 @@
-"""Conjugate gradients for the displacement of the free cells, that carry the pressure along.
+"""Conjugate gradients for the displacement of the free cells, which update the pressure.
 
-``p = B w + mean pressure`` is to vanish on the free cells O. So p is all there is of a residual: it is kept on all
-cells, changes of w are added up, ``change += alpha d`` and ``carried += alpha B d`` in one pass, and the right-hand
-side of the KSP is not looked at. B may be the product by levels, right to some percent in a part of the time: no
-more than a part of the residual is to go, and who adds up the changes multiplies them anew (defect correction, as in
-`app.methods.free`). The norm is that of the preconditioned residual, about the error of w; directions are
-those of flexible CG, the preconditioner need not be quite symmetric. By options of -lcp_type primal only::
+``p = B w + mean pressure`` shall vanish on the free cells O, so p is the residual. It is updated on all cells, with the
+change of w, in one pass: ``change += alpha d``, ``carried += alpha B d``. The right-hand side of the KSP is not used. B
+may be a multilevel product, which is right to some percent: the solve reduces a part of the residual only, and the
+caller recomputes p from the change (defect correction, as in `app.methods.free`). The norm is that of the
+preconditioned residual, about the error of w. Directions are those of flexible CG, since the preconditioner is not
+quite symmetric. By options of -lcp_type primal only::
 
     -ksp_type python -ksp_python_type app.methods.periodic.cg.CarryingCG
 """
@@ -40,7 +40,7 @@ def _dots_row(d, q, p, free):
 
 @njit()
 def _dots(d, q, p, free):
-    """d.q and d.p for a d that vanishes outside O; p.p, p.q and q.q on O."""
+    """Return d.q and d.p, for d = 0 outside O; p.p, p.q and q.q on O."""
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         sums = add_tuples(sums, _dots_row(d[j], q[j], p[j], free[j]))
@@ -56,14 +56,14 @@ def _first_step_row(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _first_step(p, d, q, alpha, left, change):
-    """change = alpha d, left = p + alpha q."""
+    """Compute change = alpha d and left = p + alpha q."""
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
 
 
 @njit_reassoc
 def _step(d, q, alpha, left, change):
-    """change += alpha d, left += alpha q."""
+    """Add alpha d to `change` and alpha q to `left`."""
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])
         add_row(left[j], alpha, q[j])
@@ -81,7 +81,7 @@ def _normed_row(z, q):
 
 @njit()
 def _normed(z, q):
-    """z.z and z.q."""
+    """Return z.z and z.q."""
     sums = 0.0, 0.0
     for j in range(z.shape[0]):
         sums = add_tuples(sums, _normed_row(z[j], q[j]))
@@ -96,46 +96,46 @@ def _direct_row(d, z, beta):
 
 @njit_reassoc
 def _direct(d, z, beta):
-    """d = z + beta d."""
+    """Compute d = z + beta d."""
     for j in range(d.shape[0]):
         _direct_row(d[j], z[j], beta)
 
 
 class CarryingCG(KspContext):
-    """KSP context; its operator must be an `InverseOperator`, its PC a `TwoGrid`.
+    """KSP context for an `InverseOperator` and a `TwoGrid`. Collective.
 
-    Collective. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. The preconditioner is applied to p as it is; it
-    looks at the free cells only, and leaves the others zero. For the test of -ksp_rtol the preconditioned norm is
-    estimated from how much smaller p on the free cells is: it saves the last application.
+    Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. The preconditioner reads p on the free cells only, and is zero on
+    the others. The norm for -ksp_rtol is estimated from the reduction of p on the free cells, which saves the last
+    application.
 
-    x is not looked at, nor is `pressure` changed: `change` and `carried` are made, as precise as the products. That is
-    enough for some contact sets, and who adds them up goes through w and p anyway.
+    x is not used and `pressure` is not changed. The results are `change` and `carried`, in the precision of the
+    products, which is enough for some contact sets.
 
     Attributes
     ----------
     multilevel_share : float
-        Share of the residual of p down to which B is multiplied by levels; 0: by FFT. Set by the caller.
+        Share of the residual of p down to which products are multilevel; 0: by FFT. Set by the caller.
     carried : ndarray, shape (local rows, nx)
-        A place for what p becomes [N/mm2], set by the caller: in double precision if B is by FFT.
+        Updated p [N/mm2]. Its storage is set by the caller, in double precision if B is by FFT.
     pressure : Vec
         p on entry; set by the caller.
-    goes_on : bool
-        Begin with `carried` in place of p, and add to `change`; set by the caller.
+    resumes : bool
+        Start from `carried` in place of p, and add to `change`; set by the caller.
     change : ndarray, shape (local rows, nx)
-        By how much w is to change, after a solve [mm].
-    residual, doubt : float
-        Norm of the preconditioned residual after the last solve, and by how much it may be wrong [mm].
+        Change of w [mm].
+    residual, uncertainty : float
+        Norm of the preconditioned residual after the last solve, and its error bound [mm].
     scratch : ndarray, shape (local rows, nx)
-        To be used by others between solves; in single precision `change` is in it. So may `direction` and `product`,
+        Free for other use between solves, with `change` in it in single precision. So are `direction` and `product`,
         in the operator's precision.
     """
 
     norm_type = PETSc.KSP.NormType.PRECONDITIONED
-    pressure, carried, goes_on = None, None, False
-    multilevel_share = residual = doubt = 0.0
+    pressure, carried, resumes = None, None, False
+    multilevel_share = residual = uncertainty = 0.0
 
     def setUp(self, ksp):
-        """Make the work arrays: z and `change` in a place for doubles, d, q."""
+        """Make the work arrays: z and `change` share a field of doubles in single precision."""
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
@@ -150,20 +150,20 @@ class CarryingCG(KspContext):
         self.product = np.zeros(shape, dtype) if lent is None else lent
 
     def reset(self, ksp):
-        """Free the work arrays; the next set-up makes others."""
+        """Free the work arrays."""
         self.scratch = self._z = self.change = self.direction = self.product = None
 
     def solve(self, ksp, b, x):
-        """Find by how much w is to change."""
+        """Compute `change` and `carried`."""
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
         multiply = operator.multilevel_pressure if self.multilevel_share else operator.pressure
-        left = self.carried if self.goes_on else self._read(self.pressure)
+        left = self.carried if self.resumes else self._read(self.pressure)
         iteration, max_it = 0, ksp.getTolerances()[3]
         smooth(left, z)
         beta, norm = 0.0, sqrt(self._sum(_normed(z, z))[0])
-        if not self.goes_on:
-            self.doubt = self.multilevel_share * norm
+        if not self.resumes:
+            self.uncertainty = self.multilevel_share * norm
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             if iteration:
@@ -184,18 +184,18 @@ class CarryingCG(KspContext):
                 left = self.carried
             iteration += 1
             share = (pp + alpha * (2 * pq + alpha * qq)) / pp if pp else 0.0  # of p.p on the free cells
-            about = norm * sqrt(max(share, 0.0))
-            if ksp.callConvergenceTest(iteration, about) == PETSc.KSP.ConvergedReason.CONVERGED_RTOL:
-                norm, reason = about, self._report(ksp, iteration, about)
+            estimate = norm * sqrt(max(share, 0.0))
+            if ksp.callConvergenceTest(iteration, estimate) == PETSc.KSP.ConvergedReason.CONVERGED_RTOL:
+                norm, reason = estimate, self._report(ksp, iteration, estimate)
                 break
             smooth(left, z)
             squares, zq = self._sum(_normed(z, q))
             beta, norm = -zq / dq, sqrt(squares)
             reason = self._report(ksp, iteration, norm)
-            if not reason and norm <= self.doubt:
+            if not reason and norm <= self.uncertainty:
                 reason = PETSc.KSP.ConvergedReason.CONVERGED_RTOL
         if left is not self.carried:
-            self.carried[...], self.change[...], self.doubt = left, 0, 0.0
+            self.carried[...], self.change[...], self.uncertainty = left, 0, 0.0
         PETSc.Log.logFlops(20 * iteration * d.size)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)

@@ -1,7 +1,7 @@
-"""The primal active set iteration on one grid.
+"""Active set iteration of the primal form on one grid.
 
-The steps of Sec. 4.1 with the parts of pressure and gap exchanged: the free cells O take the place of C, the gap that
-of p, and p = B w + mean pressure that of e.
+The steps are those of Sec. 4.1 with pressure and gap exchanged: the free cells O take the place of C, the gap that of
+p, and p = B w + mean pressure that of e.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import HalvingTest, NeedsSafeguard
 
-MAX_CHANGED_FRACTION = 0.005  # share of the cells that may still change on a coarse grid
-NEGLIGIBLE_OVERLAP = (
-    0.3  # of the error aimed at: overlap, or displacement by tension, below which a cell stays where it is
-)
-AIM_FRACTION = 0.5  # of the allowed error is aimed at, because the preconditioned residual underestimates it
-MAX_MULTILEVEL_ERROR = 0.5  # of the error aimed at: what levels may have left in p when it is verified
-MAX_GAP_CHANGE = 10.0  # in errors aimed at: the contact set is not final if the gap of a cell changes by more
-MAX_ERROR_RATIO = 100.0  # true error over the residual beyond which p itself has drifted and is computed anew
-FAILED_AIM_FRACTION = 0.6  # margin below what the verification asks for, after it has failed
-MIN_RELATIVE_AIM = 1e-15  # of the largest displacement: error that can be aimed at
+MAX_CHANGED_FRACTION = 0.005  # of the cells, on the last contact set of a coarse grid
+AIM_FRACTION = 0.5  # of the allowed error is aimed at: the preconditioned residual underestimates it
+# In errors aimed at:
+NEGLIGIBLE_OVERLAP = 0.3  # overlap, or displacement by tension, up to which a cell keeps its state
+MAX_MULTILEVEL_ERROR = 0.5  # error of p by multilevel products when it is verified
+MAX_GAP_CHANGE = 10.0  # change of the gap of a cell beyond which the contact set is not final
+MIN_RELATIVE_AIM = 1e-15  # of the largest displacement: smallest error aimed at
+# After a failed verification:
+MAX_ERROR_RATIO = 100.0  # true error over residual beyond which p has drifted and is recomputed
+FAILED_AIM_FRACTION = 0.6  # of the residual that the verification requires is aimed at
 NO_PRESSURE_AIM_FRACTION = (
-    0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
+    0.1  # reduction of the aim if the load is less than the pressure left on free cells
 )
+MIN_DEVIATION = 1e-12  # of the root mean square height: smaller deviations are rounding
+MIN_SHAPE_SHARE = 1e-4  # of a displacement: smallest deviation of a surface with holes that matters
 REST_NEGLIGIBLE = "residual small enough, and so is what the contact area still changes by"
-MIN_DEVIATION = 1e-12  # of the root mean square height: deviation that is rounding
-MIN_SHAPE_SHARE = 1e-4  # of a displacement: deviation of a surface with holes that it hardly depends on
 NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
 
@@ -57,24 +57,21 @@ def primal_active_set(primal, solver, stop, history):
     NeedsSafeguard
         If it makes no progress.
     """
-    state, progress = primal.state, _Progress()
+    state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
     solver.begin(state, primal.loading, stop.defect_correction)
     primal.start(solver)
     accuracy = _Accuracy(allowed_gap(primal, stop))
     history.start(state, solver)
     primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
-        goal, slight = accuracy.aim * np.sqrt(primal.cells), NEGLIGIBLE_OVERLAP * accuracy.aim
+        goal, overlap = accuracy.aim * np.sqrt(primal.cells), NEGLIGIBLE_OVERLAP * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         accurate = norm <= goal
-        # Levels have left little enough in p; after a failed verification p has to be by FFT.
-        p_is_trusted = not primal.lags or solver.doubt <= (
-            0 if accuracy.doubted else MAX_MULTILEVEL_ERROR * goal
-        )
-        # 4. p < 0 leaves C, e < 0 enters
-        update = primal.exchange(
-            solver, slight * solver.preconditioner.stiffness, -slight, MAX_GAP_CHANGE * accuracy.aim, norm
-        )
+        # The error of multilevel products must be small. After a failed verification p has to be by FFT.
+        max_uncertainty = 0 if accuracy.verification_failed else MAX_MULTILEVEL_ERROR * goal
+        p_is_trusted = not primal.pending or solver.uncertainty <= max_uncertainty
+        tension, far = overlap * solver.preconditioner.stiffness, MAX_GAP_CHANGE * accuracy.aim
+        update = primal.exchange(solver, tension, -overlap, far, norm)  # 4. p < 0 leaves C, e < 0 enters
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
         residual = norm / state.distance.norm()  # not (5.1): about the error of w
@@ -83,10 +80,10 @@ def primal_active_set(primal, solver, stop, history):
         if accurate and not stop.final and update.changed <= MAX_CHANGED_FRACTION * primal.cells:
             primal.commit(solver)
             return Outcome(True, CONVERGED, k, residual)
-        # 5. No cell changes, or those that do are, like the residual, too little to matter.
+        # 5. No cell changes, or the changes and the residual are negligible.
         set_is_final = accurate and not update.changed
-        rest_is_negligible = stop.final and not accuracy.doubted and np.hypot(norm, update.moves) <= goal
-        if (set_is_final or rest_is_negligible) and p_is_trusted:
+        negligible = stop.final and not accuracy.verification_failed and np.hypot(norm, update.moves) <= goal
+        if (set_is_final or negligible) and p_is_trusted:
             primal.commit(solver)
             verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)  # 6.
             if np.isfinite(verdict.residual):
@@ -94,81 +91,75 @@ def primal_active_set(primal, solver, stop, history):
             if verdict.solved:
                 return Outcome(True, REST_NEGLIGIBLE if update.changed else CONVERGED, k, residual)
             aim = accuracy.aim
-            _go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), update.added > 0)
+            _continue(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), update.added > 0)
             if accuracy.aim <= 0.5 * aim:
-                progress.restart()
+                progress = HalvingTest()
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, NO_PRESSURE, k, residual))
-        else:
-            levels_tell_no_more = norm <= solver.doubt
-            if update.added or levels_tell_no_more or (accurate and not p_is_trusted):
-                primal.close_captured_gaps(solver)  # the gaps of captured cells, by a product
-        progress.after(norm, update.changed)
-        if progress.stalls:
+        elif update.added or norm <= solver.uncertainty or (accurate and not p_is_trusted):
+            primal.close_captured_gaps(solver)  # p by a product
+        progress.update(norm or progress.best, otherwise=not norm or update.changed < fewest_changed)
+        fewest_changed = min(update.changed, fewest_changed)
+        if progress.stagnates:
             if not (stop.final and norm <= ROUNDING_RESIDUAL * primal.largest() * np.sqrt(primal.cells)):
                 raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
-            residual = _end_unsolved(primal, solver)
-            return Outcome(False, BELOW_ROUNDING, k, residual)
+            return Outcome(False, BELOW_ROUNDING, k, _finish_unsolved(primal, solver))
     primal.commit(solver)
     if stop.final:
-        residual = _end_unsolved(primal, solver)
+        residual = _finish_unsolved(primal, solver)
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def _end_unsolved(primal, solver):
-    """Leave the best there is: a pressure >= 0 with the right load, and u = A p.
+def _finish_unsolved(primal, solver):
+    """Set a pressure >= 0 with the right load, and u = A p; return the residual (5.1). Collective.
 
-    Collective. Returns the residual (5.1). Where there is no pressure the contact set bears the load evenly.
+    Without pressure the contact set bears the load evenly.
     """
     primal.commit(solver)
-    state = primal.state
+    state, p = primal.state, solver.scratch
     state.depth = primal.depth
-    found = verify(primal, solver.scratch)
-    if found is None:
+    update = verify(primal, p)
+    if update is None:
         state.values[...] = state.contact
-        found = verify(primal, solver.scratch)
-    accept(primal, solver.scratch)
-    return found.residual / state.distance.norm()
+        update = verify(primal, p)
+    accept(primal, p)
+    return update.residual / state.distance.norm()
 
 
 class _Accuracy:
-    """How small an error the solver is to aim at, by its preconditioned residual, for one that is small enough.
+    """Error at which the solver aims, by its preconditioned residual.
 
     Parameters
     ----------
     allowed : float
-        Root mean square error of the gap that is small enough [mm].
+        Largest root mean square error of the gap [mm].
 
     Attributes
     ----------
     allowed : float
     aim : float
-        Error to aim at [mm].
-    doubted : bool
-        A verification has failed.
+        Error aimed at [mm].
+    verification_failed : bool
+        At least once. From then on p is recomputed before a verification.
     exhausted : bool
-        One has, though no smaller error can be aimed at.
+        It failed at the smallest error that can be aimed at.
     """
 
     def __init__(self, allowed):
         self.allowed, self.aim = allowed, AIM_FRACTION * allowed
-        self.doubted = self.exhausted = False
-
-    def keep(self):
-        """Aim at the same: not the residual was too small, but p off. From now on a product precedes a verification."""
-        self.doubted = True
+        self.verification_failed = self.exhausted = False
 
     def lower(self, reached, error, lowest):
-        """Aim lower, by as much as a verification says that the residual was too small.
+        """Lower the aim by the ratio of error and residual at a verification.
 
         Parameters
         ----------
         reached : float
             Error by the residual [mm].
         error : float
-            By the verification [mm]; NaN: it found no pressure.
+            Error by the verification [mm]; NaN: there was no pressure.
         lowest : float
-            What rounding leaves [mm].
+            Rounding error [mm].
         """
         no_pressure = np.isnan(error)
         self.exhausted = no_pressure and self.aim <= lowest
@@ -176,89 +167,63 @@ class _Accuracy:
         if error > 0:
             share = min(share, FAILED_AIM_FRACTION * self.allowed / error)
         self.aim = max(share * min(self.aim, reached), lowest)
-        self.doubted = True
-
-
-class _Progress:
-    """Whether the residual is halved, or fewer cells change, from time to time. Not collective."""
-
-    def __init__(self):
-        self._residual, self._fewest = HalvingTest(), float("inf")
-
-    def restart(self):
-        """Begin anew, where a smaller error is aimed at. Not collective."""
-        self._residual = HalvingTest()
-
-    def after(self, norm, changed):
-        """Hear of an iteration: the residual [mm], 0 if nothing is free, and the cells that changed."""
-        self._residual.after(norm or self._residual.best, otherwise=not norm or changed < self._fewest)
-        self._fewest = min(changed, self._fewest)
-
-    @property
-    def stalls(self):
-        """Whether there is none."""
-        return self._residual.stalls
 
 
 class _Verdict(NamedTuple):
-    """On pressure and contact set, by a product in double precision."""
+    """Result of a verification."""
 
-    residual: float  # of (5.1) [mm]; NaN: there is no pressure under the load, yet
+    residual: float  # of (5.1) [mm]; NaN: no pressure under the load
     error: float  # root mean square of the gap on contact [mm], or NaN
     passed: bool  # the error is small enough
     solved: bool  # and the certificate agrees
 
 
-def _judge(primal, found, stop, allowed):
-    """Step 6: `verify`, and if the error is `allowed` [mm], `accept` and certify. Collective.
+def _judge(primal, p, stop, allowed):
+    """Step 6: `verify`; if the error is at most `allowed` [mm], `accept` and certify. Collective.
 
-    Nothing may lag: `found` is room that the solver and, once it is accepted, the certificate use for other things.
+    No change may be pending: `p` is the solver's scratch field, which the certificate uses once p is accepted.
     """
-    update = verify(primal, found)
+    update = verify(primal, p)
     if update is None:
         return _Verdict(np.nan, np.nan, False, False)
     error = update.residual / np.sqrt(max(update.cells, 1))
     passed = error <= allowed
     if passed:
-        accept(primal, found)
-    return _Verdict(update.residual, error, passed, passed and stop.certified(primal.state, found))
+        accept(primal, p)
+    return _Verdict(update.residual, error, passed, passed and stop.certified(primal.state, p))
 
 
-def _go_on_after(verdict, primal, solver, accuracy, reached, captured):
-    """Go on with the free cells as before: p is made anew where it may be wrong, and not the residual; else aim lower.
+def _continue(verdict, primal, solver, accuracy, reached, captured):
+    """Continue after a failed verification: recompute p if it has drifted, else aim lower. Collective.
 
-    Collective. `reached`: error by the solver's residual [mm]; `captured`: whether cells have just been.
+    `reached`: error by the residual of the solver [mm]; `captured`: the last exchange captured cells.
     """
     primal.restore_contact()
-    off = verdict.error > MAX_ERROR_RATIO * reached
+    drifted = verdict.error > MAX_ERROR_RATIO * reached
     if captured:
         primal.touch_captured()
-    # The second time, or for the certificate, too: what is carried along may have become inaccurate.
-    if captured or verdict.passed or accuracy.doubted or primal.is_nearly or off:
+    # Also the second time, or for the certificate: the updated p may have become inaccurate.
+    if captured or verdict.passed or accuracy.verification_failed or primal.approximate or drifted:
         primal.restore_mean(solver)
         primal.refresh(exact=True)
-    if off and not accuracy.doubted:
-        accuracy.keep()
-    else:
+    if accuracy.verification_failed or not drifted:
         accuracy.lower(reached, verdict.error, MIN_RELATIVE_AIM * primal.largest())
+    accuracy.verification_failed = True
 
 
 def allowed_gap(primal, stop):
-    """Root mean square error of the gap that is small enough [mm]. Collective.
+    """Return the largest root mean square error of the gap that passes [mm]. Collective.
 
-    As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
-    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell, if that is more; a share of
-    that where they are hardly uneven. On a coarse grid the approach beyond first touch, if that is less: what is left
-    of a contact that is small in its patch is large there.
+    This is (5.1) with the deviation of the shape from its mean in place of ||h||, which does not depend on the load.
+    For flat surfaces with holes the length is the depth, or the displacement of a cell by the mean pressure if larger.
+    On a coarse grid it is the approach beyond first touch if smaller, since a contact that is small in its patch
+    leaves a relatively large error there.
     """
-    distance, rtol = (
-        primal.state.distance,
-        stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL),
-    )
+    distance = primal.state.distance
+    rtol = stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL)
     flat, displaced = MIN_DEVIATION * distance.norm() / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
-        displaced = abs(primal.depth)
-        displaced = max(displaced, primal.loading.least_displacement(primal.state.operator))
+        displaced = max(abs(primal.depth), primal.loading.least_displacement(primal.state.operator))
     if distance.deviation <= max(flat, MIN_DEVIATION * displaced):
         return rtol * displaced
     beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
@@ -266,32 +231,32 @@ def allowed_gap(primal, stop):
     return rtol * max(shape, MIN_SHAPE_SHARE * displaced)
 
 
-def verify(primal, found):
-    """Step 4 for a pressure >= 0 with the right load, whose u = A p is made by one product in double precision.
+def verify(primal, p):
+    """Step 4 for a pressure >= 0 with the right load, by one product u = A p in double precision.
 
-    Collective. Leaves the state at the depth found, and what overlaps in its contact set.
+    Collective. Sets the depth of the state, and adds overlapping cells to its contact set.
 
     Parameters
     ----------
     primal : PrimalState
-    found : ndarray, shape (local rows, nx)
-        Becomes that pressure, for `accept`.
+    p : ndarray, shape (local rows, nx)
+        Overwritten by that pressure, for `accept`.
 
     Returns
     -------
     Update, or None
-        If there is no pressure under a load, yet: what is left on the free cells is more.
+        None if there is no pressure under a load: more is left on the free cells.
     """
     state, loading = primal.state, primal.loading
-    total = float(state.sum([state.bounds.project(state.p, state.contact, found)])[0])
-    if not loading.scale_pressure(found, total, state.grid.cell_area):
+    total = float(state.sum([state.bounds.project(state.p, state.contact, p)])[0])
+    if not loading.scale_pressure(p, total, state.grid.cell_area):
         return None
-    state.operator.exact_displacement(found, state.u)
+    state.operator.exact_displacement(p, state.u)
     loading.set_depth(state)
     return state.activate_penetrating()
 
 
-def accept(primal, found):
-    """Take the pressure that `verify` has found. Not collective."""
-    primal.state.values[...] = found
+def accept(primal, p):
+    """Set the pressure to that of `verify`."""
+    primal.state.values[...] = p
     primal.state.displacement_status = Displacement.EXACT

@@ -1,4 +1,7 @@
-"""The loops of the primal active set, compiled. Arrays are (rows, nx) of a rank; the gap is ``e = w - b``."""
+"""Compiled loops of the primal active set.
+
+Arrays are (rows, nx) of a rank; the gap is ``e = w - b``.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ def _close_row(w, b, captured, z, share, change):
 
 @njit_reassoc
 def close(w, b, captured, z, share, change):
-    """w += change and a share of z, but in captured cells, whose gap is closed; `change` becomes by how much w does."""
+    """Add `change` and a share of z to w; close captured cells.
+
+    `change` becomes the change of w.
+    """
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
 
@@ -34,7 +40,7 @@ def _touch_row(w, b, admissible, contact, change):
 
 @njit_reassoc
 def touch(w, b, admissible, contact, change):
-    """Cells of C, and those that overlap, which enter it, touch: w = b; `change` is by how much w changes."""
+    """Add overlapping cells to C and set w = b there; `change` becomes that of w."""
     for j in range(w.shape[0]):
         _touch_row(w[j], b[j], admissible[j], contact[j], change[j])
 
@@ -48,13 +54,13 @@ def _guess_row(p, w, b, admissible, scale, force, lowest):
 
 @njit_reassoc
 def guess_sources(p, w, b, admissible, scale, force, lowest):
-    """Right-hand side -p / B_00 and lower bound -e of the obstacle problem in small."""
+    """Compute right-hand side -p / B_00 and lower bound -e of the obstacle problem."""
     for j in range(p.shape[0]):
         _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])
 
 
 @njit_reassoc
-def _take_row(x, lowest, w, b, contact):
+def _apply_guess_row(x, lowest, w, b, contact):
     for i in range(x.size):
         inside = x[i] <= lowest[i]
         contact[i] = inside
@@ -62,7 +68,7 @@ def _take_row(x, lowest, w, b, contact):
 
 
 @njit_reassoc
-def take(x, lowest, w, b, contact):
-    """w += x; C = {x = lowest}, where w = b to the last digit."""
+def apply_guess(x, lowest, w, b, contact):
+    """Add x to w; set C = {x = lowest}, where w = b exactly."""
     for j in range(x.shape[0]):
-        _take_row(x[j], lowest[j], w[j], b[j], contact[j])
+        _apply_guess_row(x[j], lowest[j], w[j], b[j], contact[j])

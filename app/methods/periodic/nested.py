@@ -1,24 +1,24 @@
-"""The nested iteration of the primal form (Sec. 4.3 with w in place of p and u)."""
+"""Nested iteration of the primal form: Sec. 4.3 with w in place of p and u."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from app.contact.active_set import NO_CONTACT
-from app.contact.grid_errors import pressure_difference
+from app.contact.grid_errors import compute_grid_numbers, pressure_difference
 from app.contact.grid_sequence import GridSequence
 from app.contact.history import Outcome
 from app.contact.periodic_state import PeriodicState
 from app.contact.state import Displacement
-from app.methods.free.nested import solve_safeguarded
 from app.methods.periodic.iteration import accept, primal_active_set, verify
 from app.methods.periodic.operator import InverseOperator
 from app.methods.periodic.state import PrimalState
 from app.methods.progress import NeedsSafeguard
+from app.methods.safeguard import solve_safeguarded
 from app.options.solver_options import temporary_options
 from app.parallel.communicator import propagate_errors
 
-# CG for pressures, with A's own inverse as preconditioner
+# CG for pressures, preconditioned by the exact inverse of A
 _SAFEGUARD = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
@@ -27,19 +27,19 @@ _SAFEGUARD = {
 }
 
 
-def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept, start=None):
+def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
     """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
 
-    Collective. A grid is solved by the ranks that share it, and they tell those that join on the next.
+    Collective. The ranks that share a grid solve it, and broadcast the results to those that share the next one.
 
     Parameters
     ----------
     hierarchy, distances, loading, stop, history, nested
         See `app.methods.free.nested.nested_iteration`.
-    kept : SolverCache
-        Whose solvers are a `PrimalSolver`.
+    cache : SolverCache
+        Of `PrimalSolver`.
     start : Solution, optional
-        On the target grid, to start from there: coarser grids are left out.
+        On the target grid; coarser grids are left out.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         state = PeriodicState(hierarchy.target, distances[last])
         loading.set_depth(state)  # rounds h as the last step will, so that a second solve equals the first
         if loading.misses_contact(state.distance):  # rounding would find a pressure in cells that just touch
-            history.start(state, kept.solver(last, hierarchy.target))
+            history.start(state, cache.solver(last, hierarchy.target))
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
@@ -62,7 +62,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         no_u = np.empty(level.local_shape)  # before `verify`
         state = PeriodicState(level, distances[number], u=no_u, displacement_status=Displacement.STALE)
         if level.active:
-            solver = kept.solver(number, level)
+            solver = cache.solver(number, level)
             primal = PrimalState(state, solver.inverse, loading)
         else:
             primal = PrimalState(state, InverseOperator(level), loading)
@@ -71,7 +71,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         elif coarse is None:
             primal.w[...] = state.distance.b  # full contact
         else:
-            primal.come_from(coarse, hierarchy.transfers[number])
+            primal.interpolate_from(coarse, hierarchy.transfers[number])
             if coarser:  # else there are no rows here yet
                 primal.shift_to_depth(coarser[-1].depth, loading.predict(coarser[-1].depth))
             coarse_pressure = coarse.state.p
@@ -80,10 +80,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         if level.active:
             with propagate_errors(grids.waiting_ranks(state)):
                 outcome = _solve_on(hierarchy, number, primal, solver, grids.stopping_test(stop), history)
-            kept.release_solver(level)
+            cache.release_solver(level)
             depth = state.depth
             if not grids.at_target:
-                coarser.append(primal.numbers())
+                coarser.append(compute_grid_numbers(state, state.comm, primal.load, primal.depth))
                 depth = coarser[-1].depth
             grids.record(outcome, depth)
         primal.mean_pressure = grids.broadcast_to_next(state, primal.mean_pressure)

@@ -1,4 +1,4 @@
-"""The inverse influence matrix on one grid as PETSc sees it: context of a Mat of type python, O B O on free cells O."""
+"""Mat context of the inverse influence matrix on the free cells O, O B O."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ _levels_event = PETSc.Log.Event("InverseByLevels")
 
 
 class InverseOperator:
-    """B = A^-1 on displacements without mean, of a periodic grid; constants give no pressure.
+    """B = A^-1 of a periodic grid, on displacements without mean. Collective.
 
-    Collective. What `CarryingCG` and `LinearSolver` want of an operator, it has.
+    Constants give no pressure.
 
     Parameters
     ----------
     influence : InfluenceOperator
-        A, whose grid, ranks and precision it has, and which counts its products.
+        A, of the same grid, ranks and precision. It counts the products.
     coarser : InfluenceOperator or None
         A on a coarser grid, for the long waves of a preconditioner.
 
     Attributes
     ----------
     mask : ndarray of bool, shape (local rows, nx)
-        The free cells, where w is unknown: all but the contact set. Change it in place and call `mask_changed`.
+        Free cells, where w is unknown: all but the contact set. Change it in place and call `mask_changed`.
     products : int
     """
 
@@ -39,42 +39,42 @@ class InverseOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.contact_version = 0
 
-    sweeps, coarser_levels = 0, ()  # that work units count
+    sweeps, coarser_levels = 0, ()  # for work units
 
     @property
     def product(self):
-        """B in the precision of the iteration; made when first asked for. Collective then."""
+        """B in the precision of the iteration, created on first use."""
         return self.influence.inverse
 
     def spare_fields(self, *types):
-        """See `InfluenceOperator.spare_fields`. Collective when first asked for."""
+        """See `InfluenceOperator.spare_fields`."""
         coarser = self.coarser
         others = [coarser.screened_product] if coarser is not None and coarser.active else []
         return self.influence.spare_fields(*types, others=others)
 
     @property
-    def nearly(self):
-        """B nearly, for corrections, or None; made when first asked for. Collective then."""
+    def multilevel(self):
+        """Multilevel B, for corrections, or None; created on first use."""
         return multilevel_inverse(self.influence)
 
     def mat(self, comm):
-        """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
+        """Return a Mat with this context, for the caller to destroy. Collective over `comm`."""
         return symmetric_mat(self, comm)
 
     def mask_changed(self):
-        """Take notice of other free cells. Not collective."""
+        """Count a change of the free cells."""
         self.contact_version += 1
 
     def pressure(self, d, q):
-        """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
+        """Compute q = B d on all cells; arrays of shape `local_shape`."""
         apply_logged(_mult_event, self.product, d, q)
 
     def multilevel_pressure(self, d, q):
-        """Compute q = B d nearly, if there is such a B, `nearly`. Collective; arrays of shape `local_shape`."""
-        apply_logged(_levels_event, self.nearly, d, q)
+        """Compute q = B d by `multilevel`; arrays of shape `local_shape`."""
+        apply_logged(_levels_event, self.multilevel, d, q)
 
     def exact_pressure(self, w, p):
-        """Compute p = B w in double precision. Collective."""
+        """Compute p = B w in double precision."""
         apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):

@@ -1,4 +1,4 @@
-"""The linear solver of the primal form: CarryingCG on the free cells, that carries p = B w along."""
+"""Linear solver of the primal form on the free cells, which updates p = B w."""
 
 from __future__ import annotations
 
@@ -16,33 +16,32 @@ from app.multigrid.linear_solver import LinearSolver
 from app.parallel.halo import Halo
 
 GUESS_SWEEPS = 8  # projected sweeps that guess the first contact set of a grid
-LONG_WAVE_LEVELS = 2  # grids between one and that of the long waves in its preconditioner
+LONG_WAVE_LEVELS = 2  # levels down to the grid of the long waves in the preconditioner
 
 
 class PrimalSolver(LinearSolver):
-    """A `LinearSolver` of O B O whose KSP is CarryingCG with the `TwoGrid` preconditioner.
+    """Linear solver of O B O whose KSP is CarryingCG with `TwoGrid`. Collective.
 
-    Fields are scarce, so who works in turn shares them:
+    To save memory, fields are shared by parts that work in turn:
 
     ===========  ==================================  ===========================================  ==================
     field        in CG                               between contact sets                         verification
     ===========  ==================================  ===========================================  ==================
-    `scratch`    z, and `change` in single           `PrimalState.guess`: force, lowest w         p found, then the
-                 precision                                                                        certificate's
+    `scratch`    z, and `change` in single           `PrimalState.guess`: force, lowest w         verified p, then
+                 precision                                                                        the certificate
     `direction`  d                                   `start`: change of w; `guess`: increment    -
     `product`    q = B d                             captured gaps: smoothing, then B change       -
-    u of state   `carried`, what p becomes           the same                                     u = A p
+    u of state   `carried`, the updated p            the same                                     u = A p
     ===========  ==================================  ===========================================  ==================
 
     Attributes
     ----------
     inverse : InverseOperator
     preconditioner : TwoGrid
-    guesses : int
-        Sweeps of a guess.
-    rows_beside : Halo
-        As wide as the sweeps of a guess need.
-    change, carried, doubt
+    guess_sweeps : int
+    guess_halo : Halo
+        For the sweeps of a guess.
+    change, carried, uncertainty
         See `CarryingCG`.
 
     Raises
@@ -60,28 +59,26 @@ class PrimalSolver(LinearSolver):
             operator or hierarchy.levels[number], coarser_operator(hierarchy, number)
         )
         super().__init__(hierarchy, number, self.inverse)
-        self.guesses = GUESS_SWEEPS
-        self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
-        # A right-hand side and a solution that are not touched: they cost no memory. PETSc may ask for the norm of the
-        # first, and for that of zero takes the first residual's.
+        self.guess_sweeps = GUESS_SWEEPS
+        self.guess_halo = Halo(self.operator.slabs, self.operator.comm, self.guess_sweeps - 1)
+        # Right-hand side and solution are not used, so their pages are never allocated. For the norm of a zero
+        # right-hand side PETSc takes that of the first residual.
         self._untouched = [wrap_vec(np.zeros(self.operator.local_shape), self.operator) for _ in "bx"]
 
     def _make(self):
         super()._make()
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
-        # Two fields in the operator's precision are at rest between solves, and one in double while w and p do not lag:
-        # `change` may be in it.
         self.direction, self.product = self._cg.direction, self._cg.product
         self.change, self.scratch = self._cg.change, self._cg.scratch
         self._set()
 
     def begin(self, state, loading, multilevel_share=0.0):
-        """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w.
+        """Prepare the solution of a grid; a prescribed approach is kept by the mean of w.
 
-        Collective. Until the verification, and `end`, u of the ContactState is the place of `carried`. For
-        `multilevel_share` see `CarryingCG`; without levels there are products by FFT.
+        u of the ContactState stores `carried` until the verification, and `end`. For `multilevel_share` see
+        `CarryingCG`.
         """
-        if multilevel_share and self.inverse.nearly is None:
+        if multilevel_share and self.inverse.multilevel is None:
             multilevel_share = 0.0
         kind = self.inverse.dtype if multilevel_share else np.dtype(float)
         self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
@@ -89,24 +86,22 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def _set(self):
-        """Tell the parts, which after an interrupted solve are new ones."""
+        """Configure the KSP and the PC, which are new after an interrupted solve."""
         self.preconditioner.constrained = self._constrained
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
     def end(self):
-        """Let go of the place of `carried`, which is the solution's. Not collective."""
+        """Release the storage of `carried`, which belongs to the solution."""
         self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
-        """Let p vanish on the free cells, a little: find what w and p = B w are to become, `change` and `carried`.
-
-        Collective.
+        """Reduce p on the free cells; the results are `change` of w and `carried`.
 
         Parameters
         ----------
         primal : PrimalState
         allowed : float
-            Norm of the preconditioned residual that is small enough [mm].
+            Largest norm of the preconditioned residual that passes [mm].
 
         Returns
         -------
@@ -114,24 +109,24 @@ class PrimalSolver(LinearSolver):
         failure : str
             As of `LinearSolver.solve`.
         residual : float
-            Its norm: about by how much w is wrong [mm].
+            Its norm, about the error of w [mm].
         """
         if self.preconditioner.constrained:
             primal.balance_free_cells(self)
-        self.ksp.setInitialGuessNonzero(True)  # PETSc would touch the solution, to make it zero
-        self._cg.goes_on, self._cg.pressure = primal.lags, primal.state.pressure
+        self.ksp.setInitialGuessNonzero(True)  # else PETSc sets the solution to zero
+        self._cg.resumes, self._cg.pressure = primal.pending, primal.state.pressure
         iterations, failure = self._run(*self._untouched, allowed)
-        self._cg.pressure = None  # not for longer than the state
-        primal.lags |= iterations > 0
+        self._cg.pressure = None  # not longer than the state
+        primal.pending |= iterations > 0
         if self.preconditioner.constrained and self.preconditioner.multiplier:
-            # p + mean pressure = 0 on the free cells, as far as M can tell.
+            # p + mean pressure = 0 on the free cells, by the preconditioner
             primal.add_mean_pressure(-self.preconditioner.multiplier, self.carried)
         return iterations, failure, self._cg.residual
 
     @property
-    def doubt(self):
-        """By how much the residual of `improve` may be wrong [mm]. Not collective."""
-        return self._cg.doubt
+    def uncertainty(self):
+        """Error bound of the residual of `improve` [mm]."""
+        return self._cg.uncertainty
 
     def _enough(self, allowed):
         return None if self._own_atol else allowed
@@ -143,10 +138,10 @@ class PrimalSolver(LinearSolver):
         super().destroy()
 
 
-def prepare(hierarchy, by_levels):
-    """Make the products of all grids, which solvers share, before the first of these. Collective.
+def prepare(hierarchy, multilevel):
+    """Make the products of all grids, which solvers share. Collective.
 
-    `by_levels`: whether there are to be those, too.
+    `multilevel`: also the multilevel ones.
     """
     hierarchy.target.prepare("exact_inverse")
     for number, operator in enumerate(hierarchy.levels):
@@ -155,16 +150,16 @@ def prepare(hierarchy, by_levels):
             operator.prepare("inverse")
         if coarser is not None and coarser.active:
             coarser.prepare("screened_product")
-        if by_levels and operator.active:
+        if multilevel and operator.active:
             multilevel_inverse(operator)
 
 
 def _check_kinds(options):
-    """Refuse other solvers before PETSc sets them up on an operator that they do not know. Not collective."""
+    """Raise for other solvers before PETSc sets them up on this operator."""
     for name, kind in (("ksp", CarryingCG), ("pc", TwoGrid)):
-        module, _, of_module = options.getString(f"{name}_python_type", "").rpartition(".")
-        chosen = options.getString(f"{name}_type", "") == "python" and module
-        if not (chosen and issubclass(getattr(import_module(module), of_module), kind)):
+        module, _, cls = options.getString(f"{name}_python_type", "").rpartition(".")
+        is_python = options.getString(f"{name}_type", "") == "python" and module
+        if not (is_python and issubclass(getattr(import_module(module), cls), kind)):
             raise ValueError(
                 f"-{name}_type: -lcp_type primal needs python with -{name}_python_type "
                 f"{kind.__module__}.{kind.__name__}"
@@ -172,5 +167,5 @@ def _check_kinds(options):
 
 
 def coarser_operator(hierarchy, number):
-    """A on the grid of the long waves; None if there is none. Not collective."""
+    """Return A on the grid of the long waves, or None on the coarsest grid."""
     return hierarchy.levels[max(number - LONG_WAVE_LEVELS, 0)] if number else None
