@@ -1,7 +1,7 @@
-"""MPI, without a search for networks where all ranks are on one host. Importable without mpi4py.
+"""MPI, started without a search for networks if all ranks are on one host.
 
-``from app.base.mpi import MPI`` starts MPI if nothing has started it before. Other packages may: see
-`app.base.packages`.
+``from app.base.mpi import MPI`` starts MPI unless another package has, see `app.base.packages`. Importable without
+mpi4py.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from contextlib import contextmanager
 
-# Names that begin so are of somebody else than mpiexec of Open MPI who starts ranks: the number of hosts is not known.
+# Variables of other launchers of ranks than Open MPI's mpiexec begin so: the number of hosts is unknown.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 
 
@@ -24,30 +24,29 @@ def __getattr__(name):
 
 
 def single_host_variables(environment):
-    """Variables with which Open MPI starts: where all ranks are on one host, what it would choose there in the end.
+    """Return variables that choose Open MPI's transports between ranks of one host.
 
-    It need not look for networks then, which takes 0.2 s, a fifth of a small solve's command. Not collective.
+    Open MPI would choose the same after a search for networks. The search takes 0.2 s, a fifth of a small solve's
+    command. Empty if the ranks may be on several hosts, or the user has set one of the variables.
     """
-    chosen = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "^openib,ofi,uct,usnic"}
-    ranks, here = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
+    variables = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "^openib,ofi,uct,usnic"}
+    ranks, local_ranks = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
     launched = any(name.startswith(_LAUNCHERS) for name in environment)
-    together = ranks == here if ranks else not launched
-    if environment.get("OMPI_VERSION", "").startswith(
-        "5"
-    ):  # it complains of networks whose speed it does not know
-        chosen["OMPI_MCA_btl_tcp_if_include"] = "lo"
-    said = chosen.keys() | {"OMPI_MCA_btl_tcp_if_exclude"}
-    return chosen if together and not said & environment.keys() else {}
+    one_host = ranks == local_ranks if ranks else not launched
+    if environment.get("OMPI_VERSION", "").startswith("5"):  # warns of networks of unknown speed
+        variables["OMPI_MCA_btl_tcp_if_include"] = "lo"
+    chosen = variables.keys() | {"OMPI_MCA_btl_tcp_if_exclude"}
+    return variables if one_host and not chosen & environment.keys() else {}
 
 
 @contextmanager
 def temporary_environment(changes):
-    """Set some variables of the environment inside the block, or remove those whose value is None."""
-    kept = {name: os.environ.pop(name) for name in changes if name in os.environ}
+    """Set variables of the environment inside the block; remove those that are None."""
+    before = {name: os.environ.pop(name) for name in changes if name in os.environ}
     os.environ.update({name: value for name, value in changes.items() if value is not None})
     try:
         yield
     finally:
         for name in changes:
             os.environ.pop(name, None)
-        os.environ.update(kept)
+        os.environ.update(before)

@@ -1,4 +1,4 @@
-"""Errors of one line for packages that are missing, or compiled for another numpy.
+"""One-line errors for packages that are missing, or compiled for another numpy.
 
 A package compiled for numpy 1 does not load with numpy 2, as pip may install beside Debian's packages. numpy then
 prints a long notice and a traceback for each of its modules.
@@ -25,26 +25,26 @@ HOW_TO_GET = {
 _COMPILED = {"h5py", "matplotlib", "mpi4py_fft", "numba", "petsc4py", "scipy"}
 
 
-class Missing:
-    """The last of Python's finders: a missing package is an error that says how to get it."""
+class MissingPackageFinder:
+    """Last finder of Python: says how to get a missing package."""
 
     @staticmethod
     def find_spec(name, path=None, target=None):
-        """Raise `PackageMissing` for these packages; find nothing."""
+        """Raise `PackageMissing` for a package of `HOW_TO_GET`."""
         if name in HOW_TO_GET:
             from app.base.errors import PackageMissing
 
-            _refuse(PackageMissing(f"{name} is not installed. {HOW_TO_GET[name]}", name=name))
+            _raise(PackageMissing(f"{name} is not installed. {HOW_TO_GET[name]}", name=name))
 
 
-class Compiled:
-    """The first of Python's finders: a package that does not load with this numpy is one error."""
+class CompiledPackageFinder:
+    """First finder of Python: checks that compiled packages load with this numpy."""
 
     _loading = False  # a package's own imports are part of its import
 
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        """Find these packages as usual, and check how they load."""
+        """Find a compiled package as usual, with a loader that checks it."""
         if cls._loading or name.partition(".")[0] not in _COMPILED:
             return None
         spec = PathFinder.find_spec(name, path, target)
@@ -64,38 +64,35 @@ class Compiled:
         except (ImportError, AttributeError, RuntimeError, ValueError) as failure:
             if "numpy" not in f"{failure} {printed.getvalue()}".lower():
                 raise
-            error = mismatch(name.partition(".")[0])
+            error = numpy_mismatch(name.partition(".")[0])
         finally:
             cls._loading = False
             if error is None and printed.getvalue():
-                with suppress(OSError):  # a full disk, or nobody who reads
+                with suppress(OSError):  # a full disk or a closed pipe
                     sys.stderr.write(printed.getvalue())
         if error is not None:
-            _refuse(error)
+            _raise(error)
 
 
-def mismatch(name):
+def numpy_mismatch(name):
     """Return the error of a package that was compiled for another numpy."""
     import numpy
 
     from app.base.errors import PackageError
 
     package = PathFinder.find_spec(name).submodule_search_locations[0]
-    folder, of_numpy = (str(Path(place).parent) for place in (package, *numpy.__path__))
+    folder, numpy_folder = (str(Path(path).parent) for path in (package, *numpy.__path__))
     remedy = "install releases of both that fit (docs/install.md)"
-    others = [place for place in sys.path if place != of_numpy]
-    if (
-        sys.prefix != sys.base_prefix
-        and of_numpy.startswith(sys.prefix)
-        and PathFinder.find_spec("numpy", others)
-    ):
+    other_folders = [path for path in sys.path if path != numpy_folder]
+    in_venv = sys.prefix != sys.base_prefix and numpy_folder.startswith(sys.prefix)
+    if in_venv and PathFinder.find_spec("numpy", other_folders):
         remedy = "remove that numpy (pip uninstall numpy), and install what needs it in another environment"
-    text = f"{name} in {folder} does not work with numpy {numpy.__version__} in {of_numpy}: {remedy}"
+    text = f"{name} in {folder} does not work with numpy {numpy.__version__} in {numpy_folder}: {remedy}"
     return PackageError(text, name=name)
 
 
-def _refuse(error):
-    """Raise an error; a command whose imports fail prints it instead, and exits with status 2."""
+def _raise(error):
+    """Raise an error; in a command whose imports fail, print it and exit with status 2."""
     main = sys.modules.get("__main__")
     name = getattr(getattr(main, "__spec__", None), "name", None) or ""
     if name.startswith("app.") and not hasattr(main, "main"):
@@ -105,6 +102,6 @@ def _refuse(error):
 
 
 def install():
-    """Put both finders in their places, once."""
-    if Missing not in sys.meta_path:
-        sys.meta_path[:] = [Compiled, *sys.meta_path, Missing]
+    """Install both finders, once."""
+    if MissingPackageFinder not in sys.meta_path:
+        sys.meta_path[:] = [CompiledPackageFinder, *sys.meta_path, MissingPackageFinder]

@@ -1,7 +1,7 @@
-"""Where petsc4py is. Debian keeps it in PETSc's own folder, off Python's path. No part of app/ is needed.
+"""Path of petsc4py, which Debian keeps in PETSc's folder, off Python's path.
 
-``PETSC_DIR``, and ``PETSC_ARCH`` where there is one, name the PETSc to use, as PETSc itself reads them: Debian's with
-integers of 64 bits, or one of your own with petsc4py in it. Otherwise it is what Python finds, and then Debian's.
+``PETSC_DIR`` and ``PETSC_ARCH`` choose the PETSc, as PETSc itself reads them. Without them it is the one that Python
+finds, then Debian's. Importable without the rest of app/: Python in .venv executes this file when it starts.
 """
 
 import glob
@@ -13,20 +13,20 @@ DEBIAN = "/usr/lib/petscdir/petsc3.*/*-real"
 
 
 def find(environment=os.environ):
-    """Put the folder of petsc4py on Python's path, unless it is there. Not collective."""
-    named = environment.get("PETSC_DIR")
-    if named:
-        _add(os.path.join(named, environment.get("PETSC_ARCH", "")), first=True)
+    """Put the folder of petsc4py on Python's path."""
+    folder = environment.get("PETSC_DIR")
+    if folder:
+        _add(os.path.join(folder, environment.get("PETSC_ARCH", "")), first=True)
     if importlib.util.find_spec("petsc4py") is None:
         for folder in sorted(glob.glob(DEBIAN), reverse=True):
             _add(folder)
 
 
 def _add(folder, first=False):
-    for place in ("lib", "lib/python3/dist-packages"):
-        path = os.path.join(folder, place)
+    for inside in ("lib", "lib/python3/dist-packages"):
+        path = os.path.join(folder, inside)
         if os.path.isdir(os.path.join(path, "petsc4py")) and path not in sys.path:
             sys.path.insert(0 if first else len(sys.path), path)
 
 
-find()  # also at the start of Python in .venv, which executes this file
+find()

@@ -1,4 +1,4 @@
-"""Numbers of solutions and load paths: unit, label and meaning, wherever they are written, drawn or told."""
+"""Units, labels and meanings of the numbers of solutions and load paths."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """Unit in files ("1": none), label (default: the name in words), meaning, symbol on axes."""
+    """Unit in files ("1" for none), label (default: the name in words), meaning, symbol on axes."""
 
     unit: str = "1"
     label: str = ""
@@ -55,19 +55,19 @@ QUANTITIES = {
 
 
 def unit_of(name):
-    """Unit of a quantity in files, of its analytic value, too; "1" of what is not in the table. Not collective."""
+    """Return the unit of a quantity, or of its analytic value; "1" if not in the table."""
     return QUANTITIES.get(name.removeprefix("analytic_"), Quantity()).unit
 
 
 def label_of(name):
-    """What people call a quantity, or its analytic value. Not collective."""
-    of = name.removeprefix("analytic_")
-    label = QUANTITIES.get(of, Quantity()).label or of.replace("_", " ")
-    return label if of == name else f"analytic {label}"
+    """Return the label of a quantity, or of its analytic value."""
+    quantity = name.removeprefix("analytic_")
+    label = QUANTITIES.get(quantity, Quantity()).label or quantity.replace("_", " ")
+    return label if quantity == name else f"analytic {label}"
 
 
 def axis_label(name):
-    """Label, symbol and unit for an axis. Not collective.
+    """Return label, symbol and unit for an axis.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Units of length: what files and options call them, and one in which a length is a number that one reads."""
+"""Units of length: their names in files and options, and a readable one for a number."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 
 
 class Unit(NamedTuple):
-    """A unit of length: how many of it are a mm, and its name."""
+    """A unit of length: its number in a mm, and its name."""
 
     per_mm: float
     name: str
 
 
 def find_unit(name):
-    """One of `UNITS` by what files call it; None if it is none of them. Not collective."""
+    """Return the name in `UNITS` of a unit as files write it, or None."""
     if isinstance(name, bytes):
         name = name.decode(errors="replace")
     # Two code points mean micro, and two angstrom: NFKC makes them one.
@@ -30,24 +30,24 @@ def find_unit(name):
 
 
 def unit(text):
-    """Kind of an option: one of `UNITS`. Not collective.
+    """Kind of an option: one of `UNITS`.
 
     Examples
     --------
     >>> unit("nm"), unit("µm"), unit("Å")  # either micro sign
     ('nm', 'um', 'angstrom')
     """
-    found = find_unit(text)
-    if found is None:
+    name = find_unit(text)
+    if name is None:
         raise ValueError(f"one of {ALLOWED}")
-    return found
+    return name
 
 
 unit.names = (ALLOWED,)  # for the help
 
 
 def choose_length_unit(largest):
-    """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m. Not collective."""
+    """Return nm, µm, mm or m, in which lengths up to `largest` [mm] are readable numbers."""
     for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
         if largest >= least:
             return unit
@@ -55,9 +55,7 @@ def choose_length_unit(largest):
 
 
 def round_to_cell(value, cell):
-    """A place rounded to what cells of a size resolve, a thousandth of one: what is less is rounding.
-
-    Not collective.
+    """Round a position to a thousandth of a cell size; smaller parts are rounding errors.
 
     Examples
     --------
@@ -68,7 +66,7 @@ def round_to_cell(value, cell):
 
 
 def format_lengths(*lengths, digits=3):
-    """Lengths [mm] in one unit, in ASCII. Not collective.
+    """Write lengths [mm] in one unit, in ASCII.
 
     Examples
     --------

@@ -24,7 +24,7 @@ from pathlib import Path
 from app import __version__
 from app.base.errors import InputError, OtherRankError, call_collectively, format_error, format_message
 from app.base.memory import check_address_space, set_malloc_option
-from app.base.packages import HOW_TO_GET, mismatch
+from app.base.packages import HOW_TO_GET, numpy_mismatch
 from app.cli import streams
 
 # mallopt's numbers, names in the environment and values: freed work arrays are made anew all the time, and their pages,
@@ -70,7 +70,7 @@ def start(argv):
             from petsc4py import PETSc
         except (ImportError, ValueError) as error:  # it is of another Python, numpy or MPI
             if "numpy" in str(error):
-                raise mismatch("petsc4py") from None
+                raise numpy_mismatch("petsc4py") from None
             place = petsc4py.__path__[0]
             raise InputError(
                 f"{place} does not load: {format_message(error)}. {HOW_TO_GET['petsc4py']}"

@@ -21,7 +21,7 @@ from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
 from app.base.mpi import MPI
-from app.base.numba_cache import FIELD, FIXED, MASK, njit
+from app.base.numba_cache import njit
 from app.halfspace.chebyshev import chebyshev_nodes, even_chebyshev, fit_even_chebyshev, lagrange_weights
 from app.parallel.reductions import add_masked, add_row, njit_reassoc
 
@@ -233,8 +233,10 @@ class ImageCorrection:
 @cache
 def warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
-    weights, nodes, row = np.zeros((1, 1), dtype), FIELD.astype(dtype), np.zeros(1, dtype)
-    for field in {FIELD.dtype: FIELD, dtype: nodes}.values():
-        _collect(field, MASK, 0, weights, nodes, row)
-        _spread(nodes, 0, weights, MASK, field, row)
-    _collect(FIXED, MASK, 0, weights, nodes, row)
+    weights, nodes, row = np.zeros((1, 1), dtype), np.zeros((0, 1), dtype), np.zeros(1, dtype)
+    double, mask = np.zeros((0, 1)), np.zeros((0, 1), bool)
+    for field in {double.dtype: double, dtype: nodes}.values():
+        _collect(field, mask, 0, weights, nodes, row)
+        _spread(nodes, 0, weights, mask, field, row)
+    double.flags.writeable = False  # as arrays of Vecs may be
+    _collect(double, mask, 0, weights, nodes, row)

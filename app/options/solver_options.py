@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from app.base.errors import InputError
 from app.base.mpi import MPI
-from app.base.petsc import call, error_message, raise_unwrapped
+from app.base.petsc import call, error_message, unwrap_errors
 
 # PETSc reads these while it solves, all others in set-up.
 _READ_LATE = re.compile(
@@ -84,9 +84,8 @@ class SolverOptions:
             self._inside = True
             for name in ours:
                 database.setValue(self.prefix + name, self.texts[name] or None)
-            yield
-        except PETSc.Error as error:
-            raise_unwrapped(error)
+            with unwrap_errors():
+                yield
         finally:
             self.used.update(name for name in self._judged - self.used if is_used(self.prefix + name))
             for name in ours:

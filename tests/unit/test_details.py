@@ -270,7 +270,7 @@ def test_without_rows_nothing_is_read(loop):
 def test_the_gap_waits_for_a_solve_in_another_thread():
     found = solve(hertz(12), APPROACH)
     with ThreadPoolExecutor(1) as pool:
-        with petsc._ONE_AT_A_TIME:
+        with petsc._LOCK:
             gap = pool.submit(lambda: found.gap)
             with pytest.raises(TimeoutError):
                 gap.result(0.05)

@@ -1,4 +1,4 @@
-"""What a solve takes is estimated well, what a host has is found, and what does not fit is refused."""
+"""Memory: estimates of solves, what a host has, refusal of what does not fit."""
 
 import json
 import resource
@@ -28,9 +28,9 @@ from mpi4py import MPI
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.base import numba_cache
 from app.base.memory import doubles_per_cell, doubles_in_strips
-from app.options.method import settings
+from app.options.method import make_settings
 numba_cache.on_first_compile = lambda: print("compiling", file=sys.stderr)
-def peak():  # getrusage tells that of the process that started this one, if it was larger
+def peak():  # getrusage includes the parent process
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024
 def solve(nx, ny):
@@ -58,8 +58,8 @@ def output(*command, **how):
 
 def peak(*words, **how):
     """Doubles per cell, as measured and as estimated."""
-    told = json.loads(output(TESTS / "peak.py", *words, **how))
-    return told["measured"], told["estimated"]
+    numbers = json.loads(output(TESTS / "peak.py", *words, **how))
+    return numbers["measured"], numbers["estimated"]
 
 
 @pytest.mark.parametrize(
@@ -71,36 +71,35 @@ def peak(*words, **how):
         pytest.param("periodic:default", 50, marks=pytest.mark.slow),
     ],
 )
-def test_the_default_methods_take_ten_doubles_a_cell(method, pressure):
+def test_default_methods_need_ten_doubles_per_cell(method, pressure):
     measured, estimated = peak(1024, method, pressure)
     assert 0.5 * estimated < measured <= 10 <= estimated
 
 
 @pytest.mark.slow
-def test_ranks_share_the_memory():
+def test_ranks_of_one_host_share_its_memory():
     measured, estimated = peak(1024, "default", 50, ranks=2)
     assert measured < (1 + memory.EXCHANGE) * estimated
 
 
-def test_the_estimate_is_the_measured_peak():
+def test_estimated_memory_is_the_measured_peak():
     """docs/notebook/scaling.md promises a factor: at most a tenth more than estimated, and half of it at least."""
     measured, estimated = peak(256, "fmg_v11")
     assert 0.5 * estimated < measured < 1.1 * estimated
 
 
-def test_refused_before_anything_is_allocated(monkeypatch):
+def test_a_grid_too_large_for_its_host_is_refused_before_allocation(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 2.0**30)
-    solver = hertz(4096)
     with pytest.raises(
         InputError, match=r"grid 4096,4096: needs about 1.27 GiB on one host \(1 rank\); 1 GiB are free"
     ):
-        ContactSolver(solver)
+        ContactSolver(hertz(4096))
     memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 2**27)  # just fits
     with pytest.raises(InputError, match="about 1.199e\\+07 cells would fit"):
         memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 1.001 * 2**27)
 
 
-def test_limit_of_the_process_counts(monkeypatch):
+def test_a_grid_too_large_for_the_limit_of_its_process_is_refused(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (2**40, 2**40))
     memory.check_host_memory(Communicator(MPI.COMM_SELF), GRID, 16000)
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (1000, 1000))
@@ -115,15 +114,15 @@ def test_a_process_short_of_address_space_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize("shape", [(1, 100000), (20000, 20)])
-def test_long_patches_take_what_is_estimated(shape):
-    """Transforms work on strips as long as the patch, which are all of its memory where it is narrow."""
+def test_long_patches_need_the_estimated_memory(shape):
+    """Transforms work on strips as long as the patch; of a narrow patch they are most of its memory."""
     measured, estimated = map(float, output("-c", LONG, *map(str, shape)).split())
     assert 0.3 * estimated < measured <= 1.1 * estimated + 24e6  # what is loaded late, and what malloc keeps
 
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("how", [{}, {"orient": "flip_y"}, {"crop": (0, 10**7, 1, 10**7)}])
-def test_heights_that_a_file_of_a_few_bytes_declares_are_refused_at_once(how, tmp_path):
+def test_huge_heights_declared_by_a_small_file_are_refused_at_once(how, tmp_path):
     with h5py.File(tmp_path / "large.h5", "w") as file:
         heights = file.create_dataset(
             "heights", (10**7, 10**7), "i1", chunks=(1024, 1024), compression="gzip"
@@ -155,12 +154,12 @@ def test_control_groups_limit_memory(line, folder, files, inside, tmp_path):
     (group / limit).write_text("1000\n")
     (group / used).write_text("700\n")
     (group / "memory.stat").write_text(f"anon 600\n{droppable} 50\n")
-    assert list(memory._of_control_groups(tmp_path)) == [float("inf"), 350]
+    assert list(memory._free_in_control_groups(tmp_path)) == [float("inf"), 350]
     (group / limit).write_text("max\n")
-    assert list(memory._of_control_groups(tmp_path)) == [float("inf")]
+    assert list(memory._free_in_control_groups(tmp_path)) == [float("inf")]
 
 
-def test_few_bytes_that_stand_for_many(tmp_path):
+def test_a_compressed_dataset_larger_than_memory_is_refused(tmp_path):
     """A dataset of nothing but zeros is a thousandth of its size and less."""
     program = (
         "import h5py, sys\n"

@@ -1,4 +1,4 @@
-"""Messages write numbers so that what is given differs from what is allowed."""
+"""Numbers in messages: the given one differs from the allowed one."""
 
 import ast
 import re
@@ -21,7 +21,7 @@ HEIGHTS = np.linspace(0, 1e-3, 64).reshape(8, 8)
 
 
 @pytest.mark.parametrize("number", [0.1, -1.0, 1e50, 5.0, 1e-12, 12345678.0, 4.9999501, inf])
-def test_neighbours_are_written_differently(number):
+def test_neighbouring_numbers_are_written_differently(number):
     other = nextafter(number, 0.0)
     assert float(format_exact(number)) == number and format_exact(number) != format_exact(other)
     assert format_distinct(number, other) != format_distinct(other, number)
@@ -67,7 +67,6 @@ REFUSED = {
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_a_refused_number_is_written_with_all_its_digits(what):
-    """No limit looks like it then."""
     number, use = REFUSED[what]
     with pytest.raises(InputError) as refused:
         use(number)
@@ -80,13 +79,13 @@ def test_a_limit_can_be_taken_as_it_is_written():
     assert periodic(approach=float(re.search(r"at most (\S+) mm", str(refused.value))[1])).converged
 
 
-def test_memory_that_lacks_little_is_told_from_what_there_is(monkeypatch):
+def test_needed_and_free_memory_are_written_differently(monkeypatch):
     monkeypatch.setattr("app.base.memory.available_memory", lambda: 3.0001 * 2**30)
     with pytest.raises(InputError, match="needs 3.0002 GiB of memory; 3.0001 GiB are free"):
         check_fits(3.0002 * 2**30, "this")
 
 
-def test_what_misses_a_limit_is_written_with_the_digits_that_say_so():
+def test_a_number_that_misses_its_limit_is_written_differently():
     assert (
         "proved to 0.01000001 only (-lcp_error_bound 0.01)"
         in Outcome(True, "").if_proved(0.01000001, 0.01).reason
@@ -108,11 +107,11 @@ def _formats(tree):
                     yield part.lineno, "" if constant else ast.unparse(part.format_spec)
 
 
-@pytest.mark.parametrize("path", sorted((TESTS.parent / "app").rglob("*.py")), ids=lambda path: path.stem)
-def test_no_error_rounds_a_number_to_six_digits(path):
-    found = [
-        line
+def test_no_error_rounds_a_number_to_six_digits():
+    rounded = [
+        f"{path.name}:{line}"
+        for path in (TESTS.parent / "app").rglob("*.py")
         for line, form in _formats(ast.parse(path.read_text("utf-8")))
         if form in ("f'g'", "f'.3g'", "f'.4g'")
     ]
-    assert not found, f"{path.name}, lines {found}: app.base.errors.format_exact or apart"
+    assert not rounded, "write these numbers by format_exact or format_distinct"

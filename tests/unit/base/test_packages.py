@@ -1,4 +1,4 @@
-"""Packages that do not fit this numpy, and those that tests may import."""
+"""Packages compiled for another numpy, and packages that tests may import."""
 
 import ast
 import sys
@@ -58,7 +58,7 @@ def test_a_command_reports_packages_for_another_numpy_in_one_line(incompatible, 
         assert line.startswith("error: ") and "does not work with numpy" in line, name
 
 
-def test_a_program_gets_an_import_error_of_one_line(incompatible):
+def test_a_program_gets_a_one_line_import_error_for_another_numpy(incompatible):
     program = (
         "import app\nfor call in {!r}:\n"
         "    try:\n        exec(call)\n"
@@ -71,7 +71,7 @@ def test_a_program_gets_an_import_error_of_one_line(incompatible):
     assert all("does not work with numpy" in line for line in lines)
 
 
-def test_other_failures_of_a_package_are_its_own(tmp_path):
+def test_other_import_errors_of_a_package_are_unchanged(tmp_path):
     (tmp_path / "h5py").mkdir()
     text = "import sys; sys.stderr.write('a warning\\n'); raise ImportError('libhdf5.so: cannot open')"
     (tmp_path / "h5py" / "__init__.py").write_text(text)
@@ -80,7 +80,7 @@ def test_other_failures_of_a_package_are_its_own(tmp_path):
     assert done.stderr.endswith("ImportError: libhdf5.so: cannot open\n")
 
 
-def test_tests_import_only_what_their_set_up_installs():
+def test_tests_import_only_packages_that_setup_installs():
     own = {path.stem for path in TESTS.rglob("*.py")} | {"app", "benchmarks"}
     allowed = own | INSTALLED | sys.stdlib_module_names
     for path in [*TESTS.rglob("*.py"), TESTS.parent / "conftest.py"]:
@@ -96,12 +96,12 @@ def test_only_tests_and_examples_of_the_program_are_collected(pytestconfig):
     root = TESTS.parent
     for path in [*TESTS.glob("*.py"), *root.glob("benchmarks/[a-z]*.py"), root / "docs" / "conf.py"]:
         assert ignored(collection_path=path, config=pytestconfig), path
-    for path in (TESTS / "unit" / "test_packages.py", root / "app" / "solver.py"):
+    for path in (TESTS / "unit" / "base" / "test_packages.py", root / "app" / "solver.py"):
         assert not ignored(collection_path=path, config=pytestconfig), path
 
 
 @pytest.mark.parametrize("name", ["h5py", "mpi4py_fft", "petsc4py"])
-def test_packages_that_start_mpi_do_so_without_a_search_for_networks(name, tmp_path):
+def test_packages_that_start_mpi_skip_the_search_for_networks(name, tmp_path):
     (tmp_path / f"{name}.py").write_text("import os; print(os.environ.get('OMPI_MCA_pml'))")
     program = f"import os, app, {name}; print(os.environ.get('OMPI_MCA_pml'))"
     done = run("-c", program, env={"PYTHONPATH": f"{tmp_path}:{TESTS.parent}"})

@@ -1,4 +1,4 @@
-"""PETSc as it is found, and what its releases do differently."""
+"""Where PETSc is found, and differences between its releases."""
 
 import gc
 import sys
@@ -25,14 +25,14 @@ def test_petsc_dir_chooses_the_petsc(inside, tmp_path, monkeypatch):
     assert sys.path[0] == str(folder)
 
 
-def test_petsc_dir_without_petsc4py_does_not_count(tmp_path, monkeypatch):
+def test_petsc_dir_without_petsc4py_is_ignored(tmp_path, monkeypatch):
     before = sys.path[:]
     petsc_path.find({"PETSC_DIR": str(tmp_path)})
     assert sys.path == before
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("as it was")])
-def test_what_a_callback_raises_is_not_petscs(error):
+def test_exceptions_of_callbacks_are_unwrapped(error):
     with pytest.raises(type(error)) as caught, unwrap_errors():
         try:
             try:
@@ -44,20 +44,20 @@ def test_what_a_callback_raises_is_not_petscs(error):
     assert caught.value is error
 
 
-def test_errors_of_petsc_stay_what_they_are():
+def test_errors_of_petsc_are_unchanged():
     with pytest.raises(PETSc.Error), unwrap_errors():
         raise PETSc.Error(73)
 
 
 @pytest.mark.skipif(PETSc.IntType().itemsize > 4, reason="integers of 64 bits number every grid")
-def test_more_cells_than_petsc_can_number_are_refused():
+def test_a_grid_with_more_cells_than_petsc_can_number_is_refused():
     grid = Grid.from_domain(46341, 46341, (0, 1, 0, 1))
     with pytest.raises(InputError, match="64 bits"):
         solve(ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: x * y), approach=1.0)
 
 
-def test_exceptions_that_cause_each_other_are_forgotten(monkeypatch):
-    """As `unwrap_errors` leaves them; at the end of a program that went round for ever."""
+def test_an_uncaught_exception_with_circular_causes_is_freed(monkeypatch):
+    """As `unwrap_errors` leaves it."""
     original, wrapped = ZeroDivisionError(), PETSc.Error(101)
     wrapped.__cause__ = original
     with pytest.raises(ZeroDivisionError), unwrap_errors():
@@ -68,7 +68,7 @@ def test_exceptions_that_cause_each_other_are_forgotten(monkeypatch):
 
 
 class Stop(Listener):
-    """Raises in the first iteration on the target grid; has seen the memory of a pressure."""
+    """Raises in the first iteration on the target grid, and refers to the memory of its pressure."""
 
     def iteration(self, entry, state):
         if state.grid.n == 32 * 32:
@@ -76,7 +76,7 @@ class Stop(Listener):
             raise TimeoutError
 
 
-def test_a_solve_that_a_listener_ends_leaves_nothing():
+def test_a_solve_interrupted_by_a_listener_frees_its_pressure():
     grid, listener = Grid.from_domain(32, 32, (-1, 1, -1, 1)), Stop()
     problem = ContactProblem(
         grid, Material.combined(8e4, 0.3), lambda x, y: 0.01 * np.cos(np.pi * x), periodic=True

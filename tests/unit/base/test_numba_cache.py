@@ -1,19 +1,15 @@
-"""Compiled loops that were kept: loaded to be called, and still parts of others."""
+"""The cache of compiled loops."""
 
 import fcntl
 import importlib
-import os
-import subprocess
 import sys
-from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
+from processes import TESTS, run
 
 from app.base import numba_cache
-
-ROOT = Path(__file__).resolve().parents[2]
 
 LOOPS = """
 from app.base.numba_cache import njit
@@ -55,26 +51,29 @@ def total(n):
 """
 
 
-def test_a_loaded_loop_finds_memory_for_its_arrays(tmp_path):
-    """In a process that compiles nothing."""
+def import_loops(folder, content, monkeypatch):
+    """Import a module of loops that nothing has compiled yet, or cached ones again."""
+    file = folder / "loops_of_a_test.py"
+    if not file.exists():  # the cache depends on its time
+        file.write_text(content)
+    monkeypatch.syspath_prepend(folder)
+    sys.modules.pop("loops_of_a_test", None)
+    return importlib.import_module("loops_of_a_test")
+
+
+def test_a_cached_loop_makes_arrays_in_a_process_that_compiles_nothing(tmp_path):
     (tmp_path / "loops_of_a_test.py").write_text(ARRAYS)
     program = (
         "import loops_of_a_test as loops\nprint(loops.total(5), *loops.total.stats.cache_hits.values())\n"
     )
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join((str(tmp_path), str(ROOT))))
     for hits in ([], ["1"]):
-        said = subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
-        )
-        assert said.stdout.split() == ["10.0", *hits]
+        done = run("-c", program, env={"PYTHONPATH": f"{tmp_path}:{TESTS.parent}"})
+        assert done.stdout.split() == ["10.0", *hits]
 
 
-def test_a_loaded_loop_is_part_of_another(tmp_path, monkeypatch):
-    (tmp_path / "loops_of_a_test.py").write_text(LOOPS)
-    monkeypatch.syspath_prepend(tmp_path)
+def test_a_cached_loop_can_be_called_by_another(tmp_path, monkeypatch):
     for _ in range(2):
-        sys.modules.pop("loops_of_a_test", None)
-        loops = importlib.import_module("loops_of_a_test")
+        loops = import_loops(tmp_path, LOOPS, monkeypatch)
         assert loops.twice(1.5) == 3
     assert sum(loops.twice.stats.cache_hits.values()) == 1
     twice = loops.twice
@@ -88,45 +87,34 @@ def test_a_loaded_loop_is_part_of_another(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("how", ["", "makes_arrays=True"])
 def test_only_loops_that_make_arrays_count_references(tmp_path, monkeypatch, how):
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "loops_of_a_test.py").write_text(ROWS.format(how))
-    sys.modules.pop("loops_of_a_test", None)
-    loops = importlib.import_module("loops_of_a_test")
+    loops = import_loops(tmp_path, ROWS.format(how), monkeypatch)
     assert loops.total(np.ones((3, 4)), np.ones((3, 4))) == 12
     [code] = loops.total.inspect_llvm().values()
     assert ("call void @NRT_decref" in code) == bool(how)
 
 
-def test_compiling_is_told_once_and_a_loop_that_cannot_be_kept_works(tmp_path, monkeypatch):
-    (tmp_path / "loops_of_a_test.py").write_text(LOOPS)
-    monkeypatch.syspath_prepend(tmp_path)
-    sys.modules.pop("loops_of_a_test", None)
-    loops, told = importlib.import_module("loops_of_a_test"), []
-    monkeypatch.setattr(numba_cache, "on_first_compile", lambda: told.append(1))
+def test_the_first_compilation_is_announced_once_even_if_it_cannot_be_cached(tmp_path, monkeypatch):
+    loops, announced = import_loops(tmp_path, LOOPS, monkeypatch), []
+    monkeypatch.setattr(numba_cache, "on_first_compile", lambda: announced.append(1))
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(numba_cache.FunctionCache, "save_overload", full)
     assert loops.four_times(1.5) == 6
-    assert told == [1]
+    assert announced == [1]
 
 
-def test_a_loop_that_makes_an_array_has_to_say_so(tmp_path, monkeypatch):
-    (tmp_path / "loops_of_a_test.py").write_text(ARRAYS.replace("makes_arrays=True", ""))
-    monkeypatch.syspath_prepend(tmp_path)
-    sys.modules.pop("loops_of_a_test", None)
+def test_an_undeclared_array_is_an_error_of_the_compiler(tmp_path, monkeypatch):
+    loops = import_loops(tmp_path, ARRAYS.replace("makes_arrays=True", ""), monkeypatch)
     with pytest.raises(
         numba.core.errors.NumbaError, match="NRT required|Only accept returning of array passed"
     ):
-        importlib.import_module("loops_of_a_test").total(5)
+        loops.total(5)
 
 
-def test_who_is_interrupted_while_compiling_lets_the_others_compile(tmp_path, monkeypatch):
-    (tmp_path / "loops_of_a_test.py").write_text(LOOPS)
-    monkeypatch.syspath_prepend(tmp_path)
-    sys.modules.pop("loops_of_a_test", None)
-    loops = importlib.import_module("loops_of_a_test")
+def test_an_interrupted_compilation_releases_its_lock(tmp_path, monkeypatch):
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
 
     def interrupted(*_):
         raise KeyboardInterrupt
