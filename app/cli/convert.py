@@ -26,21 +26,13 @@ from app.cli import streams
 from app.cli.arguments import Parser, argument_type, command, report_write_errors
 from app.options.option_table import cells, integer, pair_of_reals, subset
 from app.problems.surfaces.array_file import UnknownFormat
-from app.problems.surfaces.formats import ARRAYS, TEXTS, format_of, suffix_of
-from app.problems.surfaces.height_file import (
-    TURNS,
-    HeightArray,
-    agreed_units,
-    checked_crop,
-    open_heights,
-    replace_stated,
-    turned_spacing,
-)
+from app.problems.surfaces.formats import ARRAYS, TEXTS, detect_format, split_suffix
+from app.problems.surfaces.height_map import TURNS, HeightMap, open_heights
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _line_count = integer(0, "a whole number from 0")
-_NAMES = "--unit", "--height-unit", "--override"  # of options, for messages
+_NAMES = "--unit", "--height-unit", "--spacing", "--override"  # of options, for messages
 
 
 def find_instruments_python():
@@ -78,11 +70,8 @@ def main(argv):
     check_output_path(arguments.output, [path, file], "-o")
     source, origin = _read(path, arguments)
     if arguments.crop:
-        source = HeightArray.of(source, checked_crop(source, arguments.crop))
-    wanted = arguments.unit, arguments.height_unit, arguments.spacing
-    if arguments.override:
-        replace_stated(source, *wanted, "--override")
-    set_units(source, *wanted)
+        source.crop(arguments.crop)
+    set_units(source, arguments, arguments.height_unit, arguments.override)
     summary, doubts = _summary(source)  # refuses what no solve would read
     with report_write_errors(arguments.output):
         _write(arguments.output, source, {**origin, "source": file.name, "sha256": hash_file(file)})
@@ -99,7 +88,7 @@ def _without_dataset(path):
 def _read(path, arguments):
     """Return turned heights and their origin: format and channel."""
     channel, skip = arguments.channel, arguments.skip
-    known = format_of(_without_dataset(path), skip)
+    known = detect_format(_without_dataset(path), skip)
     if channel and known.kind in ("npy", "npz"):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
@@ -122,7 +111,7 @@ def _read(path, arguments):
         if not (facts.get("unit") and facts.get("spacing")):
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
-    return source, {"format": suffix_of(_without_dataset(path))[0][1:], "channel": channel}
+    return source, {"format": split_suffix(_without_dataset(path))[0][1:], "channel": channel}
 
 
 def _read_instruments(path, channel):
@@ -155,43 +144,25 @@ def _read_instruments(path, channel):
 
 def _of_instruments(path, heights, facts, arguments):
     """Return turned heights and their origin, as `_read` does."""
-    source = HeightArray(heights, arguments.orient, units.find_unit(facts["unit"]), facts["spacing"])
-    source.other_unit = None if source.unit else facts["unit"]
-    source.file = str(path)
+    unit = units.find_unit(facts["unit"])
+    other = None if unit else facts["unit"]
+    source = HeightMap(str(path), heights, arguments.orient, facts["spacing"], unit, other_unit=other)
     return source, {name: facts[name] for name in ("format", "channel")}
 
 
-def set_units(source, unit, height_unit, spacing):
-    """Give heights their unit and spacing, each from the file or from the command line, not from both.
-
-    Not collective.
-
-    Parameters
-    ----------
-    source : app.problems.surfaces.height_file.HeightFile or HeightArray
-    unit, height_unit : str or None
-        As of the command.
-    spacing : pair of float or None
-        dx, dy before the turns [mm].
+def set_units(source, arguments, height_unit=None, override=False):
+    """Settle the unit and spacing of a `HeightMap`, each by the file or by ``--unit`` and ``--spacing``.
 
     Raises
     ------
     InputError
-        If neither says it, or both do.
+        If neither states it, or both do.
     """
-    source.unit, source.lateral = agreed_units(source, unit, height_unit, _NAMES)
-    if source.spacing is None and spacing is None:
+    source.settle(arguments.unit, height_unit, arguments.spacing, override, _NAMES)
+    if source.spacing is None:
         raise InputError(
             f"--spacing is missing: surface file {source.file} does not say the size DX,DY of its cells [mm]"
         )
-    if source.spacing and spacing:
-        told = " x ".join(f"{side:.7g}" for side in turned_spacing(source.spacing, source.orient))
-        raise InputError(
-            f"--spacing: surface file {source.file} says {told} {source.lateral} itself; if that is wrong, "
-            "add --override"
-        )
-    if spacing:
-        source.spacing, source.lateral = turned_spacing(spacing, source.orient), "mm"
 
 
 def _write(output, source, origin):
@@ -212,10 +183,10 @@ def _write(output, source, origin):
 def _summary(source):
     """What a solve will read, and what is doubtful in it."""
     from app.api.notes import note_doubtful_units, note_spike
-    from app.problems.surfaces.reading import surface_of
+    from app.problems.surfaces.reading import make_surface
 
     source.orient = ()  # it is turned in the file
-    surface = surface_of(source)
+    surface = make_surface(source)
     return surface.understood(), list(
         filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface)))
     )

@@ -25,7 +25,7 @@ from app.options.option_table import (
     subset,
     word,
 )
-from app.problems.surfaces.height_file import TURNS
+from app.problems.surfaces.height_map import TURNS
 from app.problems.surfaces.reading import LEVELS, MISSING
 
 DEFAULT_CELLS = 256  # per side, of the default grid

@@ -93,12 +93,12 @@ def _save(figure, path, dpi):
 
 def _surface(file, arguments):
     from app.cli.convert import set_units  # these load numba, which results do without
-    from app.problems.surfaces.height_file import open_heights
-    from app.problems.surfaces.reading import surface_of
+    from app.problems.surfaces.height_map import open_heights
+    from app.problems.surfaces.reading import make_surface
 
     source = open_heights(file)
-    set_units(source, arguments.unit, None, arguments.spacing)
-    return surface_of(source, level="plane")
+    set_units(source, arguments)
+    return make_surface(source, level="plane")
 
 
 def _is_surface(data):

@@ -26,7 +26,7 @@ from app.plots.style import (
     with_style,
 )
 from app.problems.statistics import radial_spectrum
-from app.problems.surfaces.moments import Moments, take_off
+from app.problems.surfaces.moments import Moments, add_polynomial
 
 _SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # but for surfaces on them
 _BINS_PER_DECADE = 8
@@ -98,9 +98,8 @@ def extract_roughness(result):
         return None
     rest = h - h.mean()
     if not result.grid.periodic:
-        rest = take_off(
-            Moments("", lambda *rows: h[slice(*rows)], h.shape).fit("quadratic"), h.copy(), 0, len(h)
-        )
+        bowl = Moments("", lambda *rows: h[slice(*rows)], h.shape).fit("quadratic")
+        rest = add_polynomial(h.copy(), bowl, 0, len(h), sign=-1)
     return rest if np.abs(rest).max() > 1e-9 * np.ptp(h) else None
 
 

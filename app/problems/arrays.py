@@ -1,4 +1,4 @@
-"""Arrays that users give: real numbers, of a lattice, of a size that can be computed with."""
+"""Validation of arrays: real numbers, of a lattice, not too large."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from app.options.option_table import LARGEST
 
 
 def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):
-    """Array of float64 in memory of its own; masked entries become NaN. Not collective.
+    """Return a copy as float64, NaN for masked entries.
 
     Raises
     ------
     InputError
-        Of texts, complex numbers and None, too, which numpy would turn into real ones.
+        Also for texts, complex numbers and None, which numpy would convert.
     """
     try:
-        found = np.asanyarray(values)
-        if found.dtype.kind in "biufO" and values is not None:
-            return np.asarray(np.ma.filled(found.astype(float), np.nan))
+        array = np.asanyarray(values)
+        if array.dtype.kind in "biufO" and values is not None:
+            return np.asarray(np.ma.filled(array.astype(float), np.nan))
     except (TypeError, ValueError):
         pass
     raise InputError(f"{what}: needed: {needed}") from None
 
 
 def lattice(x, y, origin):
-    """Columns x and rows y of a lattice, from an origin, shapes (nx,) and (ny,) [mm]. Not collective.
+    """Return columns x and rows y of a lattice, shapes (nx,) and (ny,), from an origin [mm].
 
     Raises
     ------
     InputError
-        If they are none, such as those of every point.
+        If they have other shapes, such as those of all points.
     """
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):
@@ -40,21 +40,17 @@ def lattice(x, y, origin):
     return x - origin[0], y - origin[1]
 
 
-def refuse_large(what, values, first_row=0):
-    """Refuse numbers that cannot be squared, infinite ones too. Not collective.
+def check_size(what, values, first_row=0):
+    """Raise InputError for infinite numbers and those whose square overflows.
 
     Parameters
     ----------
     what : str
-        Of which they are, for the message.
+        For the message.
     values : ndarray, shape (rows, nx)
         NaN is allowed.
     first_row : int
-        Number of the first one.
-
-    Raises
-    ------
-    InputError
+        Number of the first row.
     """
     large = np.abs(values) > LARGEST
     if large.any():

@@ -11,7 +11,7 @@ from app.base.errors import InputError
 from app.base.units import format_lengths
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.arrays import real_numbers, refuse_large
+from app.problems.arrays import check_size, real_numbers
 from app.problems.problem import Problem
 from app.problems.shapes import Plane
 
@@ -47,7 +47,7 @@ class _Values:
             raise InputError(
                 f"{self._what}: has shape {self.given.shape}; the grid needs (ny, nx) = {grid.shape}"
             )
-        refuse_large(self._what, self.given)
+        check_size(self._what, self.given)
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
@@ -61,7 +61,7 @@ class _Values:
             raise InputError(
                 f"{self._what}: a function that gives an array of shape {values.shape}; needed: {shape} here"
             ) from None
-        refuse_large(self._what, values, rows.start or 0)
+        check_size(self._what, values, rows.start or 0)
         return values
 
     heights_on = shape_on

@@ -21,7 +21,7 @@ import numpy as np
 from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.arrays import real_numbers, refuse_large
+from app.problems.arrays import check_size, real_numbers
 
 
 @dataclass(frozen=True)
@@ -104,5 +104,5 @@ def checked_shape(problem, grid, rows):
         raise InputError(
             f"{what}: undeformed distances of shape {shape.shape}; needed: (rows, nx) = {expected}"
         )
-    refuse_large(what, shape, rows.start or 0)
+    check_size(what, shape, rows.start or 0)
     return np.ascontiguousarray(shape)

@@ -249,7 +249,7 @@ class SelfAffineSurface(_Function):
     seed : int
         0 or more.
     rms_height : float, optional
-        Root mean square of the height over the period [mm]; exactly one of this and the next.
+        Root mean square of the height over the period [mm]; format_exact one of this and the next.
     rms_slope : float, optional
         Root mean square of the gradient's length over the period.
     longest_wavelength : float, optional

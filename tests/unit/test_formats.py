@@ -9,12 +9,12 @@ from app import read_surface
 from app.base.errors import InputError
 from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
-from app.problems.surfaces.formats import FORMATS, format_of
+from app.problems.surfaces.formats import FORMATS, detect_format
 
 ROWS = "0.5 1.5 2\n3 4 5.25\n"
 WYKO = "Wyko ASCII Data File Format\t0\t1\t1\nX Size\t2\nRAW_DATA\t3\t280\n"
 REFUSED = [
-    *[(suffix, known.what) for known in FORMATS if known.kind == "other" for suffix in known.suffixes],
+    *[(suffix, known.description) for known in FORMATS if known.kind == "other" for suffix in known.suffixes],
     (".zip", "an archive: unpack it, unless it is of contact.engineering; python -m app.convert"),
     (".npy.gz", "compressed: unpack it"),
     (".x3p.gz", "python -m app.convert FILE"),
@@ -84,7 +84,7 @@ def test_texts_of_instruments_are_sent_to_their_reader(tmp_path, content, what, 
     with pytest.raises(InputError, match=f"is {what}.*app.convert FILE -o surface.h5"):
         read_surface(tmp_path / name, "um")
     assert read_surface(tmp_path / name, "um", skip=content.count("\n")).shape == (2, 3)
-    assert format_of(tmp_path / name).kind == "instrument"
+    assert detect_format(tmp_path / name).kind == "instrument"
 
 
 def test_binary_files_of_instruments_with_the_name_of_a_text_are_sent_to_their_reader(tmp_path):

@@ -15,7 +15,7 @@ from app.cli.convert import main as convert
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.options.option_table import OptionReader
 from app.problems.surfaces import moments
-from app.problems.surfaces.points import gridded
+from app.problems.surfaces.points import arrange
 
 NY, NX = 12, 15
 DX, DY = 0.4, 0.5  # um
@@ -88,7 +88,7 @@ def test_an_array_is_read_as_its_file(saved):
 @pytest.mark.parametrize(
     ("given", "how", "message"),
     [
-        (HEIGHTS[0], {}, r"shape \(15,\); needed: \(ny, nx\)"),
+        (HEIGHTS[0], {}, r"shape \(15,\); needed: real numbers of shape \(ny, nx\)"),
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
         (HEIGHTS, {"unit": None}, r"^unit= \(-surface_unit\) is missing"),
@@ -114,7 +114,7 @@ def test_arrays_of_no_use(given, how, message):
 
 def test_spacing_is_said_once(saved):
     assert read_surface(saved(HEIGHTS), "um", spacing=(0.1, 0.2)).grid().dy == pytest.approx(0.2)
-    with pytest.raises(InputError, match="spacing: surface file .*s.h5 says it itself"):
+    with pytest.raises(InputError, match="spacing=: surface file .*s.h5 says 400 x 500 nm itself"):
         read_surface(saved(HEIGHTS, "s.h5"), spacing=(0.1, 0.2))
 
 
@@ -361,9 +361,9 @@ def test_points_may_miss_their_places_by_part_of_a_cell(columns):
     """As stages and encoders do; also where lines of the grid are left out."""
     x, y = np.meshgrid(2.0 * np.arange(16)[columns], 3.0 * np.arange(20))
     points = np.stack([x, y, 10 * y + x], -1).reshape(-1, 3)
-    exact, spacing = gridded(points)
+    exact, spacing = arrange(points)
     points[:, :2] += np.random.default_rng(2).uniform(-1, 1, (len(points), 2)) * (0.14, 0.21)
-    found, about = gridded(points)
+    found, about = arrange(points)
     np.testing.assert_array_equal(found, exact)
     assert spacing == (2, 3) and about == pytest.approx(spacing, rel=5e-3)
 
@@ -533,7 +533,7 @@ def test_the_point_that_stands_out_most_is_found_whatever_is_read_at_a_time(monk
     beyond = np.pad(flat, 1, constant_values=np.nan)
     beside = np.fmax.reduce([beyond[j + dj, i + di] for dj, di in ((1, 0), (-1, 0), (0, 1), (0, -1))])
     expected = np.nanmax(flat - beside)
-    monkeypatch.setattr(moments, "_RUN", run * NX)
+    monkeypatch.setattr(moments, "RUN", run * NX)
     found, _, row, column = read_surface(heights, "mm").spike
     assert found == pytest.approx(expected) and (flat - beside)[row, column] == pytest.approx(expected)
     crop = (column, NX, row, NY)  # numbers are those of the whole file
@@ -658,7 +658,7 @@ def test_a_surface_takes_its_own_grid_where_it_knows_the_size_of_its_cells(saved
 @pytest.mark.parametrize("run", [2, 12])
 def test_rms_height_skewness_and_kurtosis_are_those_of_the_heights(monkeypatch, level, run):
     """Whatever the tilt, the runs of rows and the missing points; the last two about plane or bow."""
-    monkeypatch.setattr(moments, "_RUN", run * NX)
+    monkeypatch.setattr(moments, "RUN", run * NX)
     heights = HEIGHTS**3 + 1e4 * X - 1e5
     heights[2:5, 7:9] = np.nan
     surface = read_surface(heights, "mm", level)

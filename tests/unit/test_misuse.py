@@ -358,7 +358,7 @@ def test_a_result_needs_the_name_of_a_file(name, tmp_path):
 
 
 def test_an_array_has_no_lines_to_skip():
-    with pytest.raises(InputError, match="surface skip 3: of an array there are no lines"):
+    with pytest.raises(InputError, match="surface skip 3: an array has no lines"):
         read_surface(HEIGHTS, "um", skip=3, spacing=(1e-3, 1e-3))
 
 

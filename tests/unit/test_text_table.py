@@ -28,7 +28,7 @@ def text_of(separator, comma=False, end=""):
     ],
 )
 def test_all_ways_to_write_a_table_give_the_same_numbers(text):
-    np.testing.assert_array_equal(read_table(text.splitlines(), "missing"), VALUES)
+    np.testing.assert_array_equal(read_table(text.splitlines()), VALUES)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_all_ways_to_write_a_table_give_the_same_numbers(text):
 )
 def test_whole_numbers_between_commas_are_no_decimals(text):
     expected = [[float(entry) for entry in line.split(",")] for line in text.splitlines()]
-    np.testing.assert_array_equal(read_table(text.splitlines(), "missing"), expected)
+    np.testing.assert_array_equal(read_table(text.splitlines()), expected)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_whole_numbers_between_commas_are_no_decimals(text):
 )
 def test_what_can_be_read_in_two_ways_is_refused(text, message):
     with pytest.raises(ValueError, match=message):
-        read_table(text.splitlines(), "missing")
+        read_table(text.splitlines())
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_what_can_be_read_in_two_ways_is_refused(text, message):
     ],
 )
 def test_marks_of_missing_points(mark):
-    found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], "missing", marks=True)
+    found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], heights=True)
     np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
 
 
@@ -102,19 +102,19 @@ def test_marks_of_missing_points(mark):
     ],
 )
 def test_numbers_of_fortran_and_spreadsheets(text, expected):
-    np.testing.assert_array_equal(read_table(text.splitlines(), "missing", marks=True), expected)
+    np.testing.assert_array_equal(read_table(text.splitlines(), heights=True), expected)
 
 
 @pytest.mark.parametrize("between", ["", "# next", "\n# New slice\n"])
 def test_blocks_below_each_other_are_no_map(between):
     text = f"# two maps\n{text_of(' ')}\n{between}\n{text_of(' ')}\n".splitlines()
     with pytest.raises(ValueError, match="2 blocks of 3 lines, the second one from line"):
-        read_table(text, "missing")
+        read_table(text)
 
 
 @pytest.mark.parametrize("lines", [["1; 2;\t", "3; 4; "], ["1,\t 2,\t", "3,\t4,"]])
 def test_blanks_behind_the_last_separator_are_no_missing_point(lines):
-    np.testing.assert_array_equal(read_table(lines, "missing", marks=True), [[1, 2], [3, 4]])
+    np.testing.assert_array_equal(read_table(lines, heights=True), [[1, 2], [3, 4]])
 
 
 @pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
@@ -155,18 +155,14 @@ def test_a_gap_has_no_marks(tmp_path):
 
 
 def test_no_data_in_two_words_between_blanks():
-    np.testing.assert_array_equal(
-        read_table(["0 1 No Data", "0 2 0.5"], "missing", marks=True)[0], [0, 1, np.nan]
-    )
+    np.testing.assert_array_equal(read_table(["0 1 No Data", "0 2 0.5"], heights=True)[0], [0, 1, np.nan])
 
 
 def test_the_head_of_an_esri_grid_says_which_number_is_none():
     head = ["ncols 3", "nrows 2", "cellsize 0.5", "NODATA_value -9999"]
     rows = ["1 -9999 2", "-9999.0 3 -99"]
     expected = [[1, np.nan, 2], [np.nan, 3, -99]]
-    np.testing.assert_array_equal(read_table(head + rows, "missing", skip=4, marks=True), expected)
-    np.testing.assert_array_equal(
-        read_table(head + rows, "missing", skip=4), np.nan_to_num(expected, nan=-9999)
-    )
+    np.testing.assert_array_equal(read_table(head + rows, 4, heights=True), expected)
+    np.testing.assert_array_equal(read_table(head + rows, skip=4), np.nan_to_num(expected, nan=-9999))
     with pytest.raises(ValueError, match="line 4, entry 2: '9e' is no number"):
-        read_table([*head[:3], "NODATA_value 9e", *rows], "missing", skip=4, marks=True)
+        read_table([*head[:3], "NODATA_value 9e", *rows], 4, heights=True)

@@ -1,4 +1,4 @@
-"""Two-dimensional arrays in files of several formats: measured, or made elsewhere."""
+"""Two-dimensional arrays in files of several formats."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ import zipfile
 import zlib
 from pathlib import Path
 from tokenize import TokenError
+from typing import NamedTuple
 
 import numpy as np
 
 from app.base.errors import InputError, format_message
 from app.base.memory import check_fits
-from app.problems.arrays import refuse_large
-from app.problems.surfaces.formats import format_of, suffix_of
-from app.problems.surfaces.text_heads import channels_of
+from app.problems.surfaces.formats import ARRAY_KINDS, detect_format, split_suffix
+from app.problems.surfaces.text_heads import read_esri_head, select_channel
 from app.problems.surfaces.text_table import UnknownText, is_comment, read_table
 
-_STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
-_NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
-# What readers raise. SyntaxError, TokenError: of the header of an array, which numpy reads as Python. RuntimeError: a
-# dataset that is linked to itself.
+MAX_NON_ASCII = 0.01  # share of the bytes of a text of numbers
+CONTROL_BYTES = bytes(code for code in range(32) if code not in b"\t\n\v\f\r\x1a")  # in no text
+TEXT_MEMORY = 40  # bytes, for a byte of text: lines, lists of entries, numbers
+PIECE = 1 << 24  # bytes unpacked at once
+# SyntaxError and TokenError: numpy reads the header of an array as Python. RuntimeError: a dataset linked to itself.
 _UNREADABLE = (
     ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError, SyntaxError, TokenError, zlib.error
 )  # fmt: skip
-_BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
-_PIECE = 1 << 24  # bytes unpacked at once
+_CONVERT = "python -m app.convert FILE -o surface.h5 reads what instruments write"
 
 
 class UnknownFormat(InputError):
-    """The file is no text, or a text with a head that is not known: another reader may know its format.
+    """The file may be in the format of an instrument.
 
     Attributes
     ----------
@@ -40,218 +40,204 @@ class UnknownFormat(InputError):
     is_text = True
 
 
-class NoText(UnknownText):
-    """The file has bytes that no text has."""
-
-
-class ArrayFile:
-    """A two-dimensional array in a file, read a few rows at a time where the format allows it.
-
-    ``.npy``; ``.npz``, ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line
-    (see `app.problems.surfaces.text_table`), unless `app.problems.surfaces.formats` knows better. Texts may be
-    compressed (``.gz``). The first row is the one of smallest y.
-
-    Not collective: every rank opens the file for itself.
+class StoredArray:
+    """An array (ny, nx) in memory or in a file, of which some rows are read at a time.
 
     Parameters
     ----------
-    name : str
+    file : str
+    array : ndarray or h5py.Dataset
+
+    Raises
+    ------
+    InputError
+        If it is not a 2-D array of real numbers.
+    """
+
+    what = "array"  # for messages
+
+    def __init__(self, file, array):
+        self.file, self._array = file, array
+        if array.ndim != 2 or not all(array.shape) or array.dtype.kind not in "fiu":
+            raise InputError(
+                f"{self.what} {file}: holds {array.dtype} of shape {array.shape}; "
+                "needed: real numbers of shape (ny, nx)"
+            )
+
+    def __getstate__(self):
+        """Replace a dataset of an open file, which cannot be pickled, by its array."""
+        return {**self.__dict__, "_array": np.asarray(self._array)}
+
+    @property
+    def shape(self):
+        """Shape (ny, nx)."""
+        return tuple(self._array.shape)
+
+    def rows(self, rows=slice(None)):
+        """Return a copy of some rows as float64."""
+        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.what} {self.file}")
+        return np.array(self._array[rows], dtype=np.float64, order="C")
+
+
+class FileContent(NamedTuple):
+    """The array of a file, its HDF5 attributes, or comments and ESRI head of a text."""
+
+    array: object
+    attributes: dict
+    comments: list
+    esri: dict
+    is_text: bool
+
+
+def read_array(name, what, skip=0, channel=""):
+    """Read ``.npy``, ``.npz``, ``.h5``, ``.hdf5``, or text with a row of cells per line.
+
+    An ``.npy`` file or HDF5 dataset is opened; its rows are read when asked for. Texts may be compressed (``.gz``).
+
+    Parameters
+    ----------
+    name : str or Path
         File name, with ``:/dataset`` behind it if an HDF5 or .npz file holds more than one 2-D dataset.
+    what : str
+        "surface file", which may have heads and marks of missing points, or "gap file".
     skip : int
-        Lines at the head of a text that are none of the array.
+        Lines at the head of a text to leave out.
     channel : str
         Name or number, from 0, of a channel of a text that has several, one below the other.
 
-    Attributes
-    ----------
-    attributes : dict
-        Of the dataset of an HDF5 file, which may say units; else empty.
-    is_text : bool
-    comments : list of str
-        Lines of a text that begin with #, and those skipped at its head.
+    Returns
+    -------
+    FileContent
 
     Raises
     ------
     UnknownFormat
         If it is read as text and is none, or has words at its head.
     InputError
-        If there is no such file or dataset, or it is not a 2-D array of real numbers.
+        If there is no such file or dataset, or it cannot be read.
     """
-
-    what, missing, how_to_skip = "array file", "a missing value", ""  # for messages
-    how_to_choose = ": leave one"  # one of several channels
-    elsewhere = ""  # what reads formats of instruments
-    marks = False  # whether texts may mark missing values in other ways than by nan
-    preferred = ""  # dataset that is taken where there are several
-
-    def __init__(self, name, skip=0, channel=""):
-        name, self.attributes, self.comments, self.skip = str(name), {}, [], skip
-        path, _, dataset = name.partition(":/")
-        self.file, self.path, self._dataset = name, Path(path), dataset
-        if not self.path.is_file():
-            raise InputError(f"{self.what} {path}: {self._why_not()}")
-        known = format_of(self.path, skip)
-        if known.kind in ("instrument", "other"):
-            elsewhere = self.elsewhere if known.kind == "instrument" else ""
-            raise InputError(f"{self.what} {name}: is {known.what}{elsewhere and f'; {elsewhere}'}")
-        self.is_text = known.kind not in ("npy", "npz", "hdf5")
-        for option, given in (f"{skip} lines to skip", skip), (f"channel {channel}", channel):
-            if given and not self.is_text:
-                raise InputError(f"{self.what} {path}: {option}: allowed of text, which it is not")
-        try:
-            if self.is_text:
-                self._rows = self._read_text(channel)
-            else:
-                read = {"npy": self._map_npy, "npz": self._load_npz, "hdf5": self._open_hdf5}
-                self._rows = read[known.kind]()
-        except _UNREADABLE as error:
-            binary = isinstance(error, NoText)
-            other = self.elsewhere and (binary or known.kind == "unknown")
-            elsewhere = f"{self.elsewhere}; else: " if other else ""
-            refusal = (UnknownFormat if isinstance(error, UnknownText) else InputError)(
-                f"{self.what} {name}: cannot be read: {elsewhere}{format_message(error)}"
-            )
-            refusal.is_text = self.is_text and not binary
-            raise refusal from None
-        if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
-            raise InputError(
-                f"{self.what} {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
-                "needed: real numbers of shape (ny, nx)"
-            )
-
-    def _why_not(self):
-        if self.path.exists():
-            return "not a file"
-        file, separator, _ = self.file.rpartition(":")
-        if separator and Path(file).is_file():
-            return "no such file; a dataset is named as FILE:/DATASET"
-        return "no such file"
-
-    def _map_npy(self):
-        with self.path.open("rb") as file:
-            start = file.read(6)
-        if start.startswith(b"PK"):
-            raise ValueError("it is an archive of arrays, not one array: its name should end in .npz")
-        if not start.startswith(np.lib.format.MAGIC_PREFIX):
-            raise ValueError("it is no .npy file")  # numpy takes whatever it does not know for a pickle
-        try:
-            return np.load(self.path, mmap_mode="r", allow_pickle=False)
-        except ValueError as error:
-            if "length is greater" not in str(error):  # of the map of the file than of the file
-                raise
-            raise ValueError("it ends before its array does") from None
-
-    def _load_npz(self):
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                check_fits(sum(item.file_size for item in archive.infolist()), "what it holds")
-            with np.load(self.path, allow_pickle=False) as arrays:
-                if self._dataset and self._dataset not in arrays.files:
-                    raise ValueError(f"no array {self._dataset}")
-                found = {name: arrays[name] for name in [self._dataset] if name} or dict(arrays)
-        except (zipfile.BadZipFile, zlib.error):
-            raise ValueError("it is no .npz file, or broken") from None
-        return found[self._dataset or self._only([name for name in found if np.ndim(found[name]) == 2])]
-
-    def _only(self, found):
-        """The dataset that is meant, where none is named, of those with two dimensions."""
-        if self.preferred in found:
-            return self.preferred
-        if len(found) != 1:
-            raise ValueError(
-                f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"
-            )
-        return found[0]
-
-    def _open_hdf5(self):
-        import h5py
-
-        file, name, found = h5py.File(self.path, "r"), self._dataset, []
-        if not name:
-            file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
-            name = self._only(found)
-        if not isinstance(file.get(name), h5py.Dataset):
-            raise ValueError(f"no dataset /{name}")
-        try:
-            self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
-            _ = file[name].dtype
-        except TypeError as error:  # a type that numpy has not
-            raise ValueError(format_message(error)) from None
-        return file[name]
-
-    def _read_text(self, channel):
-        lines = _decoded(self._content()).splitlines()
-        lines = self._choose_channel(lines, channel)
-        self.skip = self._lines_of_head(lines, self.skip)
-        self.comments = [line for j, line in enumerate(lines) if j < self.skip or is_comment(line)]
-        return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
-
-    def _content(self):
-        """Bytes of a text, unpacked."""
-        refuse = "text, where .npy or .h5 take little"
-        check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, refuse)
-        if not suffix_of(self.path)[1]:
-            return self.path.read_bytes()
-        content = bytearray()
-        with gzip.open(self.path) as file:
-            while piece := file.read(_PIECE):
-                content += piece
-                check_fits(len(content) * _BYTES_PER_BYTE, refuse)
-        return bytes(content)
-
-    def _choose_channel(self, lines, wanted):
-        """Return the lines with those of other channels empty."""
-        channels = channels_of(lines)
-        names = ", ".join(f"{j} {channel.name or '(no name)'}" for j, channel in enumerate(channels))
-        if not wanted and len(channels) > 1:
-            raise ValueError(f"it has several channels, one below the other: {names}{self.how_to_choose}")
-        chosen = channels
-        if wanted:
-            chosen = channels[int(wanted) :][:1] if wanted.isdecimal() else []
-            chosen = chosen or [channel for channel in channels if channel.name == wanted]
-            if len(chosen) != 1:
-                many = "several have this name, choose by number" if chosen else "not there"
-                raise ValueError(f"channel {wanted}: {many}; allowed: {names}")
-        part = chosen[0].lines
-        return [line if part.start <= j < part.stop else "" for j, line in enumerate(lines)]
-
-    def _lines_of_head(self, _, skip):
-        """How many lines at the head of a text are none of the array: those to skip, or known ones."""
-        return skip
-
-    def __getstate__(self):
-        """What is pickled: the array, where it is a dataset of an open file, which cannot be."""
-        state = self.__dict__.copy()
-        for name in {"_rows", "_written"} & state.keys():
-            state[name] = np.asarray(state[name])
-        return state
-
-    @property
-    def shape(self):
-        """Shape ``(ny, nx)`` of the array."""
-        return tuple(self._rows.shape)
-
-    def rows(self, rows=slice(None)):
-        """Return some rows as float64. Not collective."""
-        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.what} {self.file}")
-        return np.array(self._rows[rows], dtype=np.float64, order="C")
-
-    def check(self, rows):
-        """Refuse values too large in some rows. Not collective."""
-        refuse_large(f"{self.what} {self.file}", self.rows(rows), rows.start or 0)
-
-
-def _decoded(content):
-    """Text of a file: UTF-8; UTF-16 if it says so; else what Windows makes of a micro sign."""
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        coding = "utf-16"
-    else:
-        coding = "utf-8-sig"
+    heights = what == "surface file"
+    path, _, dataset = str(name).partition(":/")
+    path = Path(path)
+    if not path.is_file():
+        reason = "not a file" if path.exists() else "no such file"
+        stem, separator, _ = str(name).rpartition(":")
+        if separator and Path(stem).is_file():
+            reason = "no such file; a dataset is named as FILE:/DATASET"
+        raise InputError(f"{what} {path}: {reason}")
+    known = detect_format(path, skip)
+    if known.kind in ("instrument", "other"):
+        advice = f"; {_CONVERT}" if heights and known.kind == "instrument" else ""
+        raise InputError(f"{what} {name}: is {known.description}{advice}")
+    is_text = known.kind not in ARRAY_KINDS
+    for option, value in (f"{skip} lines to skip", skip), (f"channel {channel}", channel):
+        if value and not is_text:
+            raise InputError(f"{what} {path}: {option}: allowed of text, which it is not")
     try:
-        return content.decode(coding)
+        if is_text:
+            return _read_text(path, skip, channel, heights)
+        if known.kind == "npy":
+            array, attributes = _map_npy(path), {}
+        elif known.kind == "npz":
+            array, attributes = _load_npz(path, dataset, heights), {}
+        else:
+            array, attributes = _open_hdf5(path, dataset, heights)
+        return FileContent(array, attributes, [], {}, False)
+    except _UNREADABLE as error:
+        unknown = isinstance(error, UnknownText)
+        binary = unknown and not error.is_text
+        advice = f"{_CONVERT}; else: " if heights and (binary or known.kind == "unknown") else ""
+        refusal = (UnknownFormat if unknown else InputError)(
+            f"{what} {name}: cannot be read: {advice}{format_message(error)}"
+        )
+        refusal.is_text = is_text and not binary
+        raise refusal from None
+
+
+def _map_npy(path):
+    with path.open("rb") as file:
+        start = file.read(6)
+    if start.startswith(b"PK"):
+        raise ValueError("it is an archive of arrays, not one array: its name should end in .npz")
+    if not start.startswith(np.lib.format.MAGIC_PREFIX):
+        raise ValueError("it is no .npy file")  # numpy would take it for a pickle
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    except ValueError as error:
+        if "length is greater" not in str(error):
+            raise
+        raise ValueError("it ends before its array does") from None
+
+
+def _load_npz(path, dataset, heights):
+    try:
+        with zipfile.ZipFile(path) as archive:
+            check_fits(sum(item.file_size for item in archive.infolist()), "what it holds")
+        with np.load(path, allow_pickle=False) as arrays:
+            if dataset and dataset not in arrays.files:
+                raise ValueError(f"no array {dataset}")
+            loaded = {dataset: arrays[dataset]} if dataset else dict(arrays)
+    except (zipfile.BadZipFile, zlib.error):
+        raise ValueError("it is no .npz file, or broken") from None
+    return loaded[dataset or _only_name([name for name in loaded if loaded[name].ndim == 2], heights)]
+
+
+def _open_hdf5(path, name, heights):
+    """Return a dataset and its attributes."""
+    import h5py
+
+    file, names = h5py.File(path, "r"), []
+    if not name:
+        file.visititems(lambda key, item: names.append(key) if getattr(item, "ndim", 0) == 2 else None)
+        name = _only_name(names, heights)
+    dataset = file.get(name)
+    if not isinstance(dataset, h5py.Dataset):
+        raise ValueError(f"no dataset /{name}")
+    try:
+        _ = dataset.dtype
+        return dataset, {key: value for key, value in dataset.attrs.items() if np.size(value)}
+    except TypeError as error:  # numpy has no such type
+        raise ValueError(format_message(error)) from None
+
+
+def _only_name(names, heights):
+    """Return the only one of the names of 2-D datasets, or "heights"."""
+    if heights and "heights" in names:
+        return "heights"
+    if len(names) != 1:
+        raise ValueError(
+            f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(names) or 'none'}"
+        )
+    return names[0]
+
+
+def _read_text(path, skip, channel, heights):
+    advice = "text, where .npy or .h5 take little"
+    check_fits(path.stat().st_size * TEXT_MEMORY, advice)
+    content = bytearray()
+    with gzip.open(path) if split_suffix(path)[1] else path.open("rb") as file:
+        while piece := file.read(PIECE):
+            content += piece
+            check_fits(len(content) * TEXT_MEMORY, advice)
+    choosing = (
+        "; choose one by app.convert --channel, or channel= of read_surface" if heights else ": leave one"
+    )
+    lines = select_channel(_decode(bytes(content)).splitlines(), channel, choosing)
+    esri, skip = read_esri_head(lines, skip) if heights else ({}, skip)
+    comments = [line for j, line in enumerate(lines) if j < skip or is_comment(line)]
+    return FileContent(read_table(lines, skip, heights), {}, comments, esri, True)
+
+
+def _decode(content):
+    """Return text that is UTF-16 by its first bytes, else UTF-8, else Latin-1."""
+    utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        return content.decode("utf-16" if utf16 else "utf-8-sig")
     except UnicodeDecodeError:
-        strange = len(content) - len(content.translate(None, bytes(range(128, 256))))
-        control = any(byte in content for byte in _NEVER)
-        if coding == "utf-16" or control or strange > _STRANGE * len(content) + 8:
-            raise NoText("it is no text; formats: .npy, .npz, .h5, .hdf5, and text") from None
+        non_ascii = len(content) - len(content.translate(None, bytes(range(128, 256))))
+        control = len(content) - len(content.translate(None, CONTROL_BYTES))
+        if utf16 or control or non_ascii > MAX_NON_ASCII * len(content) + 8:
+            raise UnknownText(
+                "it is no text; formats: .npy, .npz, .h5, .hdf5, and text", is_text=False
+            ) from None
         return content.decode("latin-1")

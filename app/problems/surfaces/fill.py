@@ -1,4 +1,4 @@
-"""Missing points of a height map, filled by a harmonic function about the best plane, as by a soap film."""
+"""Missing points of a height map, filled by a harmonic function about the best plane."""
 
 from __future__ import annotations
 
@@ -6,25 +6,26 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve
 
-from app.problems.surfaces.moments import Moments, take_off
+from app.problems.surfaces.moments import Moments, add_polynomial
 
-# Mean square cliff at the sides of a period, in that less the best plane: below, the plane is a wave's.
-_WAVE = 0.5
+MAX_WAVE_STEP = (
+    0.5  # mean square step over a period's end, in that less the best plane, which is then a wave's
+)
 
 
 def fill_missing(heights, around=(False, False)):
-    """Fill missing points: heights less the best plane are the mean of their neighbours.
+    """Return heights for missing points: less the best plane, means of their neighbours.
 
-    Not collective. Neighbours are those up, down, left and right that lie on the map. A plane is continued as it is.
-    What is filled lies between the other heights less the plane. A wave around a period has a best plane, too; it stays
-    if its ends meet much better without.
+    Neighbours are those up, down, left and right that lie on the map. So a plane is continued, and filled heights lie
+    between the other ones less the plane. A wave around a period has a best plane, too, which is kept if the ends of
+    the period meet much better so.
 
     Parameters
     ----------
     heights : ndarray, shape (ny, nx)
         NaN where missing, not everywhere.
     around : pair of bool
-        Whether the map goes on at its other side, in x and in y.
+        Whether the map continues at its other side, in x and in y.
 
     Returns
     -------
@@ -42,28 +43,28 @@ def fill_missing(heights, around=(False, False)):
     for axis, slope in enumerate(((1, 0), (0, 1))):
         if around[axis] and _is_wave(heights if axis else heights.T, plane[slope]):
             plane[slope] = 0.0
-    rest = take_off(plane, heights.copy(), 0, len(heights))
+    rest = add_polynomial(heights.copy(), plane, 0, len(heights), sign=-1)
     missing = np.isnan(rest)
-    rest[missing] = _harmonic(rest, missing, around)
-    return take_off({term: -value for term, value in plane.items()}, rest, 0, len(rest))[missing]
+    rest[missing] = _solve_laplace(rest, missing, around)
+    return add_polynomial(rest, plane, 0, len(rest))[missing]
 
 
 def _is_wave(columns, slope):
-    """Whether columns continue around the period much better than they do less a plane."""
+    """Return whether columns meet around the period much better than they do less a plane."""
     columns = columns[:, ~np.isnan(columns).all(axis=0)]
-    known, n, here = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])
+    known, n, i = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])
     first, last = known.argmax(axis=0), n - 1 - known[::-1].argmax(axis=0)
     width = n + first - last  # of the gap between the ends
     reach = np.minimum(np.maximum(width // 2, 1), last - first)
-    low, after, before, high = (columns[row, here] for row in (first, first + reach, last - reach, last))
+    low, after, before, high = (columns[row, i] for row in (first, first + reach, last - reach, last))
     with np.errstate(invalid="ignore"):
-        cliff = low - high - width * (after - low + high - before) / (2 * reach)
-    in_plane = 2 * slope  # its rise over a period
-    return np.nansum((cliff / width) ** 2) < _WAVE * np.nansum(((cliff + in_plane) / width) ** 2)
+        step = low - high - width * (after - low + high - before) / (2 * reach)
+    rise = 2 * slope  # over a period
+    return np.nansum((step / width) ** 2) < MAX_WAVE_STEP * np.nansum(((step + rise) / width) ** 2)
 
 
-def _harmonic(heights, missing, around):
-    """Values for the missing points, each the mean of its neighbours."""
+def _solve_laplace(heights, missing, around):
+    """Return values for the missing points, each the mean of its neighbours."""
     rows, columns = np.nonzero(missing)
     number = np.full(heights.shape, -1)
     number[rows, columns] = np.arange(len(rows))
@@ -81,8 +82,8 @@ def _harmonic(heights, missing, around):
         known = ~missing[j, i]
         right[inside[known]] += heights[j[known], i[known]]
         entries.append((inside[~known], number[j[~known], i[~known]]))
-    to, of = (np.concatenate(parts) for parts in zip(*entries, strict=True))
+    coupled = tuple(np.concatenate(parts) for parts in zip(*entries, strict=True))
     matrix = sparse.diags(neighbours) - sparse.coo_matrix(
-        (np.ones(len(to)), (to, of)), shape=(len(rows),) * 2
+        (np.ones(len(coupled[0])), coupled), (len(rows),) * 2
     )
     return np.atleast_1d(spsolve(matrix.tocsc(), right))

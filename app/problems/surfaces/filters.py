@@ -1,10 +1,10 @@
-"""Areal Gaussian filters of measured heights, ISO 16610-61, as the S-filter and the L-filter of ISO 25178.
+"""Areal Gaussian filters of measured heights, ISO 16610-61: the S-filter and L-filter of ISO 25178.
 
-The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi): of a wave of
-length c half passes, of one of length l the share 2^-(c/l)^2. On a free patch they weigh the points of a least squares
-plane around each point, Gaussian regression of order one (as in ISO 16610-31 and -71): far from the rim and from
-missing points it goes through the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28.
-On a periodic patch, which has no rim, the mean of the points that are there is taken (order zero).
+The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi). Of a wave of
+length l the share 2^-(c/l)^2 passes, half of one of length c. On a free patch they weigh the points of a least squares
+plane around each point: Gaussian regression of order one (ISO 16610-31 and -71). Far from the rim and from missing
+points that is the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28. On a periodic
+patch, which has no rim, it is the weighted mean of the known points (order zero).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
 from app.base.units import format_lengths
 
-_REACH = 1.25  # nesting indices, beyond which weights are below 3e-10 of the largest
-_RUN = 1 << 18  # numbers that are transformed together
-_ON_A_LINE = 1e-10  # spread of weighted points across a line, in squared widths, that is round-off
+REACH = 1.25  # of the weights, in nesting indices; beyond they are below 3e-10 of the largest
+RUN = 1 << 18  # numbers that are transformed together
+MIN_SPREAD = 1e-10  # of weighted points, in squared widths; less is rounding of points on a line
 
 
 def check_order(s_filter, l_filter):
-    """Refuse nesting indices that are no lengths, or leave nothing between them. Not collective."""
+    """Raise if nesting indices are no lengths, or leave nothing between them."""
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
             raise InputError(
@@ -36,9 +36,9 @@ def check_order(s_filter, l_filter):
 
 
 def check_cells(file, s_filter, l_filter, shape, cell):
-    """Refuse nesting indices that cells do not resolve, or that are longer than the patch.
+    """Raise if cells do not resolve nesting indices, or the patch is shorter.
 
-    Not collective. Of a side that is one cell wide nothing is asked: nothing is filtered across it.
+    Nothing is filtered across a side that is one cell wide.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def check_cells(file, s_filter, l_filter, shape, cell):
     shape : tuple of int
         ny, nx.
     cell : tuple of float or None
-        dx, dy [mm]; None: nobody has said.
+        dx, dy [mm], if known.
 
     Raises
     ------
@@ -76,20 +76,18 @@ def check_cells(file, s_filter, l_filter, shape, cell):
 
 
 def band_pass(heights, s_filter, l_filter, cell, periodic=False):
-    """Heights without waves shorter than the S-filter's and longer than the L-filter's, half of which remain.
-
-    Not collective.
+    """Remove waves shorter than the S-filter's and longer than the L-filter's.
 
     Parameters
     ----------
     heights : ndarray, shape (ny, nx)
-        Overwritten; NaN: missing, which counts for nothing and stays.
+        Overwritten; NaN: missing, which has no weight and stays.
     s_filter, l_filter : float or None
-        Nesting indices, in the unit of `cell`; None: not filtered.
+        Nesting indices, in the unit of `cell`, of which half passes; None: not filtered.
     cell : tuple of float
         dx, dy.
     periodic : bool
-        Whether the heights go on beyond each side at the other one.
+        Whether the heights wrap around.
 
     Returns
     -------
@@ -118,7 +116,7 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 def _low_pass(heights, index, cell, periodic):
     """Smooth the heights in place: sums over rows first, then over some columns at a time."""
     missing = np.isnan(heights)
-    middle = np.mean(heights, where=~missing)  # so that large offsets cost no digits
+    middle = np.mean(heights, where=~missing)  # large offsets would cost digits
     heights -= middle
     heights[missing] = 0.0
     ny, nx = heights.shape
@@ -132,26 +130,26 @@ def _low_pass(heights, index, cell, periodic):
         return values
 
     powers = range(1 if periodic else 3)
-    # Where no point is missing a row stands for all: sums of weights are products.
+    # Without missing points all rows have the same weights: sums of weights are products.
     known = 1.0 - missing if missing.any() else np.ones((1, nx))
     weights, sums = [smoothed(known, 1, i) for i in powers], [smoothed(heights, 1, i) for i in powers[:2]]
     column = [smoothed(np.ones((ny, 1)), 0, j) for j in powers]
-    width = max(1, _RUN // ny)
+    width = max(1, RUN // ny)
     for start in range(0, nx, width):
 
-        def moment(rows, i, j, here=slice(start, start + width)):
-            """Sums over columns of what was summed over rows, with powers i and j of the distances in x and y."""
-            values = rows[i][:, here]
+        def moment(rows, i, j, columns=slice(start, start + width)):
+            """Return sums over columns, with powers i and j of the distances in x and y."""
+            values = rows[i][:, columns]
             return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
 
-        heights[:, start : start + width] = _fitted(moment, weights, sums, periodic)
+        heights[:, start : start + width] = _fit(moment, weights, sums, periodic)
     heights[missing] = np.nan
     heights += middle
     return heights
 
 
-def _fitted(moment, weights, sums, periodic):
-    """Weighted means, or values at the points themselves of the planes that fit best, from moments."""
+def _fit(moment, weights, sums, periodic):
+    """Return weighted means, or the values of the best planes at the points, from moments."""
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points
         mean = moment(sums, 0, 0) / weight
@@ -163,29 +161,29 @@ def _fitted(moment, weights, sums, periodic):
         x, y = moment(sums, 1, 0) / weight - dx * mean, moment(sums, 0, 1) / weight - dy * mean
 
         def slope(product, square):
-            return np.divide(product, square, out=np.zeros_like(weight), where=square * weight > _ON_A_LINE)
+            return np.divide(product, square, out=np.zeros_like(weight), where=square * weight > MIN_SPREAD)
 
-        turn = slope(xy, xx)  # what is left in y beside x
+        turn = slope(xy, xx)
         return mean - dx * slope(x, xx) - (dy - turn * dx) * slope(y - turn * x, yy - turn * xy)
 
 
 def _smooth(values, axis, cells, periodic, power=0):
-    """Convolve with the weights of an index, in cells, in place; on a free patch nothing lies beyond the sides.
+    """Convolve with the weights of an index, in cells, in place.
 
-    The weights are multiplied by a power of the distance, in widths; which way it counts does not matter.
+    The weights are multiplied by a power of the distance, in widths, of either sign.
     """
-    from scipy.fft import irfft, next_fast_len, rfft  # takes a while to load
+    from scipy.fft import irfft, next_fast_len, rfft  # loads slowly
 
     n, width = values.shape[axis], cells * np.sqrt(np.log(2) / np.pi)
-    reach = int(np.ceil(_REACH * cells))
+    reach = int(np.ceil(REACH * cells))
     if not periodic:
         reach = min(reach, n - 1)
     size = n if periodic else next_fast_len(n + reach, real=True)
     places = np.arange(-reach, reach + 1)
     weights = np.exp(-np.pi * (places / width) ** 2)
     weights *= (places / width) ** power / weights.sum()
-    passed = rfft(np.bincount(places % size, weights, minlength=size))  # periodic: images add up
-    run = max(1, _RUN // size)
+    passed = rfft(np.bincount(places % size, weights, minlength=size))  # adds up periodic images
+    run = max(1, RUN // size)
     lines = np.moveaxis(values, axis, 1)
     for start in range(0, len(lines), run):
         part = lines[start : start + run]

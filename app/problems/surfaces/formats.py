@@ -1,4 +1,4 @@
-"""Formats of files that hold heights or gaps: read here, by another program, or to be changed into another one."""
+"""Formats of files with heights or gaps, by suffix and first bytes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """One row of `FORMATS`.
+    """A file format.
 
     Attributes
     ----------
@@ -15,78 +15,72 @@ class Format(NamedTuple):
         ``npy``, ``npz``, ``hdf5`` or ``text``: read here. ``instrument``: read by `app.convert` with
         SurfaceTopography. ``other``: not read.
     suffixes : tuple of str
-        Ends of file names, in lower case.
+        In lower case.
     beginning : bytes
-        Start of the file's content; decides where the name is that of a text or unknown.
-    what : str
-        Description for messages, with advice.
+        First bytes of the content. They decide where the suffix is unknown or that of a text.
+    description : str
+        For messages, with advice.
     """
 
     kind: str
     suffixes: tuple = ()
     beginning: bytes = b""
-    what: str = ""
+    description: str = ""
 
 
 FORMATS = (
-    Format("instrument", beginning=b"Wyko ASCII Data File Format", what="Wyko's ASCII format"),
-    Format("instrument", beginning=b"aISO-", what="an SDF file"),
-    Format("instrument", beginning=b"# File Format = ASCII", what="SPIP's ASCII format"),
     Format("npy", (".npy",)),
     Format("npz", (".npz",)),
     Format("hdf5", (".h5", ".hdf5")),
     Format("text", (".txt", ".csv", ".dat", ".xyz", ".asc")),
-    Format("instrument", (".zip",), what="an archive: unpack it, unless it is of contact.engineering"),
-    Format("other", (".7z", ".bz2", ".rar", ".tar", ".tgz", ".xz", ".zst"), what="an archive: unpack it"),
+    Format("instrument", (), b"Wyko ASCII Data File Format", "Wyko's ASCII format"),
+    Format("instrument", (), b"aISO-", "an SDF file"),
+    Format("instrument", (), b"# File Format = ASCII", "SPIP's ASCII format"),
+    Format("instrument", (".zip",), b"", "an archive: unpack it, unless it is of contact.engineering"),
+    Format("other", (".7z", ".bz2", ".rar", ".tar", ".tgz", ".xz", ".zst"), b"", "an archive: unpack it"),
     Format(
-        "other",
-        (".bmp", ".gif", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"),
-        what="an image, which holds colours without a unit: export the heights from the program that made it, "
+        "other", (".bmp", ".gif", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"), b"",
+        "an image, which holds colours without a unit: export the heights from the program that made it, "
         "as text or in the instrument's own format",
     ),
     Format(
-        "other",
-        (".3mf", ".igs", ".iges", ".obj", ".off", ".ply", ".step", ".stl", ".stp"),
-        what="a mesh: export its heights on a regular grid of x and y, as text with lines x, y, z",
+        "other", (".3mf", ".igs", ".iges", ".obj", ".off", ".ply", ".step", ".stl", ".stp"), b"",
+        "a mesh: export its heights on a regular grid of x and y, as text with lines x, y, z",
     ),
     Format(
-        "other",
-        (".ods", ".xls", ".xlsm", ".xlsx"),
-        what="a spreadsheet: save the sheet that has the heights as .csv",
+        "other", (".ods", ".xls", ".xlsm", ".xlsx"), b"",
+        "a spreadsheet: save the sheet that has the heights as .csv",
     ),
-)
+)  # fmt: skip
 UNKNOWN = Format("unknown")
-TEXTS = next(known.suffixes for known in FORMATS if known.kind == "text")
-ARRAYS = tuple(
-    suffix for known in FORMATS if known.kind in ("npy", "npz", "hdf5") for suffix in known.suffixes
-)
-_LONGEST = max(len(known.beginning) for known in FORMATS)
+ARRAY_KINDS = "npy", "npz", "hdf5"
+TEXTS = tuple(suffix for known in FORMATS if known.kind == "text" for suffix in known.suffixes)
+ARRAYS = tuple(suffix for known in FORMATS if known.kind in ARRAY_KINDS for suffix in known.suffixes)
 
 
-def suffix_of(path):
-    """Return the lower-case suffix, and whether ``.gz`` follows it. Not collective.
+def split_suffix(path):
+    """Return the lower-case suffix, and whether ``.gz`` follows it.
 
     Examples
     --------
-    >>> suffix_of("scan.CSV.gz"), suffix_of("scan.x3p"), suffix_of("scan.gz")
+    >>> split_suffix("scan.CSV.gz"), split_suffix("scan.x3p"), split_suffix("scan.gz")
     (('.csv', True), ('.x3p', False), ('', True))
     """
     path = Path(path)
     packed = path.suffix.lower() == ".gz"
-    return (Path(path.stem) if packed else path).suffix.lower(), packed
+    return (path.with_suffix("") if packed else path).suffix.lower(), packed
 
 
-def format_of(path, skip=0):
-    """Return the `Format` of a file, by its name and by its beginning.
-
-    Not collective. The beginning does not count where lines of it are skipped.
-    """
-    suffix, packed = suffix_of(path)
-    found = next((known for known in FORMATS if suffix in known.suffixes), UNKNOWN)
-    if packed and found.kind in ("npy", "npz", "hdf5", "instrument"):
-        return Format("other", what="compressed: unpack it (gunzip)")
-    if packed or skip or found.kind not in ("text", "unknown"):
-        return found
+def detect_format(path, skip=0):
+    """Return the `Format` of a file by its name and, unless lines are skipped, its first bytes."""
+    suffix, packed = split_suffix(path)
+    by_name = next((known for known in FORMATS if suffix in known.suffixes), UNKNOWN)
+    if packed and by_name.kind in (*ARRAY_KINDS, "instrument"):
+        return Format("other", description="compressed: unpack it (gunzip)")
+    if packed or skip or by_name.kind not in ("text", "unknown"):
+        return by_name
     with Path(path).open("rb") as file:
-        start = file.read(_LONGEST)
-    return next((known for known in FORMATS if known.beginning and start.startswith(known.beginning)), found)
+        content = file.read(64)
+    return next(
+        (known for known in FORMATS if known.beginning and content.startswith(known.beginning)), by_name
+    )

@@ -1,6 +1,6 @@
-"""A measured surface: heights in mm, levelled, with missing points, averaged, filtered.
+"""A measured surface: heights in mm, levelled, averaged, filtered, with missing points.
 
-Each rank keeps its own rows only; filled points every rank finds for itself, so that they are the same on any number.
+Each rank keeps its own rows only. Each rank fills all missing points, so that they are the same on any number of ranks.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from app.base.errors import InputError
 from app.base.units import UNITS, format_lengths
 from app.halfspace.grid import Grid
 from app.problems.surfaces.filters import band_pass, check_cells, check_order
-from app.problems.surfaces.height_file import cropped
-from app.problems.surfaces.moments import Moments, take_off
+from app.problems.surfaces.moments import Moments, add_polynomial
 from app.problems.surfaces.resampling import ResampledSurface
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A measured surface, made by `read_surface`; give it to `ContactProblem` among its ``surfaces``.
+    """A measured surface, made by `read_surface`, for the ``surfaces`` of `ContactProblem`.
 
     Attributes
     ----------
@@ -31,13 +30,13 @@ class Surface:
     shape : tuple of int
         ny, nx: cells, after cropping and averaging.
     spacing : tuple of float or None
-        Size dx, dy of a cell [mm]; None: nobody has said.
+        Size dx, dy of a cell [mm], if stated.
     level, missing : str
-        How it was levelled, what became of missing points.
+        As of `read_surface`.
     crop : tuple of int
         Columns i0 to i1 - 1 and rows j0 to j1 - 1 of the file.
     orient : tuple of str
-        How rows and columns of the file were turned, before all else.
+        Turns of the file's rows and columns, before all else.
     rms_height : float
         Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
     rms_level, skewness, kurtosis : float
@@ -45,16 +44,16 @@ class Surface:
     steps : tuple of float
         Root mean square of the steps from cell to cell of the file in x and in y, about the same, after filters [mm].
     spike : tuple
-        Height above the highest of its four neighbours of the point that stands out most [mm], the same in rms steps,
-        its row and column; about the same, before filters, which only smear it.
+        Of the point that stands out most, about the same, before filters: its height above the highest of its four
+        neighbours [mm], the same in rms steps, its row and column.
     rounding : float
         Height in the file below which differences may be rounding only [mm].
     missing_points : int
         Of the file, within the crop.
     notes : tuple of str
-        What a user should look at twice.
+        Doubts for the user.
     s_filter, l_filter : float or None
-        Nesting indices of what was filtered, see `filtered` [mm].
+        Nesting indices, see `filtered` [mm].
     periodic : bool
         Whether it was read, or filtered, for a periodic patch.
     """
@@ -77,27 +76,34 @@ class Surface:
     missing_points: int
     notes: tuple
     _source: object
-    _coefficients: dict  # powers of x, y, from -1 to 1 over the crop -> [mm]
-    _tilt: dict  # the same of the best plane that is left, without a constant
-    _filled: tuple  # rows and columns of the crop
-    _fillings: dict = field(default_factory=dict)  # whether x and y go around -> heights of these points [mm]
+    _level: dict  # polynomial that is subtracted, see `Moments.fit`
+    _tilt: dict  # slopes of the best plane that remains
+    _filled: tuple  # rows and columns of the filled points in the crop
+    _fillings: dict = field(
+        default_factory=dict
+    )  # heights of these points [mm], by whether x and y wrap around
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
     periodic: bool = False
-    _rest: np.ndarray | None = None  # what filters left of the crop [mm]
+    _filtered: np.ndarray | None = None  # the crop [mm]
 
     sampled = measured = True
 
     def grid(self, domain=None, periodic=None):
-        """Grid of its cells; its patch lies about the origin, or where `domain` says [mm].
+        """Return the grid of its cells.
 
-        Not collective. It repeats for ever where `periodic` says so, by default as the surface was read.
+        Parameters
+        ----------
+        domain : sequence of float, optional
+            x0, x1, y0, y1 [mm]; default: about the origin.
+        periodic : bool or str, optional
+            Default: as the surface was read.
 
         Raises
         ------
         InputError
-            If the patch has no size, or another one than the file says.
+            If the patch has no size, or another one than the file states.
         """
         ny, nx = self.shape
         if domain is None:
@@ -113,9 +119,7 @@ class Surface:
         return grid
 
     def averaged(self, shape):
-        """The same on fewer cells, the mean of whole blocks of cells each.
-
-        Not collective.
+        """Return the surface on fewer cells, the means of whole blocks.
 
         Raises
         ------
@@ -132,39 +136,30 @@ class Surface:
                 "(-surface_resample)"
             )
         fy, fx = ny // shape[0], nx // shape[1]
-        spacing = self.spacing and (fx * self.spacing[0], fy * self.spacing[1])
-        before = self._averaged
         note = f"surface file {self.file}: {fx} x {fy} cells averaged to one: slopes and peaks are lower"
         return replace(
             self,
             shape=tuple(shape),
-            spacing=spacing,
+            spacing=self.spacing and (fx * self.spacing[0], fy * self.spacing[1]),
             notes=(*self.notes, note),
-            _averaged=(before[0] * fy, before[1] * fx),
+            _averaged=(self._averaged[0] * fy, self._averaged[1] * fx),
         )
 
     def resampled(self):
-        """The same on whatever cells it is asked for: a surface of a problem on any grid, see `ResampledSurface`.
-
-        Not collective.
-        """
+        """Return a surface for the cells of any grid, see `ResampledSurface`."""
         return ResampledSurface(self)
 
     def filtered(self, grid, s_filter=None, l_filter=None):
-        """The same without waves shorter than one length and longer than another, see `app.problems.surfaces.filters`.
+        """Return the surface without short and long waves, see `app.problems.surfaces.filters`.
 
-        Not collective: every rank filters all of it, and keeps it.
+        Every rank filters all of it, and keeps it.
 
         Parameters
         ----------
         grid : Grid
-            That of this surface; whether it is periodic counts.
+            That of this surface; on a periodic one filters wrap around.
         s_filter, l_filter : float, optional
             Nesting indices of S-filter and L-filter, of which half passes [mm].
-
-        Returns
-        -------
-        Surface
 
         Raises
         ------
@@ -173,36 +168,47 @@ class Surface:
         """
         if s_filter is None and l_filter is None:
             return self
-        if self._rest is not None:
+        if self._filtered is not None:
             raise InputError(f"surface file {self.file}: is filtered already")
         check_order(s_filter, l_filter)
         self.check_grid(grid)
         ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)
         check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
         periodic = bool(grid.periodic)
-        rest = band_pass(self._levelled(0, ny, (periodic,) * 2), s_filter, l_filter, cell, periodic)
-        moments = Moments(self.file, lambda *rows: rest[slice(*rows)].copy(), (ny, nx))
-        found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter, "spike": self.spike}
+        heights = band_pass(self._levelled(0, ny, (periodic,) * 2), s_filter, l_filter, cell, periodic)
+        moments = Moments(self.file, lambda *rows: heights[slice(*rows)].copy(), (ny, nx))
+        statistics = {
+            **moments.roughness("none"),
+            "spike": self.spike,
+            "s_filter": s_filter,
+            "l_filter": l_filter,
+        }
         return replace(
-            self, **found, periodic=periodic, _tilt=moments.slopes(), _rest=rest, _source=None, _fillings={}
+            self,
+            **statistics,
+            periodic=periodic,
+            _tilt=moments.slopes(),
+            _filtered=heights,
+            _source=None,
+            _fillings={},
         )
 
     def cell(self, grid=None):
-        """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
+        """Return the size dx, dy of a cell of the file [mm], given the surface's grid."""
         grid = grid or self.grid()
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
     def rms_slope(self, grid=None):
-        """Root mean square of the gradient in the file, about the best plane. Not collective."""
+        """Return the root mean square of the file's gradient, about the best plane."""
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
     def understood(self, grid=None):
-        """What was read, in a line for people to compare with what they know. Not collective."""
+        """Return one line on how the file was understood."""
         grid = grid or self.grid()
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
         turned = f" after {','.join(self.orient)}" if self.orient else ""
-        what = "filled" if self.missing == "fill" else "missing"
-        holes = f", {self.missing_points} of {nx * ny} points {what}" if self.missing_points else ""
+        fate = "filled" if self.missing == "fill" else "missing"
+        holes = f", {self.missing_points} of {nx * ny} points {fate}" if self.missing_points else ""
         shape = f", skewness {self.skewness:.2g}, kurtosis {self.kurtosis:.2g}" if self.rms_level > 0 else ""
         filters = (("S", self.s_filter), ("L", self.l_filter))
         filtered = "".join(
@@ -217,11 +223,11 @@ class Surface:
 
     @property
     def _about(self):
-        """What rms height and the like are about."""
+        """Reference of rms height and the like."""
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
-        """Refuse a grid whose cells are not the surface's, or that filters were not made for. Not collective."""
+        """Raise if a grid has other cells than the surface, or is not periodic as its filters are."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -233,7 +239,7 @@ class Surface:
                 f"{grid.ny * self.spacing[1]:.7g} mm; "
                 f"the domain is {grid.nx * grid.dx:.7g} x {grid.ny * grid.dy:.7g} mm"
             )
-        if bool(grid.periodic) != self.periodic and (self.periodic or self._rest is not None):
+        if bool(grid.periodic) != self.periodic and (self.periodic or self._filtered is not None):
             kinds = "free", "periodic"
             raise InputError(
                 f"surface file {self.file}: was read for a {kinds[self.periodic]} patch, this one is "
@@ -252,9 +258,7 @@ class Surface:
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None), around=None):
-        """Heights of some rows, peaks positive [mm]; NaN: missing.
-
-        Not collective.
+        """Return the heights of some rows, peaks positive [mm]; NaN: missing.
 
         Parameters
         ----------
@@ -271,58 +275,55 @@ class Surface:
         fine = self._levelled(fy * start, fy * stop, around or (self.periodic,) * 2)
         if fy == fx == 1:
             return fine
-        # Means of the points that are there, about the best plane, which they need not lie about evenly.
+        # Average about the best plane: the known points of a block need not lie about it evenly.
         tilt = self._tilt if self.missing_points else {}
-        fine = take_off(tilt, fine, fy * start, fy * self.shape[0])
+        add_polynomial(fine, tilt, fy * start, fy * self.shape[0], sign=-1)
         blocks = fine.reshape(stop - start, fy, self.shape[1], fx)
         known = ~np.isnan(blocks)
         with np.errstate(invalid="ignore"):
             means = np.where(known, blocks, 0.0).sum(axis=(1, 3)) / known.sum(axis=(1, 3))
-        return take_off({term: -slope for term, slope in tilt.items()}, means, start, self.shape[0])
+        return add_polynomial(means, tilt, start, self.shape[0])
 
     def heights_on(self, grid, rows=slice(None)):
-        """See `heights`; only on the surface's own cells, around a period as the grid goes."""
+        """Return `heights` for the surface's own grid, filled around a period if it has one."""
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
         return self.heights(rows, (bool(grid.periodic),) * 2)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Share of filled points in the cells of some rows, shape (rows, nx); None: no point is filled.
-
-        Not collective.
-        """
+        """Return the share of filled points in the cells of some rows, shape (rows, nx), or None."""
         if not len(self._filled[0]):
             return None
         start, stop, _ = rows.indices(self.shape[0])
         (fy, fx), (j, i), shape = self._averaged, self._filled, (max(stop - start, 0), self.shape[1])
-        here = slice(*np.searchsorted(j, (fy * start, fy * (start + shape[0]))))
-        cells = np.ravel_multi_index((j[here] // fy - start, i[here] // fx), shape)
+        inside = slice(*np.searchsorted(j, (fy * start, fy * (start + shape[0]))))
+        cells = np.ravel_multi_index((j[inside] // fy - start, i[inside] // fx), shape)
         return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
 
     def describe(self):
-        """Data for the result file, by the names of the options. Not collective."""
+        """Return data for the result file, by the names of the options."""
         names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
         facts = {f"surface_{name}": getattr(self, name) for name in names}
         facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}
         return {name: value for name, value in facts.items() if value is not None}
 
     def _levelled(self, start, stop, around):
-        """Rows of the crop, before averaging [mm]."""
-        if self._rest is not None:
-            return self._rest[start:stop].copy()
-        values = self._in_file(start, stop)
+        """Return rows of the crop, before averaging [mm]."""
+        if self._filtered is not None:
+            return self._filtered[start:stop].copy()
+        heights = self._read(start, stop)
         (j, i), ny = self._filled, self.crop[3] - self.crop[2]
         if len(j):
             if around not in self._fillings:
-                from app.problems.surfaces.fill import fill_missing  # sparse solvers take a while to load
+                from app.problems.surfaces.fill import fill_missing  # sparse solvers load slowly
 
-                self._fillings[around] = fill_missing(self._in_file(0, ny), around)
-            here = slice(*np.searchsorted(j, (start, stop)))
-            values[j[here] - start, i[here]] = self._fillings[around][here]
-        return values
+                self._fillings[around] = fill_missing(self._read(0, ny), around)
+            inside = slice(*np.searchsorted(j, (start, stop)))
+            heights[j[inside] - start, i[inside]] = self._fillings[around][inside]
+        return heights
 
-    def _in_file(self, start, stop):
-        """Rows of the crop that the file has, less the level [mm]."""
-        values = cropped(self._source, self.crop, start, stop)
-        values *= UNITS[self.unit]
-        return take_off(self._coefficients, values, start, self.crop[3] - self.crop[2])
+    def _read(self, start, stop):
+        """Return rows of the crop as in the file, levelled [mm]."""
+        heights = self._source.cropped_rows(self.crop, start, stop)
+        heights *= UNITS[self.unit]
+        return add_polynomial(heights, self._level, start, self.crop[3] - self.crop[2], sign=-1)

@@ -1,4 +1,4 @@
-"""Sums over a height map, which is looked at once, a run of rows after the other: level, tilt, rms height and slope."""
+"""Moments of a height map, in runs of rows: level, tilt, rms height and slope."""
 
 from __future__ import annotations
 
@@ -9,76 +9,77 @@ import numpy as np
 from app.base.errors import InputError, format_exact
 from app.options.option_table import LARGEST
 
-LEVELS = {"none": (), "mean": ((0, 0),)}
+LEVELS = {"none": (), "mean": ((0, 0),)}  # powers of x and y
 LEVELS["plane"] = (*LEVELS["mean"], (1, 0), (0, 1))
-LEVELS["quadratic"] = (*LEVELS["plane"], (2, 0), (1, 1), (0, 2))  # powers of x and y that are taken off
-_RUN = 1 << 18  # cells that are looked at together
-# Heights that differ by less may differ by rounding only: share of their range, as of six digits, and of the largest
-# one, as of single precision.
-_ROUNDING = 1e-6, 2.0**-24
-_FEW_POINTS = 8  # of a row, fewer of which may have the same height by chance
-_FAR_BELOW = 2.0  # rms heights below the best plane of all other rows, where a row was probably not measured
+LEVELS["quadratic"] = (*LEVELS["plane"], (2, 0), (1, 1), (0, 2))
+RUN = 1 << 18  # cells that are read together
+ROUNDING = (
+    1e-6,
+    2.0**-24,
+)  # of heights: share of their range, as of six digits; of the largest, as of single precision
+MIN_POINTS = 8  # of a row; fewer may have the same height by chance
+MIN_DEPTH = 2.0  # of an unmeasured row, in rms heights below the best plane of all other rows
 
 
-def centred(n):
-    """Cell centres of n cells between -1 and 1. Not collective."""
+def cell_centres(n):
+    """Return the centres of n cells between -1 and 1."""
     return (2 * np.arange(n) + 1) / n - 1
 
 
-def take_off(coefficients, z, start, ny):
-    """Take a polynomial of x and y, as of `Moments.fit`, off rows from `start` on of ny, in place. Not collective."""
-    x, y = centred(z.shape[1]), centred(ny)[start : start + len(z)]
+def add_polynomial(z, coefficients, start, ny, sign=1):
+    """Add a polynomial, as of `Moments.fit`, to rows from `start` on of ny, in place."""
+    x, y = cell_centres(z.shape[1]), cell_centres(ny)[start : start + len(z)]
     for (k, m), coefficient in coefficients.items():
-        z -= coefficient * x**k * y[:, None] ** m
+        z += sign * coefficient * x**k * y[:, None] ** m
     return z
 
 
 class Moments:
-    """Sums over the heights z that are there: of x^k y^m, of z x^k y^m, of steps; x and y go from -1 to 1 [mm].
+    """Sums of x^k y^m and z x^k y^m over known heights z, and of their steps.
 
-    Not collective.
+    x and y go from -1 to 1.
 
     Parameters
     ----------
     name : str
         Of the file, for messages.
     rows : callable
-        ``rows(start, stop)`` gives rows of heights, NaN where missing, in an array of their own [mm].
+        ``rows(start, stop)`` returns rows of heights, NaN where missing, in an array of their own [mm].
     shape : tuple of int
         ny, nx.
 
     Raises
     ------
     InputError
-        If a height is of no use, or all are missing.
+        If a height is infinite or too large, or all are missing.
     """
 
     def __init__(self, name, rows, shape):
         self.powers, self.products, self.squares = np.zeros((5, 5)), np.zeros((3, 3)), 0.0
         self._name, self._rows, self.shape, self.reference = name, rows, shape, None
-        self._steps = np.zeros((2, 3))  # along x, y: how many, their sum and that of their squares
+        self._steps = np.zeros((2, 3))  # in x, y: number, sum, sum of squares
         ny, nx = shape
+        self._run = max(1, RUN // nx)
+        # Lowest and highest height, and number of known ones, in each row and column.
         self._in_rows, self._in_columns = np.full((3, ny), np.nan), np.full((3, nx), np.nan)
-        x, y, run, last = centred(nx), centred(ny), self._run, np.full((1, nx), np.nan)
-        for start in range(0, ny, run):
-            z = rows(start, min(start + run, ny))
-            self._add(z, x, y[start : start + run], start)
-            self._add_steps(0, np.diff(z, axis=1))
-            self._add_steps(1, np.diff(np.vstack([last, z]), axis=0))
+        x, y, last = cell_centres(nx), cell_centres(ny), np.full((1, nx), np.nan)
+        for start in range(0, ny, self._run):
+            z = rows(start, min(start + self._run, ny))
+            self._add(z, x, y[start : start + self._run], start)
+            for sums, steps in zip(
+                self._steps, (np.diff(z), np.diff(np.vstack([last, z]), axis=0)), strict=True
+            ):
+                steps = steps[np.isfinite(steps)]
+                sums += steps.size, steps.sum(), steps @ steps
             last = z[-1:]
         if not self.count:
             raise InputError(f"surface file {name}: all points are missing (NaN)")
 
-    @property
-    def _run(self):
-        """Rows that are looked at together."""
-        return max(1, _RUN // self.shape[1])
-
     def _add(self, z, x, y, first):
-        there = ~np.isnan(z)
-        if not there.any():
+        known = ~np.isnan(z)
+        if not known.any():
             return
-        large = np.argwhere(there & ~(np.abs(z) < LARGEST))
+        large = np.argwhere(known & ~(np.abs(z) < LARGEST))
         if len(large):
             j, i = large[0]
             raise InputError(
@@ -86,33 +87,29 @@ class Moments:
                 "numbers, and NaN for missing points"
             )
         if self.reference is None:
-            self.reference = z[there][0]  # so that large offsets cost no digits
-        _widen(self._in_rows[:, first : first + len(z)], z, there, 1)
-        _widen(self._in_columns, z, there, 0)
-        z = np.where(there, z - self.reference, 0.0)
+            self.reference = z[known][0]  # large offsets would cost digits
+        _add_extremes(self._in_rows[:, first : first + len(z)], z, known, 1)
+        _add_extremes(self._in_columns, z, known, 0)
+        z = np.where(known, z - self.reference, 0.0)
         in_x, in_y = (np.stack([values**k for k in range(5)]) for values in (x, y))
-        self.powers += in_x @ there.T.astype(float) @ in_y.T
+        self.powers += in_x @ known.T.astype(float) @ in_y.T
         self.products += in_x[:3] @ z.T @ in_y[:3].T
         self.squares += float(np.einsum("ji,ji", z, z))
 
-    def _add_steps(self, along, steps):
-        known = steps[np.isfinite(steps)]
-        self._steps[along] += known.size, known.sum(), known @ known
-
     @property
     def count(self):
-        """Points that are there."""
+        """Number of known heights."""
         return self.powers[0, 0]
 
     @property
     def rounding(self):
         """Height below which differences may be rounding only [mm]."""
         low, high = np.nanmin(self._in_rows[0]), np.nanmax(self._in_rows[1])
-        return float(np.dot(_ROUNDING, (high - low, max(high, -low))))
+        return float(np.dot(ROUNDING, (high - low, max(high, -low))))
 
     @property
     def steps(self):
-        """Root mean square of the steps from cell to cell in x and in y, about the best plane's [mm]; NaN: none."""
+        """Root mean square of the steps in x and in y, about the best plane's [mm]; NaN: none."""
         _, *tilt = self._solve(LEVELS["plane"])
         count, total, squares = self._steps.T
         plane = 2 * np.array(tilt) / self.shape[::-1]
@@ -121,12 +118,12 @@ class Moments:
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
     def tilt(self):
-        """Rise of the best plane from side to side, and the standard deviation about it [mm]."""
+        """Return the rise of the best plane from side to side, and the standard deviation about it [mm]."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
     def slopes(self):
-        """Coefficients of the best plane but the constant."""
+        """Return the coefficients of the best plane without the constant."""
         return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
 
     def unmeasured(self):
@@ -137,48 +134,47 @@ class Moments:
         list of tuple
             "row" or "column", their numbers, and by how much they move the best plane [mm].
         """
-        found, lowest = [], np.nanmin(self._in_rows[0])
+        unmeasured, lowest = [], np.nanmin(self._in_rows[0])
         for k, (low, high, known) in enumerate((self._in_rows, self._in_columns)):
-            lines = (low == lowest) & (high == lowest) & (known >= max(_FEW_POINTS, self.shape[1 - k] / 2))
+            lines = (low == lowest) & (high == lowest) & (known >= max(MIN_POINTS, self.shape[1 - k] / 2))
             others = (known > 0) & ~lines
-            if not lines.any() or 2 * np.count_nonzero(low[others] < high[others]) <= np.count_nonzero(
-                others
-            ):
-                continue  # heights that vary in one direction only have such rows, too
+            # Heights that vary in one direction only have such rows, too.
+            if not lines.any() or 2 * np.count_nonzero((low < high)[others]) <= np.count_nonzero(others):
+                continue
 
             def measured(start, stop, k=k, lines=lines):
                 left_out = lines[None, :] if k else lines[start:stop, None]
                 return np.where(left_out, np.nan, self._rows(start, stop))
 
             rest = Moments(self._name, measured, self.shape)
-            plane, whole = (moments.fit("plane") for moments in (rest, self))
-            above = plane[0, 0] + centred(len(lines))[lines] * plane[(1, 0) if k else (0, 1)] - lowest
-            if above.max() > _FAR_BELOW * rest.tilt()[1]:
-                moved = sum(abs(plane[term] - whole[term]) for term in plane)
-                found.append((("row", "column")[k], np.flatnonzero(lines), moved))
-        return found
+            plane, whole = rest.fit("plane"), self.fit("plane")
+            depth = plane[0, 0] + cell_centres(len(lines))[lines] * plane[(1, 0) if k else (0, 1)] - lowest
+            if depth.max() > MIN_DEPTH * rest.tilt()[1]:
+                shift = sum(abs(plane[term] - whole[term]) for term in plane)
+                unmeasured.append((("row", "column")[k], np.flatnonzero(lines), shift))
+        return unmeasured
 
     def roughness(self, level):
-        """What a `Surface` says of its heights, by name, by a second look at all of them.
+        """Return the statistics of a `Surface`, by name, by a second pass over the heights.
 
-        All but the rms height is about the best plane, or about level "quadratic", which leaves what is pressed.
+        All but the rms height is about the best plane, or about level "quadratic".
         """
         if level == "quadratic":
-
-            def left(start, stop):
-                return take_off(bowl, self._rows(start, stop), start, self.shape[0])
-
             bowl = self.fit(level)
-            return Moments(self._name, left, self.shape).roughness("none")
+
+            def levelled(start, stop):
+                return add_polynomial(self._rows(start, stop), bowl, start, self.shape[0], sign=-1)
+
+            return Moments(self._name, levelled, self.shape).roughness("none")
         plane, sums, ny = self.fit("plane"), np.zeros(3), self.shape[0]
         rms, steps, spike = self._rms_about("plane"), self.steps, (0.0, 0, 0)
         for start in range(0, ny, self._run):
             stop, first = min(start + self._run, ny), max(start - 1, 0)
-            z = take_off(plane, self._rows(first, min(stop + 1, ny)), first, ny)
-            here = slice(start - first, stop - first)
-            height, row, column = _spike(z, here)
+            z = add_polynomial(self._rows(first, min(stop + 1, ny)), plane, first, ny, sign=-1)
+            run = slice(start - first, stop - first)
+            height, row, column = _find_spike(z, run)
             spike = max(spike, (height, start + row, column), key=itemgetter(0))
-            z = np.nan_to_num(z[here])
+            z = np.nan_to_num(z[run])
             z /= rms or 1.0
             square = z * z
             sums += [np.sum(square), np.vdot(square, z), np.vdot(square, square)]
@@ -194,7 +190,7 @@ class Moments:
         }
 
     def fit(self, level):
-        """Coefficients of the least squares polynomial of a level: (k, m) -> [mm]."""
+        """Return the least squares polynomial of a level: powers of x and y -> [mm]."""
         terms = LEVELS[level]
         coefficients = dict(zip(terms, map(float, self._solve(terms)), strict=True))
         if terms:
@@ -206,12 +202,12 @@ class Moments:
             return np.zeros(0)
         gram = np.array([[self.powers[k + p, m + q] for p, q in terms] for k, m in terms])
         right = np.array([self.products[k, m] for k, m in terms])
-        # About the means, so that one row of points, of which no slope across is known, gets none.
+        # About the means: a single row of points has no slope across it.
         means, height = gram[0] / self.count, right[0] / self.count
         gram, right = gram - np.outer(gram[0], means), right - gram[0] * height
-        found = np.linalg.lstsq(gram, right, rcond=1e-12)[0]
-        found[0] = height - means[1:] @ found[1:]
-        return found
+        coefficients = np.linalg.lstsq(gram, right, rcond=1e-12)[0]
+        coefficients[0] = height - means[1:] @ coefficients[1:]
+        return coefficients
 
     def _rms_about(self, level):
         terms = LEVELS[level] or LEVELS["mean"]
@@ -219,24 +215,21 @@ class Moments:
         return float(np.sqrt(max(self.squares - right @ self._solve(terms), 0.0) / self.count))
 
 
-def _widen(extremes, z, there, axis):
-    """Add heights to the lowest and the highest of each row or column, and to their number, in place."""
-    low, high, known = extremes
+def _add_extremes(extremes, z, known, axis):
+    """Add heights to the lowest, the highest and the number of each row or column, in place."""
+    low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
-    known[...] = np.nan_to_num(known) + np.count_nonzero(there, axis=axis)
+    count[...] = np.nan_to_num(count) + np.count_nonzero(known, axis=axis)
 
 
-def _spike(z, here):
-    """Find the point of some rows that stands out most above its four neighbours, as far as these are there.
+def _find_spike(z, run):
+    """Return height, row and column of the point that stands out most above its known neighbours.
 
-    Returns
-    -------
-    tuple
-        Height above the highest of them, 0 if none does, row from the first of `here`, and column.
+    The rows are those of the slice `run` of z. The height is 0 if no point stands out.
     """
-    beyond = np.pad(z, 1, constant_values=np.nan)
-    beside = np.fmax.reduce([beyond[2:, 1:-1], beyond[:-2, 1:-1], beyond[1:-1, 2:], beyond[1:-1, :-2]])
-    above = np.nan_to_num((z - beside)[here])
+    padded = np.pad(z, 1, constant_values=np.nan)
+    highest = np.fmax.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])
+    above = np.nan_to_num((z - highest)[run])
     j, i = np.unravel_index(above.argmax(), above.shape)
     return max(float(above[j, i]), 0.0), int(j), int(i)

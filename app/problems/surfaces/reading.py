@@ -1,7 +1,7 @@
-"""Measured surfaces: heights in a file, in their own unit, cropped, with missing points, levelled, filtered.
+"""Reading of measured surfaces: units, turns, crop, missing points, level, filters.
 
-A height map is read in runs of rows, and each rank keeps its own rows only; what is found in all of it (level, missing
-points) every rank finds for itself, in the same order, so that it is the same on any number of ranks.
+Heights are read in runs of rows. Each rank keeps its own rows only. Each rank computes level and missing points from
+all heights, in the same order, so that they are the same on any number of ranks.
 """
 
 from __future__ import annotations
@@ -15,21 +15,13 @@ from app.base.errors import InputError
 from app.base.units import UNITS, find_unit, format_lengths
 from app.halfspace.grid import validate_symbol
 from app.problems.surfaces.filters import check_cells, check_order
-from app.problems.surfaces.height_file import (
-    TURNS,
-    agreed_spacing,
-    agreed_units,
-    checked_crop,
-    cropped,
-    open_heights,
-    replace_stated,
-)
+from app.problems.surfaces.height_map import TURNS, open_heights
 from app.problems.surfaces.measured_surface import Surface
 from app.problems.surfaces.moments import LEVELS, Moments
 
 MISSING = ("hole", "fill")
-_TILTED = 4.0  # rise of the best plane over the patch in rms heights about it that is worth a note
-_NAMED = 4  # rows that a note names
+MIN_NOTED_TILT = 4.0  # rise of the best plane over the patch, in rms heights about it
+MAX_NOTED_ROWS = 4
 
 
 def read_surface(
@@ -50,42 +42,41 @@ def read_surface(
 ):
     """Read measured heights.
 
-    Not collective: every rank looks at the whole file, a run of rows after the other.
-
     Parameters
     ----------
     path : str or Path, or array_like, shape (ny, nx)
         The heights, NaN or masked where a point is missing; or a file of them: ``.npy``, ``.npz`` or ``.h5``
-        (``:/dataset``), text with a row of cells a line, or text with points x, y, z of a regular grid in any order.
-        Peaks towards the other body are positive; the first row is the one of smallest y. What instruments
-        write ``python -m app.convert`` turns into ``.h5``.
+        (``:/dataset``), text with a row of cells per line, or text with points x, y, z of a regular grid in any
+        order. Peaks towards the other body are positive; the first row is the one of smallest y.
+        ``python -m app.convert`` turns files of instruments into ``.h5``.
     unit : str, optional
-        m, cm, mm, um (or µm), nm, pm, angstrom (or Å) or in: of the file; needed where it does not say.
+        m, cm, mm, um (or µm), nm, pm, angstrom (or Å) or in: of the file; needed where it does not state one.
     level : str
-        What is taken off: none, mean, plane or quadratic (least squares on the points that are there).
+        Least squares polynomial that is subtracted: none, mean, plane or quadratic. Missing points are left out.
     crop : sequence of int, optional
         i0, i1, j0, j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 only.
     missing : str
-        What becomes of missing points (NaN): "hole", contact is impossible there, or "fill" by a harmonic function.
+        "hole": contact is impossible at missing points (NaN). "fill": they are filled by a harmonic function.
     height_unit : str, optional
         Of the heights alone, where x and y of points are in `unit`.
     orient : sequence of str, or str
-        How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y, or a text of
-        these with commas between. Without any an ESRI grid is flipped in y: its rows go from north to south.
+        Turns of rows and columns before all else, one after the other: transpose, flip_x, flip_y, or a text of
+        these with commas between. By default an ESRI grid is flipped in y: its rows go from north to south.
     skip : int
         Lines at the head of a text to leave out.
     spacing : pair of float, optional
-        Size dx, dy of a cell before it is turned [mm], where the file does not say; else `Surface.grid` needs a domain.
+        Size dx, dy of a cell before the turns [mm], where the file does not state it; else `Surface.grid` needs a
+        domain.
     s_filter, l_filter : float, optional
-        Nesting indices (cut-off wavelengths) of Gaussian filters [mm], which come last: waves shorter than `s_filter`
-        are taken off as noise, those longer than `l_filter` as waviness. Where only `Surface.grid` knows the spacing,
-        `Surface.filtered` does it.
+        Nesting indices (cut-off wavelengths) of Gaussian filters [mm], which come last. `s_filter` removes shorter
+        waves, as of noise, `l_filter` longer ones, as of waviness. If only `Surface.grid` has the spacing, use
+        `Surface.filtered`.
     periodic : bool
-        Whether the patch repeats for ever, so that filters go around; `Surface.grid` does then, too.
+        Whether the patch repeats for ever, so that filters wrap around; also the default of `Surface.grid`.
     channel : str or int, optional
         Name or number, from 0, of a channel of a text that has several, one below the other.
     override : bool
-        Whether `unit`, `height_unit` and `spacing` replace what the file states; else a contradiction is refused.
+        Whether `unit`, `height_unit` and `spacing` replace what the file states; else a contradiction is an error.
 
     Returns
     -------
@@ -94,8 +85,8 @@ def read_surface(
     Raises
     ------
     InputError
-        If it cannot be read, its unit is not known or not what the file says, the crop lies outside, or a filter does
-        not fit to its cells.
+        If it cannot be read, its unit is unknown or not the one in the file, the crop lies outside, or a filter does
+        not fit its cells.
 
     Examples
     --------
@@ -127,58 +118,50 @@ def read_surface(
         source = open_heights(path, skip, orient, channel, coordinates=crop is not None)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    if override:
-        replace_stated(source, unit, height_unit, spacing, "override=True")
-    surface = surface_of(source, unit, level, crop, missing, height_unit, spacing)
-    surface = replace(surface, periodic=periodic)
+    source.settle(unit, height_unit, spacing, override)
+    surface = replace(make_surface(source, level, crop, missing), periodic=periodic)
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
     return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
 
 
-def surface_of(source, unit=None, level="none", crop=None, missing="hole", height_unit=None, spacing=None):
-    """Surface of a `HeightFile` or `HeightArray` that is turned already; all else as of `read_surface`.
-
-    Not collective.
-    """
-    unit, lateral = agreed_units(source, unit, height_unit)
-    sides = agreed_spacing(source, lateral, spacing, source.orient)
-    crop = checked_crop(source, crop)
-    scale = UNITS[unit]
+def make_surface(source, level="none", crop=None, missing="hole"):
+    """Return the `Surface` of a settled `HeightMap`; the rest as of `read_surface`."""
+    crop, scale = source.check_crop(crop), UNITS[source.unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
-    moments = Moments(source.file, lambda *rows: scale * cropped(source, crop, *rows), (ny, nx))
-    holes = nx * ny - int(moments.count)
+    moments = Moments(source.file, lambda *rows: scale * source.cropped_rows(crop, *rows), (ny, nx))
+    holes, where = nx * ny - int(moments.count), f"surface file {source.file}"
     notes, filled = [], (np.zeros(0, int),) * 2
     if holes and missing == "fill":
-        filled = np.nonzero(np.isnan(cropped(source, crop, 0, ny)))
-        notes.append(f"surface file {source.file}: {holes} of {nx * ny} points were missing and are filled")
+        filled = np.nonzero(np.isnan(source.cropped_rows(crop, 0, ny)))
+        notes.append(f"{where}: {holes} of {nx * ny} points were missing and are filled")
     elif holes:
         notes.append(
-            f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
+            f"{where}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
             "fill them by missing='fill' (-surface_missing fill)"
         )
-    for what, lines, moved in moments.unmeasured():
-        first = crop[2] if what == "row" else crop[0]
-        numbers = ", ".join(map(str, first + lines[:_NAMED])) + ", ..." * (len(lines) > _NAMED)
+    for kind, lines, shift in moments.unmeasured():
+        numbers = [str(line + crop[2 if kind == "row" else 0]) for line in lines[:MAX_NOTED_ROWS]]
+        more = ", ..." * (len(lines) > MAX_NOTED_ROWS)
         notes.append(
-            f"surface file {source.file}: all points in {what}{'s'[: len(lines) != 1]} {numbers} have the lowest "
-            f"height, as if they were not measured, which moves the best plane by up to {format_lengths(moved)}; "
+            f"{where}: all points in {kind}{'s'[: len(lines) != 1]} {', '.join(numbers)}{more} have the lowest "
+            f"height, as if they were not measured, which moves the best plane by up to {format_lengths(shift)}; "
             "leave them out by crop= (-surface_crop), or mark them as missing, NaN"
         )
     rise, rms = moments.tilt()
-    found = moments.roughness(level)
-    height, times, row, column = found["spike"]
-    found["spike"] = height, times, crop[2] + row, crop[0] + column
+    statistics = moments.roughness(level)
+    height, steps, row, column = statistics["spike"]
+    statistics["spike"] = height, steps, crop[2] + row, crop[0] + column
     tilted = level in ("none", "mean")
-    if tilted and rise > max(_TILTED * rms, moments.rounding):
+    if tilted and rise > max(MIN_NOTED_TILT * rms, moments.rounding):
         notes.append(
-            f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
+            f"{where}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
             f"plane is {rms:.3g} mm; level it by level='plane' (-surface_level plane) if that is the instrument's"
         )
     return Surface(
         file=source.file,
-        unit=unit,
+        unit=source.unit,
         shape=(ny, nx),
-        spacing=sides,
+        spacing=source.cell,
         level=level,
         missing=missing,
         crop=crop,
@@ -187,8 +170,8 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
         missing_points=holes,
         notes=tuple(notes),
         _source=source,
-        _coefficients=moments.fit(level),
+        _level=moments.fit(level),
         _tilt=moments.slopes() if tilted else {},
         _filled=filled,
-        **found,
+        **statistics,
     )

@@ -1,8 +1,8 @@
-"""Measured surfaces on any cells: of a smooth surface, in which each of the file's cells has its height as the mean.
+"""Measured surfaces on the cells of any grid, by splines that keep the volume.
 
-Volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns; what they
-grow by over a cell of the grid is its mean height (*histosplines*, parabolas between the edges). So volumes are kept,
-whole blocks of cells get their mean, and quadratic surfaces are met exactly.
+The volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns. Their
+increase over a cell of the grid is its mean height (*histosplines*: heights are parabolas between the edges). So
+volumes are kept, whole blocks of cells get their mean, and quadratic surfaces are exact.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from app.base.memory import check_fits
 from app.base.units import format_lengths
 from app.halfspace.grid import Grid
 
-_RUN = 1 << 18  # numbers that are joined together
-_ROUNDING = 1e-9  # of sides, or shares of a cell
+RUN = 1 << 18  # numbers that are joined together
+ROUNDING = 1e-9  # of sides, or shares of a cell
 
 
 @dataclass(frozen=True, eq=False)
 class ResampledSurface:
-    """A measured surface on the cells of whatever grid it is asked for, made by `Surface.resampled`.
+    """A measured surface on the cells of any grid, made by `Surface.resampled`.
 
-    The middle of the surface lies in the middle of the grid's patch, which may be smaller; if the file does not say its
-    spacing, they are the same. A cell of the grid is missing where none of the file's cells that it overlaps is known.
+    The middle of the surface lies in the middle of the grid's patch, which may be smaller. If the file does not state
+    its spacing, the surface is as large as the patch. A cell of the grid is missing where it overlaps no known point.
 
     Attributes
     ----------
@@ -55,61 +55,60 @@ class ResampledSurface:
     )
 
     def own_grid(self, grid):
-        """Grid of the surface's own cells, for a grid that it is asked for. Not collective."""
+        """Return the grid of the surface's own cells, given the grid to resample to."""
         extent = grid.x0, grid.x0 + grid.nx * grid.dx, grid.y0, grid.y0 + grid.ny * grid.dy
         return self.surface.grid(None if self.spacing else extent, grid.periodic)
 
     def check_grid(self, grid):
-        """Refuse a patch that is larger than the surface. Not collective."""
-        own = self.own_grid(grid)
-        sides, there = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, own))
-        if np.any(sides > there * (1 + _ROUNDING)):
+        """Raise if a patch is larger than the surface."""
+        sides, own = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, self.own_grid(grid)))
+        if np.any(sides > own * (1 + ROUNDING)):
             raise InputError(
-                f"surface file {self.file}: is {there[0]:.10g} x {there[1]:.10g} mm, the domain {sides[0]:.10g} x "
+                f"surface file {self.file}: is {own[0]:.10g} x {own[1]:.10g} mm, the domain {sides[0]:.10g} x "
                 f"{sides[1]:.10g} mm; needed: a domain that is no larger"
             )
 
     def filtered(self, grid, s_filter=None, l_filter=None):
-        """See `Surface.filtered`: on the file's cells, for a grid that it will be asked for."""
+        """Filter on the file's cells, see `Surface.filtered`."""
         return ResampledSurface(self.surface.filtered(self.own_grid(grid), s_filter, l_filter))
 
     def cell(self, grid):
-        """See `Surface.cell`: that of the file."""
+        """Return the size of a cell of the file, see `Surface.cell`."""
         return self.surface.cell(self.own_grid(grid))
 
     def rms_slope(self, grid):
-        """See `Surface.rms_slope`: that of the file."""
+        """Return the rms slope in the file, see `Surface.rms_slope`."""
         return self.surface.rms_slope(self.own_grid(grid))
 
     def understood(self, grid):
-        """See `Surface.understood`."""
-        said = self.surface.understood(self.own_grid(grid))
-        return f"{said}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
+        """Return one line on how the file was understood."""
+        line = self.surface.understood(self.own_grid(grid))
+        return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
-        """Mean heights in the cells of some rows of a grid, shape (rows, nx) [mm]; NaN: missing. Not collective."""
+        """Return mean heights in the cells of some rows of a grid, shape (rows, nx) [mm]; NaN: missing."""
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
         x, y, around = _edges(own, grid, rows)
-        heights, share = self.surface.heights(around=around), 1.0
+        heights, known = self.surface.heights(around=around), 1.0
         missing = np.isnan(heights)
         if missing.any():
-            from app.problems.surfaces.fill import fill_missing  # sparse solvers take a while to load
+            from app.problems.surfaces.fill import fill_missing  # sparse solvers load slowly
 
             heights[missing] = fill_missing(heights, around)
-            share = _means(_means(1.0 - missing, x, 1).T, y, 1).T
+            known = _means(_means(1.0 - missing, x, 1).T, y, 1).T
         means = _means(_means(heights, x, 3, around[0]).T, y, 3, around[1]).T
-        return np.where(share > _ROUNDING, means, np.nan)
+        return np.where(known > ROUNDING, means, np.nan)
 
     def filled_on(self, grid, rows=slice(None)):
-        """See `Surface.filled_on`: the share of the area."""
+        """Return the share of filled area in the cells of some rows, see `Surface.filled_on`."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
 
     def describe(self):
-        """See `Surface.describe`."""
+        """Return data for the result file, by the names of the options."""
         return {**self.surface.describe(), "surface_resample": 1}
 
     def __repr__(self):
@@ -117,9 +116,7 @@ class ResampledSurface:
 
 
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
-    """Grid for resampled surfaces: on the patch that all have, with about the cells of the first.
-
-    Not collective.
+    """Return a grid on the patch that all surfaces cover, with about the cells of the first.
 
     Parameters
     ----------
@@ -127,7 +124,7 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
     cells : (int, int), optional
         nx, ny.
     domain : sequence of float, optional
-        x0, x1, y0, y1 [mm]; needed if no file says its spacing.
+        x0, x1, y0, y1 [mm]; needed if no file states its spacing.
     periodic : bool or str
         See `validate_symbol`.
     """
@@ -142,20 +139,20 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
 
 
 def _edges(own, grid, rows):
-    """Edges in x, and in y of some rows, of the cells of a grid, counted in the file's; whether x and y go around."""
-    found, around = [], []
+    """Return cell edges in x, and in y of some rows, in cells of the file, and whether x and y wrap around."""
+    all_edges, around = [], []
     for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
-        edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # both have the same middle
-        if abs(edges[0]) <= _ROUNDING * n:
+        edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # about the common middle
+        if abs(edges[0]) <= ROUNDING * n:
             edges[[0, -1]] = 0, n
-        found.append(edges)
+        all_edges.append(edges)
         around.append(bool(grid.periodic and edges[0] == 0))
     start, stop, _ = rows.indices(grid.ny)
-    return found[0], found[1][start : max(start, stop) + 1], tuple(around)
+    return all_edges[0], all_edges[1][start : max(start, stop) + 1], tuple(around)
 
 
 def _means(values, edges, degree, around=False):
-    """Means over cells of a spline with the means `values`, along rows: one degree less than that of their sums.
+    """Return means over cells, along rows, of a spline that has the means `values`.
 
     Parameters
     ----------
@@ -163,9 +160,9 @@ def _means(values, edges, degree, around=False):
     edges : ndarray, shape (cells + 1,)
         Of the cells, counted in those of `values`, from 0 to n.
     degree : int
-        Of what joins the sums up to the edges of `values`.
+        Of the spline through the sums up to the edges of `values`.
     around : bool
-        Whether the values go on beyond each end at the other one.
+        Whether the values wrap around.
 
     Returns
     -------
@@ -175,7 +172,7 @@ def _means(values, edges, degree, around=False):
 
     n, means = values.shape[1], np.empty((len(values), len(edges) - 1))
     degree, ends = min(degree, n), "periodic" if around and n > degree > 1 else None
-    step = max(1, _RUN // n)
+    step = max(1, RUN // n)
     for first in range(0, len(values), step):
         run = values[first : first + step]
         middle = run.mean(axis=1, keepdims=True)

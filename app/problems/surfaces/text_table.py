@@ -1,6 +1,6 @@
-"""Tables of numbers in text: which characters separate numbers, and which one begins their decimals.
+r"""Tables of numbers in text: separators, decimal marks, missing values.
 
-One rule for the whole file, so that no line is read in another way than its neighbours:
+One layout holds for the whole file, so that all lines are read alike:
 
 ==================================  =======================================
 the lines have                      they are read as
@@ -14,8 +14,8 @@ commas only                         by commas, if they cannot be decimal
 neither                             by blanks and tabs
 ==================================  =======================================
 
-Commas between semicolons or tabs begin decimals, unless there are points as well. Commas in quotes begin decimals,
-those beside quotes separate. Exponents may begin with D, as Fortran writes them.
+Between semicolons or tabs a comma begins decimals, unless there are points as well. Commas in quotes begin decimals,
+those outside separate. Exponents may begin with D, as Fortran writes them.
 """
 
 from __future__ import annotations
@@ -27,56 +27,58 @@ import numpy as np
 from app.base.errors import shorten
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
-# What spreadsheets write instead of a number, in English and German.
+# Error values of spreadsheets, in English and German.
 _ERROR = r"#(?:N/A|N/D|NV|DIV/0!|NUM!|ZAHL!|VALUE!|WERT!|REF!|BEZUG!|NAME\?|NULL!)"
-_MARK = re.compile(
+_MISSING = re.compile(
     rf"\*+|-+|_+|n/?a|null|none|bad|void|missing|[+-]?1[.,]#\w+|[+-]?nan\(\w+\)|{_ERROR}", re.IGNORECASE
-)  # of missing points
-_COMMA_MARK = re.compile(r"\b1,#(?=IND|INF|[QS]?NAN)")  # with a decimal comma
-_ERROR_FIRST = re.compile(rf'\s*"?{_ERROR}"?(?![^\s;,])')  # in a line that is no comment
-_NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+(\S+)", re.IGNORECASE)  # at the head of an ESRI grid
-_NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)  # one more of them, in two words
-_PLAIN = frozenset("0123456789+-.,;eE \t")
-_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
+)
+_NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)
+_COMMA_NAN = re.compile(r"\b1,#(?=IND|INF|[QS]?NAN)")  # 1.#QNAN with a decimal comma
+_ERROR_FIRST = re.compile(rf'\s*"?{_ERROR}"?(?![^\s;,])')
+_NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+(\S+)", re.IGNORECASE)
+_NUMBER_CHARACTERS = frozenset("0123456789+-.,;eE \t")
+_FORTRAN_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 _QUOTED = re.compile(r'"([^"\n]*)"')
-_COMMA_BESIDE = re.compile(r"^ *,|, *$")  # a quote
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # may be thousands, or a decimal comma
-_COMMENTS = ("#", "%")
-_SIGNS = 8  # different numbers below 0, all before the first comma of two: by chance none stands behind one
+_COMMA_AT_QUOTE = re.compile(r"^ *,|, *$")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # grouped, or with a decimal comma
+MIN_SIGNED_INTEGERS = 8  # that many negative numbers before every second comma: the commas are decimal
 
 
 class UnknownText(ValueError):
-    """The text has words where only a reader of its format can tell what they mean."""
+    """The text may be in the format of an instrument.
+
+    Attributes
+    ----------
+    is_text : bool
+        False if it has bytes that no text has.
+    """
+
+    def __init__(self, message, is_text=True):
+        super().__init__(message)
+        self.is_text = is_text
 
 
 def is_comment(line):
-    """True if a line begins with # or %, except for the error values of spreadsheets. Not collective."""
-    return line.lstrip().startswith(_COMMENTS) and not _ERROR_FIRST.match(line)
+    """Return whether a line begins with # or %, and not with an error value."""
+    return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
 
 def is_row(line):
-    """True if a line has numbers or marks of missing points, and nothing else. Not collective."""
-    return bool(line.strip()) and not is_comment(line) and _word_in(line, marks=True) is None
+    """Return whether a line consists of numbers and marks of missing points."""
+    return bool(line.strip()) and not is_comment(line) and _first_word(line, heights=True) is None
 
 
-def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
+def read_table(lines, skip=0, heights=False):
     """Read the rows of a table.
-
-    Not collective.
 
     Parameters
     ----------
     lines : list of str
-        Empty ones, and those that begin with # or %, do not count.
-    missing : str
-        What nan stands for, for messages.
+        Empty lines and comments are left out.
     skip : int
-        Lines at the head that are none of the table.
-    marks : bool
-        Whether entries like ``***``, empty ones, and the number that a line ``NODATA_value`` at the head names, are
-        missing values (NaN).
-    how_to_skip : str
-        What a user may do about words at the head, ``{0}``: which lines, ``{1}``: how many; empty: nothing.
+        Lines at the head to leave out.
+    heights : bool
+        Read entries like ``***``, empty ones, and the number of a skipped line ``NODATA_value`` as NaN.
 
     Returns
     -------
@@ -87,70 +89,74 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
     UnknownText
         If there are words at the head, and nowhere else.
     ValueError
-        If a line holds something else, is of another length, or could be read in two ways; it says which.
+        If a line holds something else, is of another length, or could be read in two ways.
 
     Examples
     --------
-    >>> read_table(["x y", "0,5 1,5", "*** 2"], "missing", skip=1, marks=True)
+    >>> read_table(["x y", "0,5 1,5", "*** 2"], skip=1, heights=True)
     array([[0.5, 1.5],
            [nan, 2. ]])
     """
-    numbered = [
-        (j, _NO_DATA.sub("nan", line.strip(" \r")) if marks else line.strip(" \r"))
+    rows = [
+        (j, line.strip(" \r"))
         for j, line in enumerate(lines, 1)
         if j > skip and line.strip() and not is_comment(line)
     ]
-    if not numbered:
+    if not rows:
         raise ValueError("it is empty")
-    _refuse_words_at_the_head(numbered, marks, how_to_skip)
-    texts = _unquoted(
-        [_EXPONENT.sub("e", line) if "d" in line or "D" in line else line for _, line in numbered]
-    )
-    separator, decimal_commas = _layout(texts)
+    numbers, texts = zip(*rows, strict=True)
+    if heights:
+        texts = [_NO_DATA.sub("nan", text) for text in texts]
+    _check_head(numbers, texts, heights)
+    texts = _unquote([_FORTRAN_EXPONENT.sub("e", text) if "d" in text.lower() else text for text in texts])
+    separator, decimal_commas = _find_layout(texts)
     if separator and separator != "\t":
-        texts = [line.rstrip() for line in texts]
-    if separator and all(line.endswith(separator) for line in texts):  # a habit of some programs
-        texts = [line[: -len(separator)] for line in texts]
-    rows = []
-    for (j, _), line in zip(numbered, texts, strict=True):
-        row = line.split(separator)
-        if rows and len(row) != len(rows[0]):
+        texts = [text.rstrip() for text in texts]
+    if separator and all(text.endswith(separator) for text in texts):
+        texts = [text[:-1] for text in texts]
+    table = []
+    for j, text in zip(numbers, texts, strict=True):
+        entries = text.split(separator)
+        if table and len(entries) != len(table[0]):
+            skipping = ", or are skipped at the head" if heights else ""
             raise ValueError(
-                f"line {j} has {len(row)} entries, line {numbered[0][0]} has {len(rows[0])}; needed: lines of "
-                f"numbers, a row of cells each; others begin with #{how_to_skip and ', or are skipped at the head'}"
+                f"line {j} has {len(entries)} entries, line {numbers[0]} has {len(table[0])}; needed: lines of "
+                f"numbers, a row of cells each; others begin with #{skipping}"
             )
         if decimal_commas:
-            row = [entry.replace(",", ".", 1) for entry in row]
+            entries = [entry.replace(",", ".", 1) for entry in entries]
         try:
-            rows.append(np.array(row, float))
+            table.append(np.array(entries, float))
         except ValueError:
-            rows.append(np.array([_value(entry, j, i, missing, marks) for i, entry in enumerate(row, 1)]))
-    table = np.array(rows)
-    _refuse_blocks([j for j, _ in numbered], table.shape[1])
-    for j, line in enumerate(lines[:skip] if marks else (), 1):
-        if said := _NO_DATA_VALUE.match(line):
-            table[table == _value(said[1], j, 2, missing, marks)] = np.nan
+            table.append(np.array([_number(entry, j, i, heights) for i, entry in enumerate(entries, 1)]))
+    table = np.array(table)
+    _check_blocks(numbers, table.shape[1])
+    for j, line in enumerate(lines[:skip] if heights else (), 1):
+        if match := _NO_DATA_VALUE.match(line):
+            table[table == _number(match[1], j, 2, heights)] = np.nan
     return table
 
 
-def _refuse_words_at_the_head(numbered, marks, how_to_skip):
-    """Say how many lines at the head are words, as far as a table follows them."""
-    first = next((k for k, (_, line) in enumerate(numbered) if not _word_in(line, marks)), None)
-    if first:
-        j, line = numbered[0]
-        skipped = numbered[first][0] - 1
-        what = f"{skipped} lines" if skipped > 1 else "line"
-        advice = how_to_skip.format(what, skipped) or "lines that are no row of cells begin with #"
-        more = any(_word_in(line, marks) for _, line in numbered[first:])  # perhaps the head of another map
-        refusal = ValueError if more else UnknownText
-        raise refusal(f"line {j}: {shorten(_word_in(line, marks))!r} is no number; {advice}")
+def _check_head(numbers, texts, heights):
+    """Raise if a table begins below lines of words."""
+    words = [_first_word(text, heights) for text in texts]
+    first = words.index(None) if None in words else 0
+    if not first:
+        return
+    skip = numbers[first] - 1
+    advice = "lines that are no row of cells begin with #"
+    if heights:
+        what = f"{skip} lines" if skip > 1 else "line"
+        advice = (
+            f"skip the {what} at the head by skip={skip} (-surface_skip {skip}, app.convert --skip {skip}), "
+            "or begin them with #"
+        )
+    refusal = ValueError if any(words[first:]) else UnknownText  # words below may head another map
+    raise refusal(f"line {numbers[0]}: {shorten(words[0])!r} is no number; {advice}")
 
 
-def _refuse_blocks(numbers, columns):
-    """Refuse blocks of equally many rows with other lines between them, by the numbers of the lines with rows.
-
-    Points x, y, z may be written so.
-    """
+def _check_blocks(numbers, columns):
+    """Raise if other lines divide the rows into blocks of one size, unless they are points x, y, z."""
     starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
     rows = np.diff(starts, append=len(numbers))
     if columns != 3 and len(rows) > 1 and rows[0] > 1 and (rows == rows[0]).all():
@@ -160,91 +166,95 @@ def _refuse_blocks(numbers, columns):
         )
 
 
-def _unquoted(lines):
-    """Take quotes off. Commas beside quotes become semicolons, those within quotes decimal points."""
-    if not any('"' in line for line in lines):
-        return lines
+def _unquote(lines):
+    """Remove quotes; make separating commas semicolons and shorten commas points."""
     text = "\n".join(lines)
+    if '"' not in text:
+        return lines
     outside, entries = _QUOTED.split(text)[::2], _QUOTED.findall(text)
-    if re.search("[;\t]", "".join(outside)) or not any(map(_COMMA_BESIDE.search, outside)):
+    if re.search("[;\t]", "".join(outside)) or not any(map(_COMMA_AT_QUOTE.search, outside)):
         return text.replace('"', "").splitlines()
     commas = [entry for entry in entries if "," in entry]
-    if commas and ("." in text or all(_GROUPED.fullmatch(entry.strip()) for entry in commas)):
+    if commas and ("." in text or all(_THOUSANDS.fullmatch(entry.strip()) for entry in commas)):
         raise ValueError(
             f"the comma in {commas[0][:40]!r} may begin decimals or group thousands: write decimal points"
         )
-    parts = zip([part.replace(",", ";") for part in outside], [*entries, ""], strict=True)
-    return "".join(part + entry.replace(",", ".") for part, entry in parts).splitlines()
+    parts = zip(outside, [*entries, ""], strict=True)
+    return "".join(part.replace(",", ";") + entry.replace(",", ".") for part, entry in parts).splitlines()
 
 
-def _word_in(line, marks):
-    """First entry of a line that is no number, whatever separates numbers; None if all are."""
-    if _PLAIN.issuperset(line):
+def _first_word(line, heights):
+    """Return the first entry that is no number, by any layout, or None."""
+    if _NUMBER_CHARACTERS.issuperset(line):
         return None
-    for entry in re.split(r'[\s;,"]+', _COMMA_MARK.sub("1.#", line)):
-        if entry and not _NUMBER.fullmatch(entry) and not (marks and _MARK.fullmatch(entry)):
+    for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
+        if entry and not _NUMBER.fullmatch(entry) and not (heights and _MISSING.fullmatch(entry)):
             return entry
     return None
 
 
-def _layout(lines):
-    """Separator, None for blanks and tabs, and whether decimals begin with a comma."""
+def _find_layout(lines):
+    """Return the separator, None for blanks and tabs, and whether commas are decimal."""
     text = "\n".join(lines)
-    points, commas = "." in text, "," in text
+    points, commas = "." in text, text.count(",")
     if ";" in text or ("\t" in text and " " not in text):
         if points and commas:
             raise ValueError("numbers have both points and commas: write decimals in one way")
-        return ";" if ";" in text else "\t", commas
+        return ";" if ";" in text else "\t", bool(commas)
     if not commas:
         return None, False
     blanks = re.search(r"\S[ \t]+\S", text)
-    before_blanks = len(re.findall(r",(?=[ \t]|$)|[ \t],", text, re.MULTILINE))
-    if points or before_blanks == text.count(","):
-        if points and blanks and not before_blanks:
-            raise ValueError(
-                "numbers are separated by blanks and have both points and commas: write decimals in one way"
-            )
+    commas_at_blanks = len(re.findall(r",(?=[ \t]|$)|[ \t],", text, re.MULTILINE))
+    if points and blanks and not commas_at_blanks:
+        raise ValueError(
+            "numbers are separated by blanks and have both points and commas: write decimals in one way"
+        )
+    if points or commas_at_blanks == commas:
         return ",", False
-    if blanks:
-        if before_blanks:
-            raise ValueError(
-                "commas with and without a blank behind: they may be separators or begin decimals; separate numbers by "
-                "semicolons, or write decimal points"
-            )
-        return None, True
-    _refuse_if_decimal(lines)
-    return ",", False
+    if blanks and commas_at_blanks:
+        raise ValueError(
+            "commas with and without a blank behind: they may be separators or begin decimals; separate numbers by "
+            "semicolons, or write decimal points"
+        )
+    if not blanks:
+        _check_commas_separate(lines)
+    return (None, True) if blanks else (",", False)
 
 
-def _refuse_if_decimal(lines):
-    """Refuse ``0,12,0,34``, which may be two numbers or four; whole numbers look otherwise."""
+def _check_commas_separate(lines):
+    """Raise if every second comma may begin decimals, as in ``0,12,0,34``."""
     rows = [line.rstrip(",").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
         return
-    before, behind = ({entry.strip() for row in rows for entry in row[k::2]} for k in (0, 1))
-    powers = "e" in "".join(behind).lower() and "e" not in "".join(before).lower()
-    behind = {re.split("[eE]", entry)[0] for entry in behind}
-    if not all(entry.isdigit() for entry in behind):
+    integers, decimals = ({entry.strip() for row in rows for entry in row[k::2]} for k in (0, 1))
+    powers = "e" in "".join(decimals).lower() and "e" not in "".join(integers).lower()
+    decimals = {re.split("[eE]", entry)[0] for entry in decimals}
+    if not all(entry.isdigit() for entry in decimals):
         return
-    lengths = [{len(entry.lstrip("+-")) for entry in entries} for entries in (before, behind)]
-    zeros = any(len(entry) > 1 and entry.startswith("0") for entry in behind) or "-0" in before
-    alike = len(lengths[1]) == 1 and lengths[1] != {1} and lengths[0] != lengths[1]
-    signs = sum(entry.startswith("-") for entry in before) >= _SIGNS
-    if powers or signs or zeros or alike or before <= {"0", "+0"}:
+    lengths, digits = ({len(entry.lstrip("+-")) for entry in part} for part in (integers, decimals))
+    if (
+        powers
+        or any(len(entry) > 1 and entry.startswith("0") for entry in decimals)
+        or "-0" in integers
+        or integers <= {"0", "+0"}
+        or (len(digits) == 1 and digits != {1} and digits != lengths)
+        or sum(entry.startswith("-") for entry in integers) >= MIN_SIGNED_INTEGERS
+    ):
         raise ValueError(
             f"line of {shorten(lines[0])!r}: commas may separate numbers or begin their decimals; separate numbers by "
             "semicolons, tabs or blanks, or write decimal points"
         )
 
 
-def _value(entry, j, i, missing, marks):
-    """Value of an entry in line j, the i-th, both counted from 1."""
+def _number(entry, j, i, heights):
+    """Return the value of entry i in line j, both counted from 1."""
     entry = entry.strip()
-    if marks and (not entry or _MARK.fullmatch(entry)):
+    if heights and (not entry or _MISSING.fullmatch(entry)):
         return np.nan
     try:
         return float(entry)
     except ValueError:
+        missing = "missing points" if heights else "cells where contact is impossible"
         raise ValueError(
             f"line {j}, entry {i}: {shorten(entry)!r} is no number; needed: numbers, and nan for {missing}"
         ) from None

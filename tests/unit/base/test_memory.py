@@ -16,7 +16,7 @@ from app.base import memory
 from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.parallel.communicator import Communicator
-from app.problems.surfaces.array_file import ArrayFile
+from app.problems.gap_file import GapFile
 
 GRID = Grid(4000, 3000, 1.0, 1.0)
 
@@ -169,4 +169,4 @@ def test_a_compressed_dataset_larger_than_memory_is_refused(tmp_path):
     subprocess.run([sys.executable, "-c", program, tmp_path / "bomb.h5"], check=True, timeout=60)
     assert (tmp_path / "bomb.h5").stat().st_size < 2**16
     with pytest.raises(ValueError, match=r"bomb\.h5: needs 8.19e\+03 GiB of memory"):
-        ArrayFile(tmp_path / "bomb.h5").rows()
+        GapFile(tmp_path / "bomb.h5").rows()
