@@ -20,7 +20,7 @@ from app.api.analytic_values import ANALYTIC, THEORIES
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
-from app.contact.loading_input import LOADINGS, as_number
+from app.contact.loading_input import LOADINGS, validate_number
 
 # Columns of the table that a solution has by these names, after `load` and the like what beside it is known.
 COLUMNS = (
@@ -232,7 +232,7 @@ def _as_numbers(kind, numbers):
         found = []
     if not found:
         raise InputError(f"path: {kind}: needed: a list of one number or more [{LOADINGS[kind]}]")
-    return [as_number(kind, number) for number in found]
+    return [validate_number(kind, number) for number in found]
 
 
 def _slope(x, y):

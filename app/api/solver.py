@@ -385,7 +385,7 @@ class ContactSolver:
         applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
         found = measures.measure_contact(state)
         proof = proof.under(loading.load, found.load)
-        outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
+        outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
         found = loading.restore_prescribed(found)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach, extent = loading.solved_approach(state), measure_moments(state)

@@ -1,4 +1,4 @@
-"""The contact problem (Sec. 2.3), the paper's iteration on it, and numbers of the solution.
+"""The contact problem (Sec. 2.3), the paper's iteration, and numbers of solutions.
 
 - *Problem.* `distance` has h, `bounds` the bounds of the pressure, `loading` and `prescribed_load` the loadings.
   `state` has C, p and u, and the steps of Sec. 4.1 on them. `kernels` and `bounds_kernels` are their compiled loops.

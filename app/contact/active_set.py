@@ -1,7 +1,7 @@
-"""The active set iteration: NORM (Sec. 3) with CG, MG + active set (Sec. 4.1) with one cycle per set.
+"""The active set iteration of Sec. 3 and 4.1.
 
-Options of the linear solver decide how far it solves the system of a contact set: by many CG iterations, a few, or one
-cycle. The pressure carries over from one set to the next.
+Options of the linear solver decide how far it solves the system of a contact set: by CG (NORM, Sec. 3), or by one
+multigrid cycle (MG + active set, Sec. 4.1). The pressure carries over from one set to the next.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ TOO_MANY_ITERATIONS = (
 
 
 def active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`: Sec. 3 and 4.1.
+    """Solve (2.8)-(2.10) on one grid: Sec. 3 and 4.1.
 
-    Collective over the ranks of `state`, which has done step 1. `solver` is a LinearSolver or DirectSolver on its
-    operator. Returns the Outcome.
+    Collective over the ranks of `state`, whose contact set and pressure are the initial ones. `solver` is a
+    LinearSolver or DirectSolver on its operator. Returns the Outcome.
     """
     if not start_grid(state, solver, loading, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
@@ -53,7 +53,7 @@ def active_set(state, solver, loading, stop, history):
 
 
 def active_set_or_search(state, solver, loading, stop, history):
-    """Run `active_set`; if it fails for a load on a periodic patch, search for the approach. Collective.
+    """Run `active_set`, with a root search for loads on periodic patches. Collective.
 
     Near full contact the slope of the load changes with every cell, and Newton's method on it may not converge.
     """

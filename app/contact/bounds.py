@@ -1,4 +1,4 @@
-"""Bounds of the pressure on a grid, and the operations of the solvers that depend on them.
+"""Bounds of the pressure, and the operations that depend on them.
 
 A cell of the contact set C has no gap and a pressure between its bounds. Any other cell has the pressure of a bound:
 zero where it is open. Each grid, and each window of one, has its `PressureBounds` in its `UndeformedDistance`; all
@@ -15,7 +15,7 @@ from app.contact import bounds_kernels as loops
 
 
 class PressureBounds:
-    """Bounds p >= 0, and p = 0 in inadmissible cells, on one grid.
+    """Bounds p >= 0 on one grid; p = 0 in inadmissible cells.
 
     Pressure and contact set are arguments, of shape (local rows, nx).
 
@@ -47,38 +47,38 @@ class PressureBounds:
         self.admissible = admissible
 
     def part(self, cut):
-        """Return the bounds in a window; ``cut(field)`` cuts a field. As collective as `cut`."""
+        """Return the bounds in a window; ``cut(field)`` cuts a field."""
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
-        """Return the projection of p + step, minus p [N/mm2]; p is within its bounds."""
+        """Return the projection of p + step, minus p [N/mm2]."""
         return np.where(self.admissible, np.maximum(p + step, self.lower) - p, 0.0)
 
     def to_bound(self, p, contact):
-        """Return the change of p that moves cells outside C to their bounds [N/mm2]."""
+        """Return the change that moves p outside C to its bounds [N/mm2]."""
         return np.where(contact, 0.0, self.lower - p)
 
     def between(self, p, margin=0.0):
-        """Return the cells whose pressure exceeds its bound by more than a margin."""
+        """Return the cells whose pressure is off its bounds by a margin."""
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
-        """Return the contact set: the cells `between` the bounds, and those that overlap."""
+        """Return the cells `between` the bounds and those that overlap."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
     def overlap(self, p, gap):
-        """Return the negative gaps of cells without pressure, else 0, as a flat array [mm]."""
+        """Return the negative gaps of cells without pressure, flat [mm]."""
         return gap[self.admissible & ~self.between(p)].clip(max=0)  # (2.10)
 
     def mean_pressures(self, waves):
-        """Return the least and largest mean pressure for which mean + waves is allowed [N/mm2].
+        """Return the least and largest mean m with m + waves allowed [N/mm2].
 
-        `waves` is a field without mean. The numbers are those of the cells of this rank.
+        `waves` is a field without mean. The numbers are for the cells of this rank.
         """
         return self.lower - waves.min(initial=np.inf), self.upper
 
     def vecs(self, pressure):
-        """Return lower and upper bounds as Vecs like `pressure`, for TAO and SNESVI. Collective."""
+        """Return the bounds as Vecs, for TAO and SNESVI. Collective."""
         lower, upper = pressure.duplicate(), pressure.duplicate()
         for vec, bound in ((lower, self.lower), (upper, self.upper)):
             vec.setArray(np.where(self.admissible, np.minimum(bound, PETSc.INFINITY), 0.0).reshape(-1))

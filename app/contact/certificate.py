@@ -1,45 +1,43 @@
-"""How good a pressure is, proved from the pressure itself.
+"""An error bound of a pressure, proved from the pressure itself.
 
 With ``f(p) = p.Ap / 2 + h.p``, the contact problem is ``min f(p), p >= 0``, its dual ``max -q.Aq / 2, h + A q >= 0``.
 Any feasible pair bounds the error in the energy norm,
 
     ||p - p*||_A^2 / 2 <= f(p) - f(p*) <= f(p) + q.Aq / 2.
 
-On a free patch a dual feasible q costs no product. One lifts only what penetrates, because all entries of A are
-positive: by ``q = (1 + t) p + w``, all cells a little by t >= 0, and what is left cell by cell by
-``w = max(-(e + t u), 0) / A_II``, whose effect elsewhere only helps. With ``L >= ||A||`` the gap of the pair is at most
+*Free patch.* A dual feasible q costs no product, in two ways; the smaller bound holds. The first lifts only what
+penetrates, because all entries of A are positive: ``q = (1 + t) p + w`` lifts all cells a little by t >= 0, and
+``w = max(-(e + t u), 0) / A_II`` lifts the rest cell by cell. With ``L >= ||A||`` the gap of the pair is at most
 
     p.e + (t + t^2 / 2) p.u + (1 + t) w.u + L w.w / 2,
 
-and the smallest of the bounds for some t is taken: a few far outliers, or a great many small ones, cost little. The
-other makes of the gap e any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inverse of A. Then, since B w.A p = w.p,
+and the smallest of these bounds for several t is taken: few large or many small penetrations cost little. The second
+changes the gap e to any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inverse of A. Since B w.A p = w.p,
 
     f(p) + q.Aq / 2 = p.g + w.Bw / 2 <= p.g + w.w / (2 smallest eigenvalue),
 
-which is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of second order in what is wrong, so better near
-the solution. No eigenvalue is smaller than ``2 / (E* |q|)``, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``, of the shortest wave:
-constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times that.
+which is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of second order in the error, so it is better
+near the solution. No eigenvalue is smaller than ``2 / (E* |q|)``, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``, of the shortest
+wave: constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times that.
 
-On a periodic patch A has entries of both signs, and no pressure lifts all cells alike; but every field without mean is
-the displacement of some pressure. So any gap ``g >= 0`` with the mean that e has is that of a dual feasible q:
+*Periodic patch.* A has entries of both signs, and no pressure lifts all cells alike. But every field without mean is
+the displacement of some pressure, so any gap ``g >= 0`` with the mean of e is that of a dual feasible q:
 ``A q = u + w`` with B the inverse on fields without mean. The equation above costs one product with B, or none by
-``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2
-is least for ``g = max(e - p / B_II, 0)``: the gap where there is one, nothing on C. A factor to g sets the mean right,
-and where that would be beyond 2, a constant. Near first touch the factor is 1 but for rounding, so what it has more
-than 1 and w are kept apart from g. Cells where contact is impossible may have any gap: the mean one, or what the factor
-needs. B is that of the iteration: what single precision may lose of w.Bw is added. The norm is a seminorm: a constant
-pressure counts nothing.
+``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2 is least for ``g = max(e - p / B_II, 0)``: the gap where
+there is one, nothing on C. A factor on g corrects the mean; a constant does if the factor would exceed 2. Near first
+touch the factor is 1 up to rounding, so its difference from 1 and w are kept apart from g. Cells where contact is
+impossible may have any gap: the mean one, or what the factor needs. B is that of the iteration; the error of w.Bw in
+single precision is added. The norm is a seminorm: a constant pressure does not count.
 
-Both hold for a prescribed load, too, if p has it: f at the approach found differs from that of the load by a constant.
+*Prescribed load.* Both hold if p has the load: f at the approach found differs from that of the load by a constant.
 
-They take u for A p, which rounding forbids: with an error d of u they are those of the problem with h + d, whose
-solution differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
-about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the transforms forth and back (measured:
-0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. The stored matrix of a small periodic patch has
-rounded coefficients, which cancel where waves are short: there it is ``||row of A|| / sqrt(smallest)`` in place of
-sqrt(A_II), and ``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances are taken as they are held. In
-contact they are no larger than u, and so is their rounding. The approach is rounded, too, by an m of a unit in the last
-place, and full contact neglects a mean gap m. On a periodic patch both change the pressure by about
+*Rounding.* u is A p only up to an error d. The bounds are those of the problem with h + d, whose solution differs from
+that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves about
+``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm (measured: 0.26 to 0.72 times it);
+`_ROUNDING_FACTOR` times it is added to the bound. The stored matrix of a small periodic patch has rounded coefficients,
+which cancel in short waves: there it is ``||row of A|| / sqrt(smallest)`` in place of sqrt(A_II), and
+``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. The approach is rounded by an m of a
+unit in the last place, and full contact neglects a mean gap m. On a periodic patch both change the pressure by about
 ``n m sqrt(B_II / k)``, spread over the k cells without pressure.
 """
 
@@ -60,11 +58,11 @@ from app.halfspace.product import DenseProduct
 from app.parallel.reductions import sums_and_minima
 
 _event = PETSc.Log.Event("ContactCertify")
-_TRIALS = 12
-_NEGLIGIBLE = 1e-5  # error bound that is not worth a product to make smaller, if no smaller one is asked for
-_ROUNDING = 4.0  # times what a product is expected to lose
-_TRANSFORM = 50.0  # times the precision of B: so much of the largest w.Bw there is may be missing
-_LOAD = 1e-6  # of a prescribed load: so much may be missing
+_LIFTS = 12  # trial values of t
+_NEGLIGIBLE_BOUND = 1e-5  # error bound below which a product is spent only if a smaller one is needed
+_ROUNDING_FACTOR = 4.0  # on the expected rounding error of a product
+_TRANSFORM_ERROR = 50.0  # units of the precision of B: relative error of the largest possible w.Bw
+_LOAD_RTOL = 1e-6  # relative error of a prescribed load that is allowed
 
 
 @dataclass(frozen=True)
@@ -72,19 +70,17 @@ class Certificate:
     """Optimality of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: (
-        float  # ||p - p*||_A / ||p||_A at most; infinite if pressure or load is missing, or not allowed
-    )
+    error_bound: float  # of ||p - p*||_A / ||p||_A; infinite without pressure, or if p or load is not allowed
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
-    smallest_pressure: float  # a pressure where none can be counts as negative [N/mm2]
+    smallest_pressure: float  # pressure in an inadmissible cell counts as negative [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
     def under(self, prescribed, load):
-        """Return the certificate under a prescribed load, or None, of a pressure with a load [N]. Not collective.
+        """Return the certificate under a prescribed load, or None [N].
 
-        With another load than it should have it is proved for its approach only: then there is no bound.
+        A pressure with another load is proved for its approach only, so it has no bound.
         """
-        if prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD):
+        if prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD_RTOL):
             return self
         return replace(self, error_bound=np.inf)
 
@@ -95,13 +91,13 @@ _certificates = WeakKeyDictionary()  # of states: the key of `estimate` and the 
 def certify(state, wanted=np.inf):
     """Certify the pressure of a `ContactState`.
 
-    Collective. Needs a product in double precision, unless the last one of the iteration was one.
+    Collective. Computes the displacement in double precision unless `state` has it.
 
     Parameters
     ----------
     state : ContactState
     wanted : float
-        Error bound that is asked for.
+        Error bound that is needed; a larger one costs less.
 
     Returns
     -------
@@ -113,15 +109,15 @@ def certify(state, wanted=np.inf):
 
 
 def estimate(state, wanted=np.inf, work=None):
-    """Certify the pressure as far as the displacement of `state` is that of the pressure.
+    """Certify the pressure, assuming that u of `state` is A p.
 
-    Collective. Parameters and result as of `certify`; `work` is a field to work in.
+    Collective. Parameters and result as of `certify`; `work` is a field of work space.
     """
     key = state.pressure.stateGet(), state.depth, state.displacement_status
     cached_key, certificate = _certificates.get(state, (None, None))
     if key != cached_key:
         with _event:
-            certificate = _prove(state, min(wanted, _NEGLIGIBLE), work)
+            certificate = _prove(state, min(wanted, _NEGLIGIBLE_BOUND), work)
         _certificates[state] = key, certificate
     return certificate
 
@@ -134,24 +130,24 @@ def _prove(state, enough, work):
     loops.survey(b, depth, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
-    of_u, energy, defect, to_p, moved, of_p = sums
-    if not np.isfinite(sums).all():  # who compares with NaN finds nothing wrong
+    u_squares, energy, defect, to_p, moved, p_squares = sums
+    if not np.isfinite(sums).all():  # comparisons with NaN would pass
         return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
     shifted = 0.0
     if tension > state.bounds.rounding * highest:
         gap = np.inf
     elif state.grid.periodic:
-        gap, energy, shifted = _closing(state, energy, enough, work)
+        gap, energy, shifted = _close_gap(state, energy, enough, work)
     else:
-        lifted = defect + _lifting(state, lift, energy, penetrates)
+        lifted = defect + _lift_penetrations(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
     if state.grid.periodic and state.grid.n <= DenseProduct.largest:
         longest = state.operator.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)  # eigenvalue
         diagonal *= max(longest / smallest, 1.0)
-    lost = np.sqrt(diagonal * of_p) + np.sqrt(of_u / smallest)
-    error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost + shifted
+    rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
+    error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
         error_bound=float(error / np.sqrt(energy)) if energy > 0 else np.inf if gap > 0 else 0.0,
@@ -161,68 +157,73 @@ def _prove(state, enough, work):
     )
 
 
-def _lifting(state, most, energy, penetrates):
-    """What the lifting of penetrations adds to the duality gap: the least for some t up to `most`. Collective."""
-    sums = np.zeros((3, _TRIALS + 1))  # of -e u, e e, u u
+def _lift_penetrations(state, most, energy, penetrates):
+    """Return the addition to the duality gap by lifting penetrations. Collective."""
+    sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u
     loops.lift(state.distance.b, state.depth, state.u, state.admissible, most, penetrates, sums)
     sums = state.sum(sums)
-    shares, (product, of_e, of_u) = most * np.append(0.5 ** np.arange(_TRIALS), 0.0), np.cumsum(sums, axis=1)
-    to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
+    shares, (product, e_squares, u_squares) = (
+        most * np.append(0.5 ** np.arange(_LIFTS), 0.0),
+        np.cumsum(sums, axis=1),
+    )
+    to_u, squares = product - shares * u_squares, e_squares + shares * (shares * u_squares - 2 * product)
     grid, diagonal = state.distance.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
-    # Rows of A add up to less: the displacement in the middle of twice the patch under unit pressure.
+    # No row of A sums to more than the displacement in the middle of twice the patch under unit pressure.
     norm = middle_displacement(state.operator.compliance, (2 * grid.ny * grid.dy, 2 * grid.nx * grid.dx))
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
 
 
-def _closing(state, energy, enough, work):
-    """Duality gap on a periodic patch, p.Ap, and the error by a rounded approach. Collective.
+def _close_gap(state, energy, enough, work):
+    """Return the duality gap, p.Ap and rounding error if periodic. Collective.
 
-    The gap is ``p.g + w.Bw / 2``, ``w = g - e``, by a product with B; or without, where ``w.Bw <= ||B|| w.w`` bounds
-    the error by `enough`. A flat patch has at least the p.Ap that rounding leaves.
+    The duality gap is ``p.g + w.Bw / 2``, ``w = g - e``. The product with B is left out if ``w.Bw <= ||B|| w.w`` bounds
+    the error by `enough`. p.Ap of a flat patch is at least its rounding error.
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
     fields = state.distance.b, state.depth, state.u, state.p, state.admissible
-    gaps, excess, to_p, pressures, squares, of_u, free = state.sum(loops.gaps(*fields, diagonal))
+    gaps, excess, to_p, pressures, squares, total_u, free = state.sum(loops.gaps(*fields, diagonal))
     inside, mean, *_ = state.distance.statistics
-    excess += of_u  # zero but for rounding, which near full contact is all that the few gaps have to take up
+    excess += total_u  # zero up to rounding, which matters near full contact
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     g = _gap_with_mean(gaps, excess, inside, n)
     to_gap = (1 + g.stretch) * to_p + g.constant * pressures  # p.g
-    energy -= pressures * of_u / n  # A 1 = 0, of which rounding leaves something
-    if state.distance.is_flat:  # the waves of the pressure are of rounding alone
+    energy -= pressures * total_u / n  # A 1 = 0 up to rounding
+    if state.distance.is_flat:  # the pressure is constant up to rounding
         energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     moved = (*fields, diagonal, g.stretch, g.constant, g.elsewhere)
     squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
     if squares > 0 and to_gap + curved > enough**2 * energy / 2:
         field = np.empty(state.u.shape) if work is None else work
-        scale = np.sqrt(n / squares)  # single precision has no numbers for the least w
+        scale = np.sqrt(n / squares)  # the least w underflow in single precision
         loops.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w
         curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
-        curved += _TRANSFORM * np.finfo(inverse.dtype).eps * most
+        curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
     rounded = state.distance.neglected_gap + math.ulp(state.depth)
     return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
 
 
 class _Gap(NamedTuple):
-    """The dual feasible gap: ``g = (1 + stretch) max(e - p / B_II, 0) + constant`` in admissible cells.
+    """The dual feasible gap.
 
-    In the others g is any gap, and `elsewhere` more.
+    ``g = (1 + stretch) max(e - p / B_II, 0) + constant``. In inadmissible cells g is arbitrary; `elsewhere` is added to
+    it there.
     """
 
     stretch: float
-    constant: float  # 0 unless the stretch would be out of bounds [mm]
+    constant: float  # 0 if the stretch is within -1 and 1 [mm]
     elsewhere: float
 
 
 def _gap_with_mean(gaps, excess, inside, n):
-    """Choose g to have the mean of e: from sums over n cells, `inside` of them admissible.
+    """Choose g with the mean of e.
 
-    `gaps`: of ``max(e - p / B_II, 0)``; `excess`: of that minus e.
+    `inside` of the n cells are admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, and `excess` that of the same
+    minus e.
     """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere

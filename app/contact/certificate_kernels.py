@@ -1,7 +1,6 @@
-"""The loops of the certificate, compiled.
+"""Compiled loops of `app.contact.certificate`.
 
-Arrays are (rows, nx) of a rank; `b` is -h at no depth, so that the gap is ``e = u - (b + depth)``; inadmissible cells
-count as e = 0. Sums are per row first, so that they lose nothing on large grids.
+Arrays are as in `app.contact.kernels`. In inadmissible cells e counts as zero.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit_reassoc
 def _gaps_row(b, depth, u, p, admissible, diagonal):
-    gaps, excess, to_p, pressures, squares, of_u, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    gaps, excess, to_p, pressures, squares, total_u, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
         near = p[i] / diagonal
@@ -28,14 +27,17 @@ def _gaps_row(b, depth, u, p, admissible, diagonal):
         to_p += p[i] * g
         pressures += p[i]
         squares += p[i] * p[i]
-        of_u += u[i]
+        total_u += u[i]
         free += 0.0 if p[i] > 0 else 1.0
-    return gaps, excess, to_p, pressures, squares, of_u, free
+    return gaps, excess, to_p, pressures, squares, total_u, free
 
 
 @njit()
 def gaps(b, depth, u, p, admissible, diagonal):
-    """Sums of the gap g that is to be reached, of g - e, of p g, p, p p and u; and cells without pressure."""
+    """Return the sums of g, g - e, p g, p, p p, u and of cells without p.
+
+    g = max(e - p / B_II, 0).
+    """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
         sums = add_tuples(sums, _gaps_row(b[j], depth, u[j], p[j], admissible[j], diagonal))
@@ -58,9 +60,9 @@ def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere
 
 @njit()
 def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
-    """Return w.w, w what e moves by to the gap that is to be reached, and w.field; `field` becomes w times a scale.
+    """Return w.w and w.field; set `field` to scale w.
 
-    Both only if it has columns.
+    w is the change of e to the dual feasible gap. A `field` without columns is left out.
     """
     sums = 0.0, 0.0
     for j in range(b.shape[0]):
@@ -70,22 +72,22 @@ def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, sca
 
 
 @njit_reassoc
-def _glance_row(b, depth, u, p, admissible):
-    penetration, deepest, highest, of_u = 0.0, 0.0, 0.0, 0.0
+def _scan_row(b, depth, u, p, admissible):
+    penetration, deepest, highest, u_squares = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         h = b[i] + depth if admissible[i] else 0.0
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
         penetration = max(penetration, -e)
         deepest = max(deepest, abs(h))
         highest = max(highest, abs(p[i]))
-        of_u += u[i] * u[i]
-    return penetration, deepest, highest, of_u
+        u_squares += u[i] * u[i]
+    return penetration, deepest, highest, u_squares
 
 
 @njit_reassoc
 def _survey_row(b, depth, u, p, admissible, smallest):
     tension, product, highest = -np.inf, 0.0, -np.inf
-    energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
+    energy, defect, to_p, moved, p_squares = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
         tension = max(tension, violation(p[i], admissible[i]))
@@ -97,8 +99,8 @@ def _survey_row(b, depth, u, p, admissible, smallest):
         to_p += p[i] * max(e - near, 0.0)
         change = min(near, e)
         moved += change * change
-        of_p += p[i] * p[i]
-    return tension, product, highest, energy, defect, to_p, moved, of_p
+        p_squares += p[i] * p[i]
+    return tension, product, highest, energy, defect, to_p, moved, p_squares
 
 
 @njit_reassoc
@@ -107,39 +109,40 @@ def _lift_row(b, depth, u, admissible):
     for i in range(b.size):
         penetration = -gap(u[i], b[i], depth)
         if penetration > lift * u[i] and u[i] > 0 and admissible[i]:
-            lift = penetration / u[i]  # divided where it grows only, which is seldom
+            lift = penetration / u[i]  # a division only where the maximum grows
     return lift
 
 
-_NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and no overlap
+_NO_CONTACT = (0.0,) * 8  # result of `_survey_row` without pressure and overlap
 
 
 @njit()
 def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sums):
-    """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p: added to what is there.
+    """Update maxima and sums of gaps and pressures.
 
-    h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
-    glance is enough. `penetrates` is told which rows have e < 0. -e / u is divided if it `lifts` alone.
+    They are the largest of -e / u, -e, |h|, -p, |p e|, p and the sums of u u, p u, p e, p g, w w, p p. h and e are zero
+    in inadmissible cells; g and w use the smallest eigenvalue. Rows without pressure and penetration, most rows, are
+    only scanned. ``penetrates[j]`` is set where row j has e < 0. -e / u is computed if `lifts`.
     """
     for j in range(b.shape[0]):
-        penetration, deepest, highest, of_u = _glance_row(b[j], depth, u[j], p[j], admissible[j])
+        penetration, deepest, highest, u_squares = _scan_row(b[j], depth, u[j], p[j], admissible[j])
         penetrates[j] = penetration > 0
         lift = _lift_row(b[j], depth, u[j], admissible[j]) if lifts and penetration > 0 else 0.0
-        row = _NOTHING
+        row = _NO_CONTACT
         if not (penetration <= 0 and highest <= 0):  # or NaN
             row = _survey_row(b[j], depth, u[j], p[j], admissible[j], smallest)
         for k, value in enumerate((lift, penetration, deepest) + row[:3]):
             largest[k] = max(largest[k], value)
-        for k, value in enumerate((of_u,) + row[3:]):
+        for k, value in enumerate((u_squares,) + row[3:]):
             sums[k] += value
 
 
 @njit()
 def lift(b, depth, u, admissible, most, penetrates, sums):
-    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for t = most / 2^k; other rows are left out.
+    """Sum -e u, e e and u u of penetrating cells, by k.
 
-    A cell counts from the first k on for which w is positive, in the last one for t = 0: so the cells of each first k
-    are summed: -e u, e e and u u of them.
+    k is the first one with a positive w; ``w = max(-(e + t u), 0)`` with t = most / 2^k, and t = 0 for the last k.
+    Cumulative sums over k give w u and w w. Rows that do not penetrate are skipped.
     """
     trials = sums.shape[1] - 1
     for j in range(b.shape[0]):

@@ -1,6 +1,6 @@
-"""Where the load and the contact are: centre of pressure, moments, ellipse of the contact.
+"""Centre of pressure, moments, and ellipse of the contact.
 
-On a periodic patch there is no origin to count from: these numbers are NaN there.
+They are NaN on a periodic patch, which has no origin.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from app.parallel.reductions import njit_reassoc
 
 
 class ContactMoments(NamedTuple):
-    """Of a solution on a free patch, NaN on a periodic one; the same on all ranks."""
+    """Moments of pressure and contact set; the same on all ranks."""
 
     pressure_centre_x: float  # sum(p x) / sum(p) [mm]
     pressure_centre_y: float
@@ -30,10 +30,10 @@ _NOWHERE = ContactMoments(*[float("nan")] * 7)
 
 
 def measure_moments(state):
-    """Measure a `ContactState` of all cells of a grid. Collective; one pass over pressure and contact set.
+    """Compute the moments of a `ContactState` of a whole grid.
 
-    The semi-axes of an ellipse are twice the roots of its principal second moments over its area; those of the cells
-    count in.
+    Collective. The semi-axes of an ellipse are twice the roots of its principal second moments over its area. The
+    moments of the cells themselves are included.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def measure_moments(state):
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.periodic:
         return _NOWHERE
-    # About the middle of the patch, which may be far from the origin.
+    # Relative to the middle of the patch, which may be far from the origin.
     x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
     sums = np.zeros(9)
     _moments(state.p, state.contact, grid.x() - x, grid.y(rows) - y, sums)
@@ -55,7 +55,7 @@ def measure_moments(state):
     mx, my = sx / cells, sy / cells
     xx, yy = sxx / cells - mx * mx + grid.dx**2 / 12, syy / cells - my * my + grid.dy**2 / 12
     xy = sxy / cells - mx * my
-    # The principal moments: mean and half of the difference of both, by Mohr's circle.
+    # Mohr's circle gives mean and half difference of the principal moments.
     mean, half = (xx + yy) / 2, hypot((xx - yy) / 2, xy)
     low, high = max(mean - half, 0.0), mean + half
     angle = degrees(atan2(2 * xy, xx - yy) / 2) if 2 * half > 1e-9 * high else 0.0
@@ -78,7 +78,7 @@ def _moments_row(p, contact, x):
 
 @njit()
 def _moments(p, contact, x, y, sums):
-    """Sums of p, p x, p y, and over C of 1, x, y, x x, y y, x y."""
+    """Sum p, p x, p y, and 1, x, y, x x, y y, x y over C."""
     for j in range(y.size):
         load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
         row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]

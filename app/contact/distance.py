@@ -1,4 +1,4 @@
-"""The undeformed distance h on one grid, as shape and depth, and the bounds of the pressure there."""
+"""The undeformed distance h on one grid, as shape and depth."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Statistics(NamedTuple):
 
 
 class UndeformedDistance:
-    """The undeformed distance h = shape - approach on all cells of one grid. Collective.
+    """The undeformed distance h = shape - approach on one grid. Collective.
 
     The approach is a reference plus the *depth* beyond it, so that large constants cost no digits. The shape never
     changes: the depth moves the bodies, without rounding. The right-hand side of (2.11) is ``-h = b + depth``.
@@ -95,7 +95,7 @@ class UndeformedDistance:
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
-        """Return the distance in a window of `whole`, with the norm over the whole grid. Collective."""
+        """Return the distance in a window; its norm is over the whole grid. Collective."""
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
@@ -110,7 +110,7 @@ class UndeformedDistance:
         self.rhs = wrap_vec(b, operator)
 
     def h_at(self, depth):
-        """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells."""
+        """Return h at a depth, (rows, nx) [mm]; NaN in inadmissible cells."""
         return np.where(self.admissible, -(self.b + depth), np.nan)
 
     @property
@@ -119,14 +119,14 @@ class UndeformedDistance:
         return self.approach_at(self.depth)
 
     def approach_at(self, depth):
-        """Return the approach at a depth [mm]; 0 if the sum is below rounding error."""
+        """Return the approach at a depth [mm]; 0 if below rounding error."""
         approach = float(self.reference + depth)
         rounding = _ROUNDING_ULPS * ulp(max(abs(self.reference), abs(depth)))
         return approach if abs(approach) > rounding else 0.0
 
     @property
     def max_depth(self):
-        """Largest depth below full contact [mm]; infinite unless the patch is periodic without holes."""
+        """Largest depth below full contact [mm]; infinite if that is impossible."""
         cells, mean, *_ = self.statistics
         can_be_full = self.patch.periodic and cells == self.patch.n
         return mean - _MEAN_GAP_ROUNDING * abs(mean) if can_be_full else np.inf
@@ -186,7 +186,7 @@ def _measure(levels, comm):
 
 
 def _mean(parts, cells):
-    """Return the mean of some cells from the parts of their sum, and its rounding error."""
+    """Return the mean of some cells, and its rounding error."""
     if not cells:
         return 0.0, 0.0
     exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)

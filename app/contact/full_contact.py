@@ -23,7 +23,7 @@ _MAX_PRESSURE_FRACTION = 0.5  # of the pressure for full contact there: below it
 
 
 class FullContact:
-    """Solver for all cells in contact; takes the place of a linear solver in the history.
+    """Solver for all cells in contact; in the history a linear solver.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class FullContact:
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Set p to B (-h) and return the mean pressures of full contact. Collective over all ranks."""
+        """Set p to B (-h); return the mean pressures of full contact. Collective."""
         if inverse is not None:
             inverse.apply(distance.b, p)
         least, most = distance.bounds.mean_pressures(p)
@@ -100,7 +100,7 @@ class FullContact:
         return distance.full_contact_pressures
 
     def _is_unlikely(self, mean_pressure):
-        """Return whether a coarser grid is far from full contact. Collective over all ranks."""
+        """Return whether a coarser grid is far from full contact. Collective."""
         if not self.level:
             return False
         number = max(self.level - _PROBED_LEVELS, 0)

@@ -1,4 +1,4 @@
-"""The full multigrid scheme: the active set iteration inside a nested iteration (Sec. 4.3).
+"""Full multigrid: the active set iteration in a nested iteration (Sec. 4.3).
 
 With the target grid alone it is the active set iteration (Sec. 3 and 4.1).
 """
@@ -19,7 +19,7 @@ from app.parallel.communicator import propagate_errors
 
 
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
-    """Solve on the target grid of a hierarchy, from the coarsest grid on.
+    """Solve on all grids, from the coarsest to the target.
 
     Collective. The ranks that share a grid solve on it, and broadcast the result to those that join on the next.
 
@@ -80,7 +80,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
 
 
 def prolongate(transfer, coarse, state, beta, prolong):
-    """Initialise C, p and u of `state` from the coarser grid (Sec. 4.3, 2 and 3.a). Collective.
+    """Initialise C, p and u from the coarser grid. Collective.
 
     C and p come from ``prolong(transfer, coarse, state)``, or by copy if that is None or returns false.
     """
@@ -91,7 +91,7 @@ def prolongate(transfer, coarse, state, beta, prolong):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Initialise C by (4.1) and p by copy; u has been interpolated. Collective."""
+    """Initialise C by (4.1) and p by copy. Collective."""
     max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
     np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1), Sec. 4.3, (3.a)
     state.contact &= state.admissible

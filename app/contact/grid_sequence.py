@@ -1,4 +1,4 @@
-"""Loop over the grids of a nested iteration (Sec. 4.3), shared by all methods."""
+"""Loop over the grids of a nested iteration (Sec. 4.3)."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ class GridSequence:
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and the ranks without part in a grid, or None. Collective over it."""
+        """Return the communicator of rank 0 and idle ranks, or None."""
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def broadcast_to_next(self, state, extra=None):
-        """Broadcast the results of a grid to the ranks that join on the next.
+        """Broadcast the results of a grid to ranks of the next.
 
         Collective.
 
@@ -81,7 +81,10 @@ class GridSequence:
         return extra
 
     def result(self, state, difference=float("nan")):
-        """Return the outcome with estimated grid errors; `difference` is that of the pressures. Collective."""
+        """Return the outcome with estimated errors. Collective.
+
+        `difference` is that of the pressures on the last two grids.
+        """
         errors = UNKNOWN
         if self.grid_numbers:
             numbers = [*self.grid_numbers, compute_grid_numbers(state, self.hierarchy.comm)]

@@ -1,4 +1,4 @@
-"""What happened, iteration by iteration, and how it ended."""
+"""History of the iterations, its listeners, and outcome of a solve."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
 class Listener:
-    """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
+    """Callbacks of a solve, called on the ranks of each grid."""
 
     def begin(self, settings):
-        """Hear of a solve, on all ranks, and the settings of its method: ``settings.rtol`` is -lcp_rtol."""
+        """Start a solve, on all ranks; ``settings.rtol`` is -lcp_rtol."""
 
     def start(self, state, level):
-        """Hear of a grid, with the contact set it starts from in ``state.contact``; it may be empty."""
+        """Start a grid; ``state.contact`` is the first contact set."""
 
     def iteration(self, entry, state):
-        """Hear of an active set iteration: its entry in the history, and the state after it.
+        """Receive an active set iteration: its history entry and the state.
 
-        Of the state ``grid``, ``contact`` and ``p`` hold with every method; the default method of periodic patches,
-        whose unknown is the displacement, has the approach in the entry only, and no ``u`` before the end.
+        With every method the state has ``grid``, ``contact`` and ``p``. The default method of periodic patches has no
+        ``u`` before the end, and the approach in the entry only.
         """
 
     def end(self):
-        """Hear that all is over."""
+        """End a solve."""
 
 
 class Monitor(Listener):
-    """-lcp_monitor: print a line per active set iteration, and a header for every grid."""
+    """-lcp_monitor: a line per active set iteration."""
 
     HEADER = "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
     say = staticmethod(partial(print, flush=True))
@@ -41,7 +41,7 @@ class Monitor(Listener):
         self.end()
 
     def end(self):
-        """Begin again with the next solve."""
+        """Reset for the next solve."""
         self._level, self._work = None, 0.0
 
     def iteration(self, entry, state):
@@ -59,51 +59,48 @@ class Monitor(Listener):
 
 @dataclass
 class History:
-    """One entry per active set iteration on any grid, and who wants to hear of it.
+    """One entry per active set iteration on any grid, and the listeners.
 
-    Complete on rank 0; the others miss grids and windows that they have no part in.
+    Complete on rank 0; other ranks lack the grids and windows without their rows.
     """
 
     listeners: list = field(default_factory=list)
     entries: list = field(default_factory=list)
 
     def start(self, state, solver):
-        """Begin a grid. Not collective."""
+        """Start a grid."""
         self._started, self._iteration, self._work = time.perf_counter(), 0, solver.work_units
         for listener in self.listeners:
             listener.start(state, solver.level)
 
     def add(self, state, solver, update, inner):
-        """Record an iteration: update of the contact set, inner iterations. Collective."""
+        """Record an iteration with its update and inner iterations. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
         work, seconds = self._work - before, time.perf_counter() - self._started
-        self.record(entry(state, solver.level, self._iteration, update, inner, work, seconds), state)
+        self.record(make_entry(state, solver.level, self._iteration, update, inner, work, seconds), state)
 
     def record(self, entry, state):
-        """Record an iteration that somebody else has described. Not collective."""
+        """Record the entry of an iteration."""
         self.entries.append(entry)
         for listener in self.listeners:
             listener.iteration(entry, state)
 
     def stagnates(self):
-        """Return whether the last iteration has not halved the residual. Not collective."""
+        """Return whether the last iteration did not halve the residual."""
         if self._iteration < 2:
             return False
         before, now = (entry["residual"] for entry in self.entries[-2:])
         return now > before / 2
 
     def columns(self):
-        """Return the entries as name -> list. Not collective."""
-        return (
-            {name: [entry[name] for entry in self.entries] for name in self.entries[0]}
-            if self.entries
-            else {}
-        )
+        """Return the entries as a dict of lists."""
+        names = self.entries[0] if self.entries else ()
+        return {name: [entry[name] for entry in self.entries] for name in names}
 
 
-def entry(state, level, iteration, update, inner, work, seconds):
-    """Entry of an iteration: its inner iterations and work units, seconds since the grid began. Collective."""
+def make_entry(state, level, iteration, update, inner, work, seconds):
+    """Make the history entry of an iteration. Collective."""
     return {
         "level": level,
         "iteration": iteration,
@@ -121,7 +118,7 @@ def entry(state, level, iteration, update, inner, work, seconds):
 
 
 class Outcome(NamedTuple):
-    """How the iteration on one grid ended; the same on all ranks that took part."""
+    """Result of the iteration on one grid; the same on its ranks."""
 
     converged: bool
     reason: str
@@ -129,11 +126,11 @@ class Outcome(NamedTuple):
     residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
-    fallbacks: int = 0  # grids, this one and coarser, on which the safeguard or the root search took over
-    to_rounding: bool = False  # the iteration has done what can be done
+    fallbacks: int = 0  # grids, including coarser ones, that needed the safeguard or the root search
+    to_rounding: bool = False  # the residual is as small as rounding allows
 
-    def if_proved(self, bound, allowed):
-        """Return this outcome, not converged if the error bound that is proved is more than is allowed."""
+    def require_bound(self, bound, allowed):
+        """Return this outcome; not converged if `bound` exceeds `allowed`."""
         if not self.converged or bound <= allowed:
             return self
         advice = (
@@ -146,11 +143,11 @@ class Outcome(NamedTuple):
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
     def add_fallbacks(self, coarser):
-        """Return this outcome with the fallbacks of that of the coarser grids, if there is one, added."""
+        """Return this outcome with fallbacks of coarser grids added."""
         return self._replace(fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
 
     def after(self, first):
-        """Return this outcome with the iterations of `first`, of which it is the continuation, added."""
+        """Return this outcome with those of an earlier one added."""
         return self._replace(
             iterations=first.iterations + self.iterations,
             fallbacks=first.fallbacks + self.fallbacks,

@@ -12,8 +12,8 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit()
 def gap(u, b, depth):
-    """Return e = h + u of a cell; in this order, because b + depth is exact near contact."""
-    return u - (b + depth)  # (2.3)
+    """Return e = h + u of a cell."""
+    return u - (b + depth)  # (2.3); b + depth is exact near contact, u - b is not
 
 
 @njit_reassoc
@@ -42,8 +42,8 @@ def _pressure_row(p, contact):
 
 @njit()
 def sum_pressure(p, contact):
-    """Return the sum of p, its largest value or 0, and the number of cells in C with p > 0."""
-    total, highest, cells = 0.0, 0.0, 0
+    """Return sum and maximum of p, and the number of loaded cells."""
+    total, highest, cells = 0.0, 0.0, 0  # in C with p > 0
     for j in range(p.shape[0]):
         row = _pressure_row(p[j], contact[j])
         total += row[0]
@@ -54,7 +54,7 @@ def sum_pressure(p, contact):
 
 @njit()
 def compensated_sum(x, mask):
-    """Return the sum over a mask, and the rounding error of that sum."""
+    """Return the sum over a mask, and its rounding error."""
     total, lost = 0.0, 0.0
     for j in range(x.shape[0]):
         for i in range(x.shape[1]):
@@ -98,9 +98,9 @@ def _gap_row(b, depth, u, mask, overlapping):
 
 @njit_reassoc
 def sum_gaps(b, depth, u, mask, overlapping):
-    """Return the sum of squares and the sum of h + u over some cells, and their number.
+    """Return the sum of (h + u)^2, that of h + u, and the number of cells.
 
-    These are the cells of `mask`, and those of `overlapping` with h + u <= 0.
+    They are over the cells of `mask`, and those of `overlapping` with h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
@@ -118,9 +118,9 @@ def _count_differences(row, other):
 
 @njit()
 def count_faces(contact, before, periodic):
-    """Count the faces in x and in y between contact and no contact, without the last row's upper ones.
+    """Count the faces in x and in y between contact and no contact.
 
-    `before` is the row before the first.
+    `before` is the row before the first. The upper faces of the last row are left out.
     """
     in_x, in_y = 0, 0
     for j in range(contact.shape[0]):

@@ -33,19 +33,19 @@ class Loading:
     kind, load, approach_is_known, allows_no_contact, shared_state = "", None, True, True, None
 
     def depth_on(self, distance):
-        """Return the depth on the grid of an `UndeformedDistance`, or infinity if unknown [mm]."""
+        """Return the depth for an `UndeformedDistance`, infinite if unknown [mm]."""
         return np.inf
 
     def mean_pressure_on(self, grid):
-        """Return the mean pressure over the patch, or infinity if unknown [N/mm2]."""
+        """Return the mean pressure over the patch, infinite if unknown [N/mm2]."""
         return np.inf
 
     def largest_pressure(self, distance, grid, coefficient):
-        """Return an estimate of the highest pressure [N/mm2], from an influence coefficient [mm3/N]."""
+        """Estimate the highest pressure [N/mm2] from a coefficient [mm3/N]."""
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement of a cell by the prescribed mean pressure, or 0 [mm]."""
+        """Return the displacement by the prescribed mean pressure, or 0 [mm]."""
         return 0.0
 
     def misses_contact(self, distance):
@@ -65,13 +65,13 @@ class Loading:
         raise NotImplementedError
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Solve by a method that converges at any approach; return the Outcome. Collective.
+        """Solve by a root search if the load is prescribed. Collective.
 
         Parameters
         ----------
         state : ContactState
         solve : callable
-            ``solve(loading, stop)`` is that method.
+            ``solve(loading, stop)`` solves at any approach and returns the Outcome.
         stop : StoppingTest
         tighter : float
             Factor on the tolerance of solves after which the pressure is scaled.
@@ -83,14 +83,14 @@ class Loading:
         return solve(self, stop)
 
     def resume(self, state, load):
-        """Choose the first approach from `state`, a solution with a load [N]. Collective."""
+        """Choose the first approach from a solution with a load [N]. Collective."""
         raise NotImplementedError
 
     def record(self, depth):
         """Record the final depth on a grid [mm]."""
 
     def predict(self, depth):
-        """Return the first depth on the next finer grid, from that on this one [mm]."""
+        """Predict the depth on the next finer grid [mm]."""
         return depth
 
     def begin(self, state):
@@ -101,11 +101,11 @@ class Loading:
         return 0.0
 
     def settle(self, state, update):
-        """Meet the prescribed value exactly; return the Update including `update`. Collective."""
+        """Meet the prescribed value exactly; return the new Update. Collective."""
         return update
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Scale a pressure >= 0 of the given sum to the prescribed load; return whether that is possible."""
+        """Scale a pressure with sum `total` to the load; return success."""
         return True
 
     def set_depth(self, state):
@@ -152,12 +152,15 @@ class PrescribedApproach(Loading):
         state.depth = self.depth_on(state.distance)
 
     def begin(self, state):
-        """See `Loading.begin`; the depth of the coarser grid may differ, at full contact or by a mean gap."""
+        """See `Loading.begin`."""
+        # The depth on the coarser grid may differ: at full contact, or under a mean gap.
         state.depth = self.depth_on(state.distance)
 
 
 class PrescribedMeanGap(PrescribedApproach):
-    """Prescribed mean gap: the mean undeformed distance minus the approach, which depends on the grid.
+    """Prescribed mean gap: mean undeformed distance minus approach.
+
+    The mean undeformed distance, and so the approach, depends on the grid.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Loadings of numbers that users give: which are allowed, and what they prescribe."""
+"""Loadings from the numbers of users: validation and construction."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from app.contact.prescribed_load import PrescribedLoad
 from app.options.option_table import LARGEST
 
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
-_FULL_CONTACT_ROUNDING = 1e-12  # of its approach
-_FEW = 4  # units in the last place, that numbers as users compute them may be wrong by
+_FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of full contact
+_ROUNDING_ULPS = 4  # units in the last place: rounding error of numbers that users compute
 
 
 def make_loading(grid, distance, **given):
-    """Make the loading of a number. Not collective.
+    """Make the loading of a number.
 
     Parameters
     ----------
@@ -27,8 +27,8 @@ def make_loading(grid, distance, **given):
     distance : UndeformedDistance
         On it.
     **given : float
-        Of `LOADINGS` exactly one that is not None: approach or mean gap [mm], load [N], or mean pressure, load over
-        area of the patch [N/mm2].
+        Exactly one of `LOADINGS` that is not None: approach or mean gap [mm], load [N], or mean pressure [N/mm2], which
+        is load over area of the patch.
 
     Raises
     ------
@@ -40,13 +40,13 @@ def make_loading(grid, distance, **given):
         *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
         raise InputError(f"exactly one of {', '.join(others)} and {last} is needed")
     [(kind, number)] = given.items()
-    value = as_number(kind, number)
+    value = validate_number(kind, number)
     if kind in ("load", "mean_pressure"):
         if value < 0:
             raise InputError(
                 f"{kind} {format_exact(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
             )
-        if not value:  # the approach is not unique: where the bodies just touch
+        if not value:  # the approach is not unique: first touch is chosen
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load = 1.0 if kind == "load" else grid.area
         if value * to_load > (largest := distance.bounds.largest_load):
@@ -57,16 +57,16 @@ def make_loading(grid, distance, **given):
     holes = grid.n - distance.statistics.cells
     mean, reference = distance.statistics.mean, distance.reference
     full = distance.approach_at(mean)
-    little = _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
+    rounding = _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
     if kind == "mean_gap":
-        _check_mean_gap(value, grid, holes, little)
-        # no digits are lost to the reference
+        _check_mean_gap(value, grid, holes, rounding)
+        # Without the reference, which would cost digits.
         depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
         depth = _without_rounding(depth, mean, distance.touching, np.inf)
         return PrescribedMeanGap(distance, depth, value)
     if not grid.periodic:
         return PrescribedApproach(value)
-    if value - full > little and not holes:
+    if value - full > rounding and not holes:
         raise InputError(
             f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "
             f"allowed: at most {full!r} mm, full contact"
@@ -77,28 +77,28 @@ def make_loading(grid, distance, **given):
 
 
 def _without_rounding(depth, size, touching, full):
-    """A depth, or that of first touch or full contact, if it differs by no more than numbers of a size are rounded by.
+    """Return the depth of first touch or full contact if `depth` is close.
 
-    A contact, or a gap that is left, of rounding alone has no digits.
+    It is if it differs by rounding of numbers of a size only: such a contact or gap has no digits.
     """
-    rounding = _FEW * ulp(size)
+    rounding = _ROUNDING_ULPS * ulp(size)
     if full - depth <= rounding:
         return full
     return touching if 0 < depth - touching <= rounding else depth
 
 
-def as_number(kind, given):
-    """The number of a loading, by Python or numpy, an array without dimensions, too. Not collective.
+def validate_number(kind, given):
+    """Return the number of a loading as a float.
 
     Raises
     ------
     InputError
-        If it is something else, or too large or small.
+        If it is no number, or too large or small.
     """
     if isinstance(given, np.ndarray) and not given.shape:
         given = given[()]
     if isinstance(given, bool) or not isinstance(given, Real):
-        many = hasattr(given, "__len__") and getattr(given, "shape", None) != ()  # () as of what is masked
+        many = hasattr(given, "__len__") and getattr(given, "shape", None) != ()  # () of a masked number
         if many and not isinstance(given, str | bytes):
             what = f"{kind}: {type(given).__name__} of {len(given)}"
             raise InputError(f"{what}; allowed: a number; many, one after the other: ContactSolver.path")
@@ -114,8 +114,8 @@ def as_number(kind, given):
     return value
 
 
-def _check_mean_gap(value, grid, holes, little):
-    """Refuse a mean gap that no approach is known for, or none has."""
+def _check_mean_gap(value, grid, holes, rounding):
+    """Raise if a mean gap does not determine the approach."""
     given, others = f"mean_gap {format_exact(value)}", "allowed: approach, load or mean_pressure"
     if not grid.periodic:
         raise InputError(f"{given}: only on a periodic patch does it say what the approach is; {others}")
@@ -123,5 +123,5 @@ def _check_mean_gap(value, grid, holes, little):
         raise InputError(
             f"{given}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
         )
-    if value < -little:
+    if value < -rounding:
         raise InputError(f"{given}: the bodies do not penetrate each other; allowed: at least 0 mm")

@@ -1,7 +1,7 @@
-"""Numbers that describe a solution and its surface: load, mean gap, perimeter of the contact, roughness.
+"""Numbers of a solution and its surface: load, mean gap, perimeter, roughness.
 
-A *face* lies between two cells side by side; on a periodic patch also between its first and last cells. Beyond the rim
-of a free patch nothing is in contact.
+A *face* lies between two neighbouring cells; on a periodic patch also between its first and last cells. Outside a free
+patch nothing is in contact.
 """
 
 from __future__ import annotations
@@ -17,39 +17,41 @@ from app.halfspace.product import PeriodicProduct
 from app.parallel.halo import fetch_row_before
 from app.parallel.reductions import add_tuples, njit_reassoc, sum_over, sums_and_minima
 
-# Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
-# directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
+# Share of a cell by which the contact area is too large for each face on the contact edge, on average over directions
+# (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
 PER_FACE = (np.pi - 1 + np.log(2)) / 24
 
 
 class ContactMeasures(NamedTuple):
-    """Of a solution; the same on all ranks."""
+    """Numbers of a solution; the same on all ranks."""
 
     load: float  # [N]
     max_pressure: float  # [N/mm2]
     mean_pressure: float  # load over the area of the patch [N/mm2]
     mean_gap: float  # of e = h + u over the admissible cells [mm]
     contact_cells: int
-    contact_area: float  # their area [mm2]
-    mean_contact_pressure: float  # load over it [N/mm2]; 0 without contact
+    contact_area: float  # [mm2]
+    mean_contact_pressure: float  # load over the contact area [N/mm2]; 0 without contact
     perimeter: float  # length of the faces between contact and no contact [mm]
     contact_fraction: float  # of the admissible cells
-    contact_fraction_corrected: float  # less `PER_FACE` of a cell for each of these faces
+    contact_fraction_corrected: float  # minus `PER_FACE` of a cell for each face of the perimeter
 
 
 class ShapeRoughness(NamedTuple):
-    """Of the undeformed distance on the target grid; the same on all ranks."""
+    """Roughness of the undeformed distance; the same on all ranks."""
 
     rms_height: float  # about the mean, over the admissible cells [mm]
-    rms_slope: float  # of the gradient's length; NaN where no two admissible cells lie side by side
-    steps_at_sides: tuple  # rms, from cell to cell across the sides of a periodic patch, and beside [mm]
+    rms_slope: float  # of the length of the gradient; NaN if no two admissible cells are neighbours
+    steps_at_sides: (
+        tuple  # rms step from cell to cell across the sides of a periodic patch, and next to them [mm]
+    )
 
 
 def measure_contact(state):
-    """Measure a `ContactState` of all cells of a grid.
+    """Measure a `ContactState` of a whole grid.
 
-    Collective. Faces of different lengths are corrected alike: each moves the boundary by a part of the cell across it,
-    so what counts is their number times the area of a cell.
+    Collective. Faces of different lengths have the same correction: each moves the contact edge by a part of a cell, so
+    their number times the area of a cell counts.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def measure_contact(state):
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
     force, highest, _ = kernels.sum_pressure(state.p, state.contact)
-    # Cells that touch without pressure count, too, as in perimeter and patches.
+    # Includes cells without pressure, like the perimeter.
     cells = np.count_nonzero(state.contact)
     in_x, in_y = kernels.count_faces(
         state.contact,
@@ -71,7 +73,7 @@ def measure_contact(state):
     (total, cells, in_x, in_y, force), (lowest,) = sums_and_minima(state.comm, sums, [-highest])
     load = grid.cell_area * float(force)
     admissible, mean, *_ = distance.statistics
-    # Displacements of a periodic patch have no mean: that of e is known without their rounding.
+    # The displacement of a periodic patch has no mean, which gives that of e without rounding.
     gap = mean - state.depth if grid.periodic and admissible == grid.n else total / admissible
     return ContactMeasures(
         load=load,
@@ -88,24 +90,23 @@ def measure_contact(state):
 
 
 def contact_width(state, contact, enough):
-    """Count the cells of the longest run of contact in x, and in y. Collective.
+    """Return the longest runs of contact in x and y, in cells. Collective.
 
     Parameters
     ----------
     state : ContactState
     contact : ContactMeasures
-        Of it.
+        Of `state`.
     enough : int
-        Longer runs are not told apart.
+        Largest number returned.
 
     Returns
     -------
     tuple of int
-        `enough` at most.
     """
     grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
     excess = contact.contact_fraction - contact.contact_fraction_corrected
-    # In each direction the mean run is at least twice the number of cells over that of all faces.
+    # The mean run in a direction is at least twice the number of cells over that of all faces.
     if 2 * PER_FACE * contact.contact_fraction >= enough * excess:
         return enough, enough
 
@@ -127,19 +128,18 @@ def contact_width(state, contact, enough):
 
 
 def measure_roughness(operator, distance, shape):
-    """Measure the undeformed distance of a problem on a grid.
+    """Measure the roughness of the undeformed distance on a grid.
 
-    Collective. On a periodic patch without holes the slope is that of the waves the values stand for, by one product;
-    else it is by differences across the faces between admissible cells.
+    Collective. On a periodic patch without holes the slope is that of the Fourier interpolant, by one product.
+    Otherwise it is computed from differences across the faces between admissible cells.
 
     Parameters
     ----------
     operator : InfluenceOperator
         Of the grid.
     distance : UndeformedDistance
-        On it.
     shape : ndarray, shape (local rows, nx), [mm]
-        The same, NaN in inadmissible cells.
+        Undeformed distance at the reference, NaN in inadmissible cells.
 
     Returns
     -------
@@ -147,30 +147,31 @@ def measure_roughness(operator, distance, shape):
     """
     grid = operator.grid
     waves = grid.periodic and distance.statistics.cells == grid.n
-    square = _of_waves(operator, shape) if waves else _of_differences(operator, shape)
+    compute = _wave_slope if waves else _difference_slope
+    square = compute(operator, shape)
     steps = _steps_at_sides(operator, shape) if grid.periodic else (0.0, 0.0)
     return ShapeRoughness(distance.deviation, float(np.sqrt(square)), steps)
 
 
 def _steps_at_sides(operator, shape):
-    """See `ShapeRoughness`. Collective."""
+    """Return the rms steps across the sides and next to them. Collective."""
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
 
     def steps(columns, faces):
-        here = [j - slabs.rows.start for j in faces if j in range(ny)[slabs.rows]]
-        in_y = [shape[j] - (shape[j - 1] if j else below) for j in here]
+        rows = [j - slabs.rows.start for j in faces if j in range(ny)[slabs.rows]]
+        in_y = [shape[j] - (shape[j - 1] if j else below) for j in rows]
         return np.concatenate([np.zeros(0), *(shape[:, i] - shape[:, i - 1] for i in columns), *in_y])
 
-    found = steps([0], [0]), steps({1, nx - 1} - {0, nx}, {1, ny - 1} - {0, ny})
-    squares = [np.nansum(np.square(those)) for those in found]
-    counts = [np.count_nonzero(np.isfinite(those)) for those in found]
-    *squares, across, beside = sum_over(operator.comm, [*squares, *counts])
-    return tuple(map(float, np.sqrt(np.divide(squares, np.maximum([across, beside], 1)))))
+    both = steps([0], [0]), steps({1, nx - 1} - {0, nx}, {1, ny - 1} - {0, ny})
+    squares = [np.nansum(np.square(some)) for some in both]
+    counts = [np.count_nonzero(np.isfinite(some)) for some in both]
+    sums = sum_over(operator.comm, [*squares, *counts])
+    return tuple(map(float, np.sqrt(np.divide(sums[:2], np.maximum(sums[2:], 1)))))
 
 
-def _of_waves(operator, shape):
-    """Mean square of the gradient: of q^2 |h_q|^2, by Parseval's theorem."""
+def _wave_slope(operator, shape):
+    """Return the mean square gradient, the sum of q^2 |h_q|^2. Collective."""
     grid = operator.grid
 
     def square(columns, rows):
@@ -184,8 +185,8 @@ def _of_waves(operator, shape):
     return max(total, 0.0) / grid.n
 
 
-def _of_differences(operator, shape):
-    """Mean squares of the differences across faces in x and in y, over the squares of the widths."""
+def _difference_slope(operator, shape):
+    """Return the mean square of the gradient by differences across faces. Collective."""
     grid = operator.grid
     before = fetch_row_before(shape, bool(grid.periodic), operator.slabs, operator.comm, np.nan)
     in_x, faces_x, in_y, faces_y = sum_over(
@@ -201,15 +202,15 @@ def _squares_row(row, other):
     total, count = 0.0, 0
     for i in range(row.size):
         step = row[i] - other[i]
-        known = step == step
-        total += step * step if known else 0.0
-        count += known
+        is_number = step == step
+        total += step * step if is_number else 0.0
+        count += is_number
     return total, count
 
 
 @njit()
 def _squared_differences(shape, before, periodic):
-    """Sum of squares of the differences across faces in x and their number, the same in y; NaN left out."""
+    """Sum the squared differences across faces, and the faces, in x and y."""
     in_x, in_y = (0.0, 0), (0.0, 0)
     for j in range(shape.shape[0]):
         row = shape[j]

@@ -1,4 +1,4 @@
-"""The contact state on a periodic patch, where A is singular on all cells and contact sets may cycle."""
+"""The contact state on a periodic patch, where A is singular."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class PeriodicState(ContactState):
     _fewest_changed, _stagnating, _tensile = float("inf"), 0, 0
 
     def before_iteration(self, k):
-        """Keep (2.11) solvable: open a cell if all are in contact below full contact. Collective.
+        """Open a cell if all are in contact below full contact. Collective.
 
-        It is the cell with the least pressure at zero gap, or nearest to that.
+        Otherwise (2.11) could not be solved. It is the cell with the least pressure or the largest gap.
         """
         if k == 1:
             self._fewest_changed, self._stagnating, self._tensile = float("inf"), 0, 0
@@ -54,7 +54,7 @@ class PeriodicState(ContactState):
         return update
 
     def set_load(self, load, present_load):
-        """Add a constant to p on C, except in cells with hardly any pressure; compute u = A p. Collective.
+        """Add a constant to p where it is high enough; u = A p. Collective.
 
         Near full contact a constant hardly displaces anything, a factor would displace everything.
         """

@@ -28,7 +28,7 @@ _MAX_SECANTS = 2  # before scipy.optimize is imported, which takes as long as a 
 
 
 class _SearchOver(Exception):
-    """Ends a root search: the load is met, or a solve has failed."""
+    """End of a root search: the load is met, or a solve has failed."""
 
 
 class PrescribedLoad(Loading):
@@ -90,9 +90,10 @@ class PrescribedLoad(Loading):
         return outcome
 
     def search(self, state, solve, rtol, step=None):
-        """Solve problems of prescribed approach until the load is met, by a bracketing root search.
+        """Search for the approach of the load by bracketing.
 
-        Collective. Converges for every problem that `solve` can solve, because the load is monotone in the approach.
+        Collective. Solves problems of prescribed approach. Converges for every problem that `solve` can solve, because
+        the load is monotone in the approach.
 
         Parameters
         ----------
@@ -114,7 +115,7 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the error of the load at a depth, in the power that is linear in it for a sphere."""
+            """Return the error of load^(2/3) at a depth, linear for a sphere."""
             nonlocal outcome
             if depth not in loads:
                 state.depth = depth
@@ -159,7 +160,7 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _estimate_depth(self, state, touching):
-        """Estimate the depth beyond first touch [mm], and start from C = {h <= 0} there.
+        """Estimate the depth beyond first touch [mm]; start from C = {h <= 0}.
 
         Collective. The overlap of the undeformed bodies carries the load as a flat punch of its area and mean depth:
         right for flat punches, 4% too little for a sphere.
@@ -217,9 +218,9 @@ class PrescribedLoad(Loading):
         state.first_contact()
 
     def update(self, state):
-        """Move the approach by the missing load over the slope; return by how much [mm]. Collective.
+        """See `Loading.update`; the step is the missing load over the slope.
 
-        u is A p. The mean gap in contact gives the load expected at this approach once the system is solved.
+        The mean gap in contact gives the load expected at this approach once the system is solved.
         """
         gaps = state.on_contact_or_overlap()
         if not gaps.cells:
@@ -239,9 +240,10 @@ class PrescribedLoad(Loading):
         return abs(state.depth - depth)
 
     def _learn_slope(self, state, expected, rms):
-        """Compute dF/d(depth) from the last move, if that was larger than the residual `rms` [mm]. Collective.
+        """Compute dF/d(depth) from the last move. Collective.
 
-        The slope grows with the depth, so it is at least the mean slope since first touch.
+        A move below the residual `rms` [mm] is not used. The slope grows with the depth, so it is at least the mean
+        slope since first touch.
         """
         beyond = state.depth - state.distance.lowest
         mean_slope = expected / beyond if beyond > 0 else 0.0
@@ -256,7 +258,7 @@ class PrescribedLoad(Loading):
             self.slope = min(max(self.slope, least), MAX_LEAST_STIFFNESS_RATIO * least)
 
     def settle(self, state, update):
-        """See `Loading.settle`; u is A p, and the gap in contact gives the approach.
+        """See `Loading.settle`; the gap in contact gives the approach.
 
         The pressure is changed by a factor, on a periodic patch by a constant on C. Without pressure the load is
         distributed evenly over C.
@@ -284,7 +286,7 @@ class PrescribedLoad(Loading):
 
 
 def _root(function, low, high, xtol):
-    """Return the zero of an increasing function between two points. As collective as the function."""
+    """Return the zero of an increasing function between two points."""
     for _ in range(_MAX_SECANTS):
         a, b = function(low), function(high)
         middle = low - a * (high - low) / (b - a)
@@ -295,9 +297,10 @@ def _root(function, low, high, xtol):
 
 
 def least_stiffness(state):
-    """Return a lower bound of the stiffness of C on a periodic patch [N/mm]; 0 on a free one. Collective.
+    """Return a lower bound of the stiffness of C [N/mm]. Collective.
 
-    Near full contact the stiffness grows without bound. With A q = 1 on C, 1.q >= (1.1)^2 / (1.A 1), sums over C.
+    It is 0 on a free patch. Near full contact the stiffness grows without bound. With A q = 1 on C, 1.q >= (1.1)^2 /
+    (1.A 1), sums over C.
     """
     if not state.grid.periodic:
         return 0.0
@@ -306,5 +309,5 @@ def least_stiffness(state):
 
 
 def stiffness_of_patch(state):
-    """Return an upper bound of the stiffness of any contact [N/mm]: about that of a punch as large as the patch."""
+    """Return the stiffness of a punch as large as the patch [N/mm]."""
     return 2 / (np.pi * state.operator.compliance) * np.sqrt(state.grid.n * state.grid.cell_area / np.pi)

@@ -1,4 +1,4 @@
-"""State of the solution on one grid: C, p, u and the approach, and the steps of Sec. 4.1 on them.
+"""State of a solution on one grid; steps of Sec. 4.1.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -30,7 +30,7 @@ from app.parallel.reductions import minimum_over, sum_over
 
 
 class Update(NamedTuple):
-    """Result of an update of the contact set; the same on all ranks. NaN: unknown."""
+    """Update of the contact set; the same on all ranks. NaN: unknown."""
 
     cells: int  # in the new set
     added: int
@@ -47,12 +47,12 @@ class Update(NamedTuple):
         return self.added + self.released
 
     def after(self, first):
-        """Return the sum of this update and `first`, an earlier one after the same `release_tensile`."""
+        """Return this update and an earlier one since `release_tensile`, summed."""
         return self._replace(added=first.added + self.added, released=first.released + self.released)
 
 
 class Gaps(NamedTuple):
-    """Sums over the gaps h + u of some cells; the same on all ranks. NaN: not computed."""
+    """Sums over gaps h + u; the same on all ranks. NaN: not computed."""
 
     cells: int
     squares: float  # sum of (h + u)^2 [mm2]
@@ -88,7 +88,7 @@ class Displacement(IntEnum):
 
 
 class ContactState:
-    """Contact set, pressure, displacement and approach on one grid: C, p, u and e = h + A p of (2.8).
+    """State of a solution on one grid: C, p, u, approach, and e = h + u of (2.8).
 
     Collective. `contact` *is* the operator's mask, and is emptied here. All states of an operator share it: to return
     to an earlier state, keep a copy of its contact set and restore it.
@@ -144,7 +144,7 @@ class ContactState:
         self.distance.move_to(min(value, self.distance.max_depth))
 
     def gap(self):
-        """Return e = h + u on all cells, shape (local rows, nx) [mm]."""
+        """Return e = h + u, shape (local rows, nx) [mm]."""
         return self.u - (self.distance.b + self.distance.depth)
 
     @property
@@ -163,11 +163,11 @@ class ContactState:
         return sum_over(self.comm, values)
 
     def minimum(self, values):
-        """Return the minimum over the ranks of each of a few numbers. Collective."""
+        """Return the minima of a few numbers over the ranks. Collective."""
         return minimum_over(self.comm, values)
 
     def first_touch(self):
-        """Return the depth at which the first cells of the undeformed bodies touch [mm]. Collective."""
+        """Return the depth at which the first cells touch [mm]. Collective."""
         return self.distance.touching
 
     def cells_in_contact(self):
@@ -184,7 +184,7 @@ class ContactState:
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
-        """Return the Gaps on C and on all cells that overlap, and the load. Collective."""
+        """Return the Gaps on C and overlapping cells, and the load. Collective."""
         sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, self.admissible)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
@@ -203,7 +203,7 @@ class ContactState:
         self.displacement_status = Displacement.EXACT
 
     def first_contact(self):
-        """If C is empty, approach until the first cell touches; it becomes C. Collective."""
+        """Approach until the first cell touches, if C is empty. Collective."""
         if self.cells_in_contact():
             return
         gap = self.gap()
@@ -219,7 +219,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
-        """Return the right-hand side of (2.11) for the correction of p, a Vec: -(h + u) on C, 0 elsewhere."""
+        """Return the right-hand side of (2.11) for the correction of p, a Vec."""
         with self.right as values:
             out = values.reshape(self.u.shape)
             kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)  # (2.11)
@@ -235,13 +235,13 @@ class ContactState:
         self.bounds.project(self.p, self.admissible, self.values)
 
     def tension(self):
-        """Return the share of the pressure on C that step 4.a would remove. Collective."""
+        """Return the share of the pressure that (4.a) would remove. Collective."""
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove cells with p < 0 from C and set p = 0 there, for p >= 0 in (2.9).
+        """Remove cells with p < 0 from C and set p = 0, for (2.9).
 
         Collective if `some` is None.
 
@@ -272,9 +272,9 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):
-        """Add cells with e = h + u <= 0 to C, also those just released, for e > 0 in (2.10).
+        """Add cells with e = h + u <= 0 to C, for (2.10).
 
-        Collective.
+        Collective. Cells just released may enter again.
 
         Parameters
         ----------
@@ -299,11 +299,11 @@ class ContactState:
         self.u *= factor
 
     def set_load(self, load, present_load):
-        """Give p another load [N], by a factor; u stays A p. Collective."""
+        """Scale p and u to another load [N]. Collective."""
         self.scale(load / present_load)
 
     def distribute_load(self, load):
-        """Distribute a load [N] evenly over C and compute u = A p. Collective."""
+        """Distribute a load [N] evenly over C; u = A p. Collective."""
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)
         self.compute_displacement(exact=True)

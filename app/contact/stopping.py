@@ -1,4 +1,4 @@
-"""When an iteration may stop: the paper's test (5.1) and the limit on iterations."""
+"""The paper's stopping test (5.1) and the limit on iterations."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choos
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """Accuracy of Sec. 4.1, step 6, and the limit of iterations on one grid."""
+    """Accuracy of Sec. 4.1, step 6, and limit of iterations."""
 
     rtol: float = 1e-6
     max_it: int = 100
     final: bool = True  # on the target grid
 
     def allowed(self, state):
-        """Return the norm of the residual that solves the problem, rtol ||h|| [mm]."""
+        """Return the allowed norm of the residual, rtol ||h|| [mm]."""
         return self.rtol * state.distance.norm()
 
     def __call__(self, state, residual):
-        """Return whether ||r||_rms / ||h||_rms <= rtol, from the norm of r on C [mm]."""
+        """Return whether ||r||_rms / ||h||_rms <= rtol; `residual` in mm."""
         return residual <= self.allowed(state)  # (5.1)
 
     def tighter(self, factor):
@@ -29,5 +29,5 @@ class StoppingTest:
         return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
-        """Return the test of coarser grids, where an unchanged contact area is enough."""
+        """Return the test of coarser grids: an unchanged contact area."""
         return StoppingTest(float("inf"), self.max_it, final=False)  # Sec. 4.3, (3.b)

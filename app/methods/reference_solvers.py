@@ -12,7 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.petsc import TAO_REASONS, callback_context, error_message
-from app.contact.history import Outcome, entry
+from app.contact.history import Outcome, make_entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
 from app.options.solver_options import temporary_options
@@ -151,7 +151,7 @@ class _Record:
         inner, work = solver.inner - self._inner, float(solver.operator.products - self._products)
         seconds = time.perf_counter() - self._started
         update = Update(cells, added, dropped, norm)
-        self._waiting = entry(state, solver.level, iteration, update, inner, work, seconds)
+        self._waiting = make_entry(state, solver.level, iteration, update, inner, work, seconds)
         self._inner, self._products = solver.inner, solver.operator.products
 
     def end(self, norm):

@@ -88,7 +88,7 @@ def test_needed_and_free_memory_are_written_differently(monkeypatch):
 def test_a_number_that_misses_its_limit_is_written_differently():
     assert (
         "proved to 0.01000001 only (-lcp_error_bound 0.01)"
-        in Outcome(True, "").if_proved(0.01000001, 0.01).reason
+        in Outcome(True, "").require_bound(0.01000001, 0.01).reason
     )
     assert Figure("error", 1.0000001e-9, most=1e-9).shown == "1.0000001e-09"
     assert Figure("error", 0.9, least=0.5).shown == "0.9"
