@@ -139,10 +139,10 @@ def make_problem(options, texts, comm):
     check_rank_memory(grid, slabs.local * grid.nx)
     rows = slabs.rows
     if name == "python":
-        from app.problems import user_problem as own_problems
+        from app.problems import user_problem
 
-        shape, own = own_problems.make(options["problem_type"], grid, material, texts)
-        own_problems.check(shape, options["problem_type"], rows)
+        shape, own = user_problem.create(options["problem_type"], grid, material, texts)
+        user_problem.validate(shape, options["problem_type"], rows)
     elif name != "file":
         from app.problems.shapes import check_strip
 

@@ -20,7 +20,7 @@ from app.halfspace.grid import plan_grids
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.multigrid.transfer import Transfer
 from app.parallel.rank_groups import RankGroups
-from app.problems.problem import checked_shape
+from app.problems.problem import evaluate_shape
 
 _TELLING = 0.08, 0.37, 0.79  # of the rows: those by which ranks compare their problems
 MAX_DIRECT_CELLS = 1024  # cells of a grid whose matrix may be stored and factorised
@@ -61,7 +61,7 @@ def _check_same_on_all(comm, problem):
     rows = sorted({int(share * problem.grid.ny) for share in _TELLING})
 
     def sums(row):
-        values = checked_shape(problem, problem.grid, slice(row, row + 1))[0]
+        values = evaluate_shape(problem, problem.grid, slice(row, row + 1))[0]
         known = ~np.isnan(values)
         values, of_known = values[known], weights[known]
         slack = 1e-6 * np.ptp(values) + 1e-12 * np.abs(values).max() if values.size else 0.0
@@ -210,7 +210,7 @@ class Hierarchy:
         """
         asked = self.levels[-1:] if problem.sampled else self.levels
         shapes = call_collectively(
-            self.comm, lambda: [checked_shape(problem, level.grid, level.slabs.rows) for level in asked]
+            self.comm, lambda: [evaluate_shape(problem, level.grid, level.slabs.rows) for level in asked]
         )
         _check_same_on_all(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():

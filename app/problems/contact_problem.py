@@ -1,4 +1,4 @@
-"""A contact problem: a base shape, and rough surfaces on it, each as a shape, an array or a function."""
+"""The contact problem: a base shape, and rough surfaces on it."""
 
 from __future__ import annotations
 
@@ -17,44 +17,42 @@ from app.problems.shapes import Plane
 
 
 def is_measured(surface):
-    """Return whether a surface was measured, and so has its own cells and units. Not collective."""
+    """Return whether a surface was measured, and so has its own cells and units."""
     return getattr(surface, "measured", False)
 
 
-class _Values:
+class _SampledOrFunction:
     """An array of all cells, or a function of x and y, as a shape or a surface.
 
     Parameters
     ----------
     what : str
         "gap" or "surface", for messages.
-    given : array_like or callable
+    values : array_like or callable
     """
 
     name = "given"
 
-    def __init__(self, what, given):
-        self._what, self.sampled = what, not callable(given)
-        if self.sampled:
-            given = real_numbers(what, given)
-        self.given = given
+    def __init__(self, what, values):
+        self._what, self.sampled = what, not callable(values)
+        self._values = real_numbers(what, values) if self.sampled else values
 
     def check_grid(self, grid):
-        """Refuse an array of another shape, or one of no use."""
+        """Raise if an array has another shape than the grid, or too large values."""
         if not self.sampled:
             return
-        if self.given.shape != grid.shape:
+        if self._values.shape != grid.shape:
             raise InputError(
-                f"{self._what}: has shape {self.given.shape}; the grid needs (ny, nx) = {grid.shape}"
+                f"{self._what}: has shape {self._values.shape}; the grid needs (ny, nx) = {grid.shape}"
             )
-        check_size(self._what, self.given)
+        check_size(self._what, self._values)
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
         if self.sampled:
-            return np.array(self.given[rows], order="C")
+            return np.array(self._values[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
-        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self._called(x, y))
+        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self._call(x, y))
         try:
             values = np.array(np.broadcast_to(values, shape), order="C")
         except ValueError:
@@ -66,13 +64,13 @@ class _Values:
 
     heights_on = shape_on
 
-    def _called(self, x, y):
+    def _call(self, x, y):
         try:
-            return self.given(x, y)
+            return self._values(x, y)
         except (TypeError, ValueError) as error:
             if type(error) not in (TypeError, ValueError) or "array" not in str(error):
                 raise
-            advice = f"a {self._what} is asked with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
+            advice = f"a {self._what} is called with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
             raise type(error)(f"{error}; {advice}").with_traceback(error.__traceback__) from None
 
     def describe(self):
@@ -90,13 +88,12 @@ class ContactProblem(Problem):
     material : Material
     gap : array_like, shape (ny, nx), or callable, or shape, [mm]
         Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An
-        array is all of it on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays
-        that broadcast to the cells wanted; it is asked again on every coarser grid, where an array is averaged, and
-        whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a
-        plane.
+        array holds all cells on every rank, first row at the smallest y; coarser grids average it. A function
+        ``gap(x, y)`` is called with arrays that broadcast to the cells wanted, also for coarser grids, whose last
+        cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a plane.
     periodic : bool or str, optional
         Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic_symbol`.
-        Default: as the grid says. The attribute is the symbol of the grid, empty on a free patch.
+        Default: as the grid. The attribute is the symbol of the grid, empty on a free patch.
     surfaces : sequence of array_like, callable or surface
         Heights of the bodies' roughness, of either of them, peaks towards the other body [mm]: arrays and functions as
         for `gap`, surfaces of `app.problems.random_surfaces`, or measured ones (`app.read_surface`). They
@@ -105,7 +102,7 @@ class ContactProblem(Problem):
     Raises
     ------
     InputError
-        If an array has another shape or is not made of real numbers, or grid or material are something else.
+        If an array has another shape or is not made of real numbers, or a part has another type.
 
     Examples
     --------
@@ -141,22 +138,25 @@ class ContactProblem(Problem):
                 f"surfaces: is an array of shape {self.surfaces.shape}; needed: a sequence, [array]"
             )
         try:
-            object.__setattr__(self, "surfaces", () if self.surfaces is None else tuple(self.surfaces))
+            surfaces = () if self.surfaces is None else tuple(self.surfaces)
         except TypeError:
             kind = type(self.surfaces).__name__
             raise InputError(f"surfaces: is {kind}; needed: a sequence of surfaces, [...]") from None
-        for what, part in (("gap", self.gap), *(("surface", part) for part in self.surfaces)):
+        for what, part in (("gap", self.gap), *(("surface", part) for part in surfaces)):
             if isinstance(part, type):
                 raise InputError(
                     f"{what}: is the class {part.__name__}; needed: one of it, {part.__name__}(...)"
                 )
-        if self.gap is None and not len(self.surfaces):
+        if self.gap is None and not surfaces:
             raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
-        gap = Plane() if self.gap is None else self.gap
-        if hasattr(gap, "heights_on") and not hasattr(gap, "shape_on"):
-            raise InputError(f"gap: is a surface, {type(gap).__name__}; put it in surfaces=[...]")
-        shape = gap if hasattr(gap, "shape_on") else _Values("gap", gap)
-        surfaces = tuple(s if hasattr(s, "heights_on") else _Values("surface", s) for s in self.surfaces)
+        shape = Plane() if self.gap is None else self.gap
+        if not hasattr(shape, "shape_on"):
+            if hasattr(shape, "heights_on"):
+                raise InputError(f"gap: is a surface, {type(shape).__name__}; put it in surfaces=[...]")
+            shape = _SampledOrFunction("gap", shape)
+        surfaces = tuple(
+            s if hasattr(s, "heights_on") else _SampledOrFunction("surface", s) for s in surfaces
+        )
         for part in (shape, *surfaces):
             if hasattr(part, "check_grid"):
                 part.check_grid(self.grid)
@@ -174,55 +174,51 @@ class ContactProblem(Problem):
         )
 
     @property
+    def _parts(self):
+        return self.shape, *self.surfaces
+
+    @property
     def sampled(self):
-        """Whether coarse grids are to average the gap, as where it is known in the cells of the grid only."""
-        return any(part.sampled for part in (self.shape, *self.surfaces))
+        """Whether coarse grids average the gap, see `Problem`."""
+        return any(part.sampled for part in self._parts)
 
     @property
     def refinable(self):
         """See `Problem.refinable`."""
-        return all(getattr(part, "refinable", not part.sampled) for part in (self.shape, *self.surfaces))
+        return all(getattr(part, "refinable", not part.sampled) for part in self._parts)
 
     @property
     def notes(self):
         """See `Problem.notes`."""
-        return tuple(note for part in (self.shape, *self.surfaces) for note in getattr(part, "notes", ()))
+        return tuple(note for part in self._parts for note in getattr(part, "notes", ()))
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
         distance = self.shape.shape_on(grid, rows)
         if self.surfaces:
-            distance = np.array(distance, dtype=float)  # of its own
+            distance = np.array(distance, dtype=float)
             for surface in self.surfaces:
                 distance -= surface.heights_on(grid, rows)
         return distance
 
-    def analytic(self, **loading):
-        """Analytic solution of a smooth problem on a free patch, ``approach=`` [mm] or ``load=`` [N]; None: none.
-
-        Not collective.
-        """
-        known = hasattr(self.shape, "analytic") and not isinstance(self.shape, Problem)
-        if self.grid.periodic or self.surfaces or not known:
-            return None
-        return self.shape.analytic(self.material.contact_modulus, **loading)
-
     def reference(self, approach):
-        """See `Problem.reference`."""
-        return self.analytic(approach=approach)
+        """Return the analytic solution of a smooth problem on a free patch, or None."""
+        smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
+        if not smooth or not hasattr(self.shape, "analytic"):
+            return None
+        return self.shape.analytic(self.material.contact_modulus, approach=approach)
 
     def describe(self):
         """See `Problem.describe`."""
         own = self.shape.describe()
-        if isinstance(self.shape, Problem):  # whose material and patch are not these
+        if isinstance(self.shape, Problem):  # its material and patch are not used
             own = {name: value for name, value in own.items() if name not in Problem.describe(self.shape)}
         facts = {**super().describe(), **own}
         for surface in self.surfaces:
-            said = {"surface_read": surface.understood(self.grid)} if is_measured(surface) else {}
-            for name, value in {**surface.describe(), **said}.items():
-                # Further surfaces of a kind have names of their own.
-                names = chain([name], (f"{name}{k}" for k in count(2)))
-                facts[next(free for free in names if free not in facts)] = value
+            reading = {"surface_read": surface.understood(self.grid)} if is_measured(surface) else {}
+            for name, value in {**surface.describe(), **reading}.items():
+                numbered = chain([name], (f"{name}{k}" for k in count(2)))
+                facts[next(key for key in numbered if key not in facts)] = value
         if self.surfaces:
             inner = facts.get("surfaces", 0) if isinstance(self.shape, ContactProblem) else 0
             facts["surfaces"] = inner + len(self.surfaces)
@@ -230,4 +226,4 @@ class ContactProblem(Problem):
         return facts
 
 
-del ContactProblem.periodic  # the default of the argument, which would hide the property
+del ContactProblem.periodic  # the default of the argument would hide the property

@@ -1,4 +1,4 @@
-"""What every contact problem offers.
+"""Interface of contact problems.
 
 ========================  ===========================  ====
 paper                     here                         unit
@@ -7,8 +7,8 @@ h(x, y)                   ``shape - approach``         mm
 delta                     ``approach``                 mm
 ========================  ===========================  ====
 
-`shape` is the undeformed distance at zero approach; NaN where contact is impossible (*inadmissible* cells:
-outside a punch, holes in measured data).
+`shape` is the undeformed distance at zero approach. It is NaN in *inadmissible* cells, where contact is impossible:
+outside a punch, at holes in measured data.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from app.problems.arrays import check_size, real_numbers
 class Problem:
     """A patch of cells, a material and a shape.
 
-    Subclasses know the geometry. `sampled` says that coarse grids are to average the shape of the target grid instead
-    of asking again, as where it is known there only.
+    Subclasses define the shape. If it is `sampled`, coarse grids average the shape of the target grid; otherwise they
+    call `shape_on` again.
     """
 
     grid: Grid
@@ -37,12 +37,10 @@ class Problem:
 
     name = ""
     sampled = False
-    notes = ()  # what a user should look at twice, a line each
+    notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Undeformed distance at zero approach in the cell centres of the given rows.
-
-        Not collective.
+        """Return the undeformed distance at zero approach in the cell centres of some rows.
 
         Returns
         -------
@@ -52,51 +50,49 @@ class Problem:
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
     def fits(self, other):
-        """Whether another problem has the same grid and material. Not collective."""
+        """Return whether another problem has the same grid and material."""
         return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
 
     @property
     def periodic(self):
-        """Symbol of a periodic patch, empty on a free one: the grid's. Not collective."""
+        """Symbol of a periodic patch, empty on a free one."""
         return self.grid.periodic
 
     @property
     def refinable(self):
-        """Whether the shape can be asked for on finer grids than the problem's own. Not collective."""
+        """Whether the shape is defined on finer grids than the problem's own."""
         return not self.sampled
 
     def on(self, grid):
-        """Return the same problem on another grid of the same patch, if it is `refinable`. Not collective."""
+        """Return the same problem on another grid of the same patch, if it is `refinable`."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
 
     def reference(self, approach):
-        """Analytic solution at this approach (see `app.reference`), or None. Not collective."""
+        """Return the analytic solution at an approach [mm], see `app.reference`, or None."""
         return None
 
     def describe(self):
-        """Data of the problem for the result file: name -> number or text. Not collective."""
-        grid = self.grid
+        """Return data for the result file: name -> number or text."""
         return {
             "problem": self.name,
             **self.material.describe(),
-            "periodic": int(bool(grid.periodic)),
-            "periodic_symbol": grid.periodic,
+            "periodic": int(bool(self.grid.periodic)),
+            "periodic_symbol": self.grid.periodic,
         }
 
 
-def checked_shape(problem, grid, rows):
-    """`Problem.shape_on`, as float64 in memory of its own, NaN for masked cells, or why it is no such thing.
-
-    Not collective.
+def evaluate_shape(problem, grid, rows):
+    """Return `Problem.shape_on` as a float64 array of its own, NaN in masked cells.
 
     Raises
     ------
     InputError
+        If the problem returns anything but distances of this shape.
     """
     expected = len(range(*rows.indices(grid.ny))), grid.nx
-    if not expected[0]:  # nobody need answer for no cells
+    if not expected[0]:
         return np.empty(expected)
     what = f"problem {problem.name}"
     shape = real_numbers(what, problem.shape_on(grid, rows), "undeformed distances, an array of real numbers")

@@ -1,7 +1,7 @@
-"""Rough surfaces as functions of position: a sum of waves fixed by a seed, evaluated on any grid.
+"""Random rough surfaces: sums of waves fixed by a seed, evaluated on any grid.
 
-Every slab of rows samples the same function, so that the number of ranks does not matter. Of `WavySurface` every grid
-does, too: a coarse one sees the true height in its cell centres (Sec. 5.2). Of `SelfAffineSurface` it sees means.
+All ranks sample the same function. Coarse grids sample `WavySurface` in their own cell centres (Sec. 5.2), and average
+`SelfAffineSurface`.
 
 =====================  ================================  ====  ==============
 paper                  here                              unit  where
@@ -29,9 +29,9 @@ from app.base.memory import check_fits
 from app.problems.arrays import lattice
 from app.reference.base import require_numbers
 
-_BLOCK = 32768  # values that stay in cache while the terms of a sum are added
-_STRIP = 64  # columns or rows of a Fourier sum at a time
-_BYTES_PER_MODE = 88.0  # of what `WavySurface.height` takes beside the heights
+BLOCK = 32768  # values that stay in cache while the terms of a sum are added
+STRIP = 64  # columns or rows of a Fourier sum at a time
+BYTES_PER_MODE = 88.0  # of work arrays of `WavySurface.height`
 
 
 def _check_seed(seed):
@@ -45,13 +45,12 @@ def _check_pair(name, pair, needed, above=-np.inf):
 
 
 def _product(left, right):
-    """Matrix product of which every element has the same bits whatever rows and columns come with it.
+    """Return a matrix product whose elements do not depend on the other rows and columns, to the bit.
 
-    BLAS promises no such thing: its rounding depends on the shape. Here each term is one rounded product, and
-    the terms are added in order.
+    The rounding of BLAS depends on the shape. Here each term is one rounded product, added in order.
     """
     product = np.zeros((left.shape[0], right.shape[1]))
-    step = max(1, _BLOCK // max(1, right.shape[1]))
+    step = max(1, BLOCK // max(1, right.shape[1]))
     for start in range(0, len(product), step):
         block = product[start : start + step]
         for column, row in zip(left[start : start + step].T, right, strict=True):
@@ -60,12 +59,12 @@ def _product(left, right):
 
 
 class _Function:
-    """A surface as a function of position: what `app.problems.contact_problem.ContactProblem` asks of it."""
+    """Base of surfaces that are functions of position."""
 
     sampled = False
 
     def heights_on(self, grid, rows=slice(None)):
-        """Heights in the cell centres of some rows of a grid, (rows, nx) [mm]. Not collective."""
+        """Return heights in the cell centres of some rows of a grid, (rows, nx) [mm]."""
         return self.height(grid.x(), grid.y(rows))
 
 
@@ -126,33 +125,35 @@ class WavySurface(_Function):
         _check_pair("extent", self.extent, "positive, finite lengths", above=0)
         _check_pair("origin", self.origin, "finite coordinates")
         m, n = self.modes
-        check_fits(_BYTES_PER_MODE * m * n, f"a surface of {m} x {n} modes")
+        check_fits(BYTES_PER_MODE * m * n, f"a surface of {m} x {n} modes")
 
     @cached_property
     def coefficients(self):
-        """Amplitudes a [mm], scaled to sigma by (6.2), and phases phi, theta, each of shape (M, N)."""
+        """Amplitudes a [mm], scaled to sigma, and phases phi, theta, each of shape (M, N)."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
         phi = 2 * np.pi * rng.random(self.modes)
         theta = 2 * np.pi * rng.random(self.modes)
+        # (6.2)
         return a * (self.sigma / np.sqrt(np.sum(a**2) / 4)), phi, theta
 
     @cached_property
     def _wave_numbers(self):
-        """2 pi m / l_x, shape (M,), and 2 pi n / l_y, shape (N,) [1/mm]."""
+        """Wave numbers 2 pi m / l_x, shape (M,), and 2 pi n / l_y, shape (N,) [1/mm]."""
         return tuple(
             2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)
         )
 
     def describe(self):
-        """Numbers for the result file, by the names of the options. Not collective."""
-        facts = {name: getattr(self, name) for name in ("seed", "sigma", "decay")}
-        return {f"surface_{name}": value for name, value in {**facts, "modes": list(self.modes)}.items()}
+        """Return numbers for the result file, by the names of the options."""
+        numbers = {f"surface_{name}": getattr(self, name) for name in ("seed", "sigma", "decay")}
+        return {**numbers, "surface_modes": list(self.modes)}
 
     @property
     def rms_height(self):
-        """Standard deviation of the height over the patch [mm], (6.2)."""
+        """Standard deviation of the height over the patch [mm]."""
+        # (6.2)
         return float(np.sqrt(np.sum(self.coefficients[0] ** 2) / 4))
 
     @property
@@ -163,9 +164,9 @@ class WavySurface(_Function):
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
 
     def height(self, x, y):
-        """Height in the points of a rectangular lattice, (6.1).
+        """Return the height in the points of a rectangular lattice.
 
-        Not collective. A value depends on its own x and y only, to the bit. Costs O(M + N) per point: with
+        A value depends on its own x and y only, to the bit. It costs O(M + N): by
         cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
 
         Parameters
@@ -188,14 +189,12 @@ class WavySurface(_Function):
         ).T
         waves_x = np.vstack([np.cos(along_x), np.sin(along_x)])
         waves_y = np.hstack([np.cos(along_y), np.sin(along_y)])
+        # (6.1)
         return _product(waves_y, _product(mixing, waves_x))
 
 
 def _samples_per_period(coordinates, period):
-    """Number of samples in a period if the coordinates are that equally spaced, else None.
-
-    The tolerance is the round-off of the coordinates themselves: no wave can tell the difference.
-    """
+    """Return the number of samples in a period if coordinates divide it equally, up to rounding, else None."""
     if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
         return None
     n = round(period * (len(coordinates) - 1) / (coordinates[-1] - coordinates[0]))
@@ -207,17 +206,14 @@ def _samples_per_period(coordinates, period):
 
 
 def _synthesise(coefficients, first, coordinates, period):
-    """``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0, in every x of `coordinates`.
-
-    By FFT where the coordinates divide the period into equal parts, by a matrix product otherwise.
-    """
+    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0, in every x of `coordinates`."""
     k = first + np.arange(len(coefficients))
     n = _samples_per_period(coordinates, period)
     if n is None:
         return np.exp(2j * np.pi / period * np.outer(coordinates, k)) @ coefficients
     shifted = coefficients * np.exp(2j * np.pi / period * coordinates[0] * k)[:, None]
     folded = np.zeros((n, shifted.shape[1]), complex)
-    for start in range(0, len(k), n):  # waves that differ by n look the same in n points: aliasing
+    for start in range(0, len(k), n):  # aliasing: waves that differ by n are equal in n points
         alias = shifted[start : start + n]
         folded[: len(alias)] += alias
     folded = np.roll(folded, first, axis=0)
@@ -233,10 +229,9 @@ class SelfAffineSurface(_Function):
     - q^(-2-2H) from the roll-off wavelength to the shortest one,
     - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
 
-    As a sum of many independent waves the height is Gaussian. The sum is periodic; use it on a patch
-    inside one period, on which nothing repeats. Phases are drawn from small to large wave numbers: a shorter
-    `shortest_wavelength` adds waves and leaves the others as they are, up to the common factor that meets the
-    rms value.
+    As a sum of many independent waves the height is Gaussian. The sum is periodic; use it on a patch inside one period.
+    Phases are drawn from small to large wave numbers: a shorter `shortest_wavelength` adds waves and keeps the others,
+    except for the common factor that meets the rms value.
 
     Parameters
     ----------
@@ -253,7 +248,7 @@ class SelfAffineSurface(_Function):
     rms_slope : float, optional
         Root mean square of the gradient's length over the period.
     longest_wavelength : float, optional
-        [mm]; default: whatever fits the period.
+        [mm]; default: the longest of the period.
     origin : tuple of float
         Lower left corner of the patch [mm].
 
@@ -265,7 +260,7 @@ class SelfAffineSurface(_Function):
     Attributes
     ----------
     rms_height, rms_slope : float
-        Of this surface over the period, whichever was given [mm], [1].
+        Of this surface over the period [mm], [1].
     wave_numbers : tuple of ndarray
         k_x, shape (K_x + 1,), and k_y, shape (2 K_y + 1,).
     amplitudes : ndarray, shape (2 K_y + 1, K_x + 1), [mm]
@@ -276,7 +271,7 @@ class SelfAffineSurface(_Function):
     spectral analysis, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001.
     """
 
-    sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave
+    sampled = True  # coarse grids would alias short waves
     refinable = True
 
     def __init__(
@@ -334,12 +329,12 @@ class SelfAffineSurface(_Function):
         return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
 
     def check_grid(self, grid):
-        """Refuse a grid that cannot carry the shortest wave, see `check_cut_off`, or is longer than the period."""
+        """Raise if a grid does not resolve the shortest wave, or is longer than the period."""
         check_cut_off(grid, self.shortest_wavelength)
         self._check_span(grid.x(), grid.y())
 
     def describe(self):
-        """Numbers for the result file, by the names of the options. Not collective."""
+        """Return numbers for the result file, by the names of the options."""
         return {
             "surface_hurst": self.hurst,
             "surface_rolloff": self.rolloff_wavelength,
@@ -356,10 +351,10 @@ class SelfAffineSurface(_Function):
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
-        """Columns k_x, their power spectrum but for a factor, and q [1/mm], both of shape (2 K_y + 1, columns)."""
+        """Yield columns k_x, their power spectrum up to a factor, and q [1/mm], shapes (2 K_y + 1, columns)."""
         kx, ky = self.wave_numbers
-        for start in range(0, len(kx), _STRIP):
-            columns = slice(start, start + _STRIP)
+        for start in range(0, len(kx), STRIP):
+            columns = slice(start, start + STRIP)
             q = 2 * np.pi * np.hypot(kx[columns] / self.period[0], ky[:, None] / self.period[1])
             power = np.maximum(q * self.rolloff_wavelength / (2 * np.pi), 1) ** (-2 - 2 * self.hurst)
             power[q * self.shortest_wavelength > 2 * np.pi * (1 + 1e-12)] = 0
@@ -371,20 +366,19 @@ class SelfAffineSurface(_Function):
 
     @property
     def amplitudes(self):
-        """a_k [mm], shape (2 K_y + 1, K_x + 1); made when asked for."""
+        """Amplitudes a_k [mm], shape (2 K_y + 1, K_x + 1), not stored."""
         return self._factor * np.sqrt(np.hstack([power for _, power, _ in self._strips()]))
 
     @property
     def coefficients(self):
-        """``a_k exp(i phi_k)`` [mm], shape (2 K_y + 1, K_x + 1); rows k_y, columns k_x; made when asked for."""
+        """Complex amplitudes ``a_k exp(i phi_k)`` [mm], shape (2 K_y + 1, K_x + 1), not stored."""
         return self.amplitudes * np.exp(2j * np.pi * self._draws())
 
     def _draws(self):
-        """Phases over 2 pi, shape (2 K_y + 1, K_x + 1)."""
+        """Return phases over 2 pi, shape (2 K_y + 1, K_x + 1)."""
         rng = np.random.default_rng(self.seed)
         largest_x, largest_y = (k[-1] for k in self.wave_numbers)
-        # Square rings max(|k_x|, |k_y|) = s of 4 s vectors, each drawn in full: a wave gets the same phase
-        # whatever the cut-off.
+        # Square rings max(|k_x|, |k_y|) = s of 4 s vectors are drawn in full: phases do not depend on the cut-off.
         draws = np.zeros((2 * largest_y + 1, largest_x + 1))
         for s in range(1, max(largest_x, largest_y) + 1):
             right, top, bottom = np.split(rng.random(4 * s), [2 * s + 1, 3 * s + 1])
@@ -398,12 +392,11 @@ class SelfAffineSurface(_Function):
         return draws
 
     def height(self, x, y):
-        """Height in the points of a rectangular lattice.
+        """Return the height in the points of a rectangular lattice.
 
-        Not collective. Coordinates that divide the period into equal parts (cell centres of grids with whole
-        cells per period) cost an FFT, others a matrix product; the values agree to round-off.
-        Waves too short for the lattice are sampled as they are, not left out. Beside the heights it takes 16 bytes for
-        each row and k_x, and 8 for each wave.
+        Coordinates that divide the period into equal parts (cell centres of grids with whole cells per period) cost an
+        FFT, others a matrix product; the values agree up to rounding. Waves too short for the lattice are aliased. The
+        work arrays take 16 bytes for each row and k_x, and 8 for each wave.
 
         Parameters
         ----------
@@ -417,7 +410,7 @@ class SelfAffineSurface(_Function):
         Raises
         ------
         InputError
-            If they are none of a lattice, or span a period or more: the surface would repeat itself.
+            If they have other shapes, or span a period or more.
         """
         x, y = lattice(x, y, self.origin)
         self._check_span(x, y)
@@ -428,20 +421,14 @@ class SelfAffineSurface(_Function):
             along_y[:, columns] = _synthesise(waves, ky[0], y, self.period[1])
         del draws
         height = np.empty((len(y), len(x)))
-        for start in range(0, len(y), _STRIP):
-            rows = slice(start, start + _STRIP)
+        for start in range(0, len(y), STRIP):
+            rows = slice(start, start + STRIP)
             height[rows] = _synthesise(along_y[rows].T, kx[0], x, self.period[0]).T.real
         return height
 
 
 def check_cut_off(grid, shortest):
-    """Refuse waves [mm] shorter than two cells of a grid. Not collective.
-
-    Raises
-    ------
-    InputError
-        Names the grid that carries them.
-    """
+    """Raise InputError for waves [mm] shorter than two cells of a grid."""
     if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
         sides = (grid.nx * grid.dx, grid.ny * grid.dy)
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)

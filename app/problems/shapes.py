@@ -11,9 +11,8 @@ shape              undeformed distance                     analytic solution
 `FlatPunch`        0 under it                              Boussinesq
 =================  ======================================  =======================================
 
-A shape has a `name`, says whether it is `sampled` (to be averaged on coarse grids), gives its values by `shape_on` as
-`app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`. Not
-collective.
+A shape has a `name`, `sampled`, `shape_on` and `describe` as `app.problems.problem.Problem`. Its `check_grid`, if any,
+raises for a grid that does not fit.
 """
 
 from __future__ import annotations
@@ -29,44 +28,45 @@ from app.base.errors import InputError, format_distinct, format_exact
 from app.reference.base import require_positive
 
 
-def _exact(solution, *of, approach=None, load=None):
-    """Analytic solution of a kind, by approach or load."""
-    return solution.from_approach(*of, approach) if load is None else solution.from_load(*of, load)
-
-
 class Shape:
-    """What shapes have in common."""
+    """Base of shapes that are functions of x and y."""
 
     sampled = False
+    _solution = None  # class of `app.reference`, and its parameters
 
     def shape_on(self, grid, rows=slice(None)):
-        """Undeformed distance at zero approach in the cell centres of some rows, (rows, nx) [mm]. Not collective."""
+        """Return the undeformed distance in the cell centres of some rows, (rows, nx) [mm]."""
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
-    def analytic(self, contact_modulus, **loading):
-        """Contact on an elastic half-space of this E*, at ``approach=`` or under ``load=``; None: none is known."""
-        return None
+    def analytic(self, contact_modulus, approach=None, load=None):
+        """Return the analytic solution on a half-space of this E*, by approach or load, or None."""
+        if self._solution is None:
+            return None
+        kind, *parameters = self._solution
+        if load is None:
+            return kind.from_approach(*parameters, contact_modulus, approach)
+        return kind.from_load(*parameters, contact_modulus, load)
 
     def describe(self):
-        """Numbers for the result file, by the names of the options. Not collective."""
+        """Return numbers for the result file, by the names of the options."""
         return {}
 
 
 @dataclass(frozen=True)
 class Plane(Shape):
-    """A flat body without an end."""
+    """A flat body that extends beyond the patch."""
 
     name = "rough"
 
     def distance(self, x, y):
-        """Undeformed distance in points [mm]."""
+        """Return the undeformed distance in points [mm]."""
         return np.zeros(np.broadcast(x, y).shape)
 
 
 @dataclass(frozen=True)
 class Paraboloid(Shape):
-    """Hertz's bodies: paraboloids of relative radii of curvature rx, ry [mm] (Sec. 5.1).
+    """A paraboloid of relative radii of curvature rx, ry [mm] (Sec. 5.1).
 
     Examples
     --------
@@ -79,7 +79,7 @@ class Paraboloid(Shape):
 
     rx: float
     ry: float
-    bodies: tuple = ()  # radii of both, the angle between them, and that of x
+    bodies: tuple = ()  # radii of both, angle between them, angle of x
 
     name = "hertz"
 
@@ -88,11 +88,11 @@ class Paraboloid(Shape):
 
     @classmethod
     def between(cls, radii1, radii2, angle=0.0):
-        """Relative paraboloid of two bodies (Johnson, Contact Mechanics, Sec. 4.1).
+        """Return the relative paraboloid of two bodies (Johnson, Contact Mechanics, Sec. 4.1).
 
         Their curvatures in the direction theta add up to
         ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2`` with s the sum of all four, d = 1/R' - 1/R''
-        of a body. The patch's x is the principal direction of k that lies nearest to the first axis of body 1.
+        of a body. The patch's x is the principal direction of k nearest to the first axis of body 1.
 
         Parameters
         ----------
@@ -133,12 +133,12 @@ class Paraboloid(Shape):
         return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
 
     def distance(self, x, y):
-        """Undeformed distance in points [mm]."""
+        """Return the undeformed distance in points [mm]."""
         return x**2 / (2 * self.rx) + y**2 / (2 * self.ry)
 
-    def analytic(self, contact_modulus, **loading):
-        """See `Shape.analytic`: Hertz's."""
-        return _exact(reference.EllipticHertz, self.rx, self.ry, contact_modulus, **loading)
+    @property
+    def _solution(self):
+        return reference.EllipticHertz, self.rx, self.ry
 
     def describe(self):
         """See `Shape.describe`."""
@@ -151,7 +151,10 @@ class Paraboloid(Shape):
 
 
 class Sphere(Paraboloid):
-    """A sphere of (relative) radius R [mm], by its paraboloid: a half-space neglects what differs."""
+    """A sphere of (relative) radius R [mm], as its paraboloid.
+
+    The half-space neglects terms of the order of their difference.
+    """
 
     name = "sphere"
 
@@ -166,10 +169,7 @@ class Sphere(Paraboloid):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder lying along y [mm]; contact is impossible beyond its sharp ends.
-
-    Without a length it goes on beyond the patch.
-    """
+    """A cylinder along y [mm], by default beyond the patch; contact is impossible past its sharp ends."""
 
     radius: float
     length: float = math.inf
@@ -182,11 +182,11 @@ class Cylinder(Shape):
             require_positive(length=self.length)
 
     def distance(self, x, y):
-        """Undeformed distance in points [mm]."""
+        """Return the undeformed distance in points [mm]."""
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Refuse a strip that looks like plane strain but is not."""
+        """Raise for a strip that is not in plane strain, or a patch beside the cylinder."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
@@ -217,12 +217,12 @@ class Cone(Shape):
         return math.tan(math.radians(self.angle))
 
     def distance(self, x, y):
-        """Undeformed distance in points [mm]."""
+        """Return the undeformed distance in points [mm]."""
         return self.slope * np.hypot(x, y)
 
-    def analytic(self, contact_modulus, **loading):
-        """See `Shape.analytic`: Love's."""
-        return _exact(reference.Cone, self.slope, contact_modulus, **loading)
+    @property
+    def _solution(self):
+        return reference.Cone, self.slope
 
     def describe(self):
         """See `Shape.describe`."""
@@ -247,19 +247,19 @@ class FlatPunch(Shape):
         require_positive(diameter=self.diameter)
 
     def distance(self, x, y):
-        """Undeformed distance in points [mm]."""
+        """Return the undeformed distance in points [mm]."""
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
     def check_grid(self, grid):
-        """Refuse a patch without a cell under the punch."""
+        """Raise for a patch without a cell under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {format_exact(self.diameter)}: no cell centre of the patch lies under the punch"
             )
 
-    def analytic(self, contact_modulus, **loading):
-        """See `Shape.analytic`: Boussinesq's."""
-        return _exact(reference.FlatCircularPunch, self.diameter / 2, contact_modulus, **loading)
+    @property
+    def _solution(self):
+        return reference.FlatCircularPunch, self.diameter / 2
 
     def describe(self):
         """See `Shape.describe`."""
@@ -267,13 +267,7 @@ class FlatPunch(Shape):
 
 
 def check_strip(grid):
-    """Refuse a free patch one cell wide: it is loaded on that width only, not in plane strain. Not collective.
-
-    Raises
-    ------
-    InputError
-        Says what to do instead.
-    """
+    """Raise InputError for a free patch one cell wide, which is not in plane strain."""
     if min(grid.nx, grid.ny) == 1 and not grid.periodic:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: a patch one cell wide is a strip pressed on that width only, no line contact; "

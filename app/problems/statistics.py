@@ -1,9 +1,8 @@
-"""Statistics of a surface sampled in the cells of a grid: moments, slopes, power spectrum, normal plot.
+"""Statistics of heights in the cells of a grid: moments, slopes, power spectrum, normal plot.
 
-Heights are taken about their mean. Convention of the Fourier transform of heights z on n_y x n_x cells:
-
-``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, and power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)``, so
-that ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
+Heights are taken about their mean. The Fourier transform of heights z on n_y x n_x cells is
+``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)``, so that
+``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ class Roughness:
     ----------
     rms_height : float
         Standard deviation of the height [mm], Sq of ISO 25178.
-    arithmetic_mean_height, maximum_height : float
-        Mean distance of heights from their mean, Sa, and from the lowest to the highest, Sz [mm].
     rms_slope_x, rms_slope_y, rms_slope : float
         Root mean square of dz/dx, dz/dy and of the gradient's length.
     skewness, kurtosis : float
         Third and fourth standardised moments (0 and 3 for Gaussian heights); NaN for a flat surface.
+    arithmetic_mean_height, maximum_height : float
+        Mean distance from the mean, Sa, and distance from the lowest to the highest height, Sz [mm].
     """
 
     rms_height: float
@@ -83,7 +82,7 @@ class NormalPlot:
     correlation: float
 
 
-def _finite(height):
+def _check_finite(height):
     height = real_numbers("heights", height, "an array of real numbers")
     if not np.isfinite(height).all():
         raise InputError(
@@ -92,19 +91,19 @@ def _finite(height):
     return height
 
 
-def _field(height, cells, **sizes):
+def _check_cells(height, least, **sizes):
     require_positive(**sizes)
-    height = _finite(height)
-    if height.ndim != 2 or min(height.shape) < cells:
-        raise InputError(f"heights of shape {height.shape}: need (ny, nx), at least {cells} x {cells}")
+    height = _check_finite(height)
+    if height.ndim != 2 or min(height.shape) < least:
+        raise InputError(f"heights of shape {height.shape}: need (ny, nx), at least {least} x {least}")
     return height
 
 
 def roughness(height, dx, dy):
-    """Moments of height and slope.
+    """Return the moments of height and slope.
 
-    Not collective. Slopes are central differences across the faces between neighbouring cells; a wave q in x
-    therefore counts with the factor sin(q dx / 2) / (q dx / 2).
+    Slopes are central differences across the faces between neighbouring cells, which multiply a wave q in x by
+    sin(q dx / 2) / (q dx / 2).
 
     Parameters
     ----------
@@ -120,25 +119,25 @@ def roughness(height, dx, dy):
     Raises
     ------
     InputError
-        If there are fewer cells, none of a size, or heights that are not finite real numbers.
+        If there are fewer cells, or sizes or heights are invalid.
     """
-    height = _field(height, cells=2, dx=dx, dy=dy)
+    height = _check_cells(height, 2, dx=dx, dy=dy)
     deviation = height - height.mean()
     rms_height = np.sqrt(np.mean(deviation**2))
     slope_x = np.sqrt(np.mean((np.diff(height, axis=1) / dx) ** 2))
     slope_y = np.sqrt(np.mean((np.diff(height, axis=0) / dy) ** 2))
     maximum = np.ptp(height)
-    flat = maximum == 0  # not rms_height: the mean of equal numbers may be off by round-off
+    flat = maximum == 0  # rms_height may differ from 0 by rounding
     skewness, kurtosis = (np.nan if flat else np.mean((deviation / rms_height) ** k) for k in (3, 4))
     moments = rms_height, slope_x, slope_y, np.hypot(slope_x, slope_y), skewness, kurtosis
     return Roughness(*map(float, (*moments, np.abs(deviation).mean(), maximum)))
 
 
 def radial_spectrum(height, dx, dy, window=False):
-    """Radially averaged power spectral density.
+    """Return the radially averaged power spectral density.
 
-    Not collective. Rings are as wide as the coarser spacing of the wave vectors and end below the smaller
-    Nyquist wave number, beyond which they would not be closed.
+    Rings are as wide as the coarser spacing of the wave vectors. They end below the smaller Nyquist wave number,
+    beyond which they would not be closed.
 
     Parameters
     ----------
@@ -147,8 +146,8 @@ def radial_spectrum(height, dx, dy, window=False):
     dx, dy : float
         Size of a cell [mm].
     window : bool
-        Multiply by a Hann window (with its mean square divided out) first: for patches that are not periodic,
-        whose edges would otherwise add a spectrum of their own.
+        Whether to multiply by a Hann window of mean square 1, for patches that are not periodic: their edges would
+        add to the spectrum.
 
     Returns
     -------
@@ -157,13 +156,13 @@ def radial_spectrum(height, dx, dy, window=False):
     Raises
     ------
     InputError
-        If there are fewer cells, none of a size, or heights that are not finite real numbers.
+        If there are fewer cells, or sizes or heights are invalid.
     """
-    height = _field(height, cells=4, dx=dx, dy=dy)
+    height = _check_cells(height, 4, dx=dx, dy=dy)
     height = height - height.mean()
     ny, nx = height.shape
     if window:
-        weight = np.outer(_hann(ny), _hann(nx))
+        weight = np.outer(*(np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2 for n in (ny, nx)))
         height *= weight / np.sqrt(np.mean(weight**2))
     density = np.abs(dx * dy * scipy.fft.fft2(height)) ** 2 / (nx * dx * ny * dy)
     qx, qy = 2 * np.pi * scipy.fft.fftfreq(nx, dx), 2 * np.pi * scipy.fft.fftfreq(ny, dy)
@@ -177,14 +176,8 @@ def radial_spectrum(height, dx, dy, window=False):
     return RadialSpectrum(q_sum / count, density_sum / count, count)
 
 
-def _hann(n):
-    return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
-
-
 def normal_plot(height):
-    """Sorted heights against normal quantiles, Fig. 12(d).
-
-    Not collective.
+    """Return sorted heights and normal quantiles, Fig. 12(d).
 
     Parameters
     ----------
@@ -198,9 +191,9 @@ def normal_plot(height):
     Raises
     ------
     InputError
-        If there are fewer heights, or heights that are not finite real numbers.
+        If there are fewer heights, or they are invalid.
     """
-    height = np.sort(_finite(height), axis=None)
+    height = np.sort(_check_finite(height), axis=None)
     if height.size < 2:
         raise InputError("a normal plot needs at least 2 heights")
     quantile = ndtri((np.arange(height.size) + 0.5) / height.size)

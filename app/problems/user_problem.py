@@ -1,4 +1,4 @@
-"""Problems of the user's own, by name: a class or a function in a Python module, without touching this program.
+"""User-defined problems, by name: a class or a function in a Python module.
 
 A function is that of `app.problems.contact_problem.ContactProblem`: it takes arrays x and y of cell centres
 [mm] and returns the undeformed distance [mm], NaN where contact is impossible::
@@ -6,8 +6,8 @@ A function is that of `app.problems.contact_problem.ContactProblem`: it takes ar
     def rounded_punch(x, y):
         return np.where(np.hypot(x, y) <= 4, np.maximum(np.hypot(x, y) - 3, 0) ** 2 / 20, np.nan)
 
-A class derives from `app.problems.problem.Problem`. It is made from the grid and the material; one that has options of
-its own lists them in `OPTIONS` and reads them in ``from_options``::
+A class derives from `app.problems.problem.Problem` and is made from the grid and the material. If it has options of
+its own, it lists them in `OPTIONS` and reads them in ``from_options``::
 
     class Cone(Problem):
         OPTIONS = (Option("cone_slope", positive, 0.1, "height over radius"),)
@@ -30,18 +30,17 @@ from pathlib import Path
 from app.base.errors import InputError, format_error, format_message
 from app.options.option_table import OptionReader
 from app.problems.contact_problem import ContactProblem
-from app.problems.problem import Problem, checked_shape
+from app.problems.problem import Problem, evaluate_shape
 
-_HERE = Path(__file__).parent
-_NOT_THE_USERS = re.compile(
-    rf"^<|/(site|dist)-packages/|^{re.escape(sysconfig.get_path('stdlib'))}/|^{re.escape(str(_HERE))}/"
+_LIBRARY_FILES = re.compile(
+    rf"^<|/(site|dist)-packages/|^{re.escape(sysconfig.get_path('stdlib'))}/|^{re.escape(str(Path(__file__).parent))}/"
 )
 
 
-def find(name):
-    """Return what a name stands for: ``package.module.Name`` or ``path/to/file.py:Name``, as PETSc finds its own.
+def load(name):
+    """Import the function or class ``package.module.Name`` or ``path/to/file.py:Name``.
 
-    Not collective: every rank imports for itself. The current folder is looked into, too.
+    Every rank imports for itself. Modules are also searched in the current folder.
 
     Raises
     ------
@@ -53,21 +52,19 @@ def find(name):
         path, _, attribute = name.rpartition(".")
     if not path or not attribute:
         raise InputError(f"-problem_type {name}: needed: module.Name or file.py:Name")
-    module = _called(name, _import_file if in_file else _import_module, path)
+    module = _call(name, _import_file if in_file else _import_module, path)
     if not hasattr(module, attribute):
         raise InputError(f"-problem_type {name}: {path} has no {attribute}")
-    found = getattr(module, attribute)
-    if not callable(found) or (isinstance(found, type) and not issubclass(found, Problem)):
+    factory = getattr(module, attribute)
+    if not callable(factory) or (isinstance(factory, type) and not issubclass(factory, Problem)):
         raise InputError(
             f"-problem_type {name}: needed: a function of x and y, or a class derived from {Problem.__module__}.Problem"
         )
-    return found
+    return factory
 
 
-def make(name, grid, material, texts):
-    """Make the problem of a name, see `find`.
-
-    Not collective.
+def create(name, grid, material, texts):
+    """Create the problem of a name, see `load`.
 
     Parameters
     ----------
@@ -88,31 +85,25 @@ def make(name, grid, material, texts):
     InputError
         If that fails.
     """
-    kind = find(name)
-    options = OptionReader(getattr(kind, "OPTIONS", ()), texts)
-    if isinstance(kind, type):
-        make_it = getattr(kind, "from_options", None)
-        parts = (grid, material) if make_it is None else (grid, material, options)
-        problem = _called(name, make_it or kind, *parts)
+    factory = load(name)
+    options = OptionReader(getattr(factory, "OPTIONS", ()), texts)
+    if isinstance(factory, type):
+        if hasattr(factory, "from_options"):
+            problem = _call(name, factory.from_options, grid, material, options)
+        else:
+            problem = _call(name, factory, grid, material)
         if not isinstance(problem, Problem):
             raise InputError(f"-problem_type {name}: from_options returns no {Problem.__module__}.Problem")
     else:
-        problem = ContactProblem(grid, material, kind)
+        problem = ContactProblem(grid, material, factory)
     if not problem.name or problem.name == ContactProblem.name:
         object.__setattr__(problem, "name", name)
     return problem, options
 
 
-def check(problem, name, rows):
-    """Ask for some rows of the undeformed distance and refuse what is no such thing.
-
-    Not collective.
-
-    Raises
-    ------
-    InputError
-    """
-    _called(name, checked_shape, problem, problem.grid, rows)
+def validate(problem, name, rows):
+    """Raise InputError if the undeformed distance in some rows is invalid."""
+    _call(name, evaluate_shape, problem, problem.grid, rows)
 
 
 def _import_module(path):
@@ -130,25 +121,25 @@ def _import_module(path):
 def _import_file(path):
     if not Path(path).is_file():
         raise FileNotFoundError("no such file")
-    spec = importlib.util.spec_from_file_location(f"own_{Path(path).stem}", path)  # app.py may be its name
+    spec = importlib.util.spec_from_file_location(f"own_{Path(path).stem}", path)  # the file may be app.py
     if spec is None:
         raise ImportError("is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
+    sys.modules[spec.name] = module  # for dataclasses
     spec.loader.exec_module(module)
     return module
 
 
-def _called(name, function, *parts):
-    """Call code of the user's; tell in one line what goes wrong in it, and where."""
+def _call(name, function, *arguments):
+    """Call code of the user; raise InputError with the place of an error in it."""
     try:
-        return function(*parts)
+        return function(*arguments)
     except InputError as error:
         raise InputError(f"-problem_type {name}: {error}") from None
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
-        if frames[-1].filename == __file__:  # found here, not there
+        if frames[-1].filename == __file__:
             raise InputError(f"-problem_type {name}: {format_message(error)}") from None
-        theirs = [frame for frame in frames if not _NOT_THE_USERS.search(frame.filename)]
-        where = f" ({theirs[-1].filename}, line {theirs[-1].lineno})" if theirs else ""
+        users = [frame for frame in frames if not _LIBRARY_FILES.search(frame.filename)]
+        where = f" ({users[-1].filename}, line {users[-1].lineno})" if users else ""
         raise InputError(f"-problem_type {name}: {format_error(error)}{where}") from error

@@ -9,7 +9,7 @@ from app.base.errors import InputError
 from app.cli.option_sources import ParsedOptions
 from app.cli.problem_options import PROBLEM_OPTIONS, Request, make_problem
 from app.options.option_table import OptionReader
-from app.problems.problem import checked_shape
+from app.problems.problem import evaluate_shape
 
 MODULE = """
 import numpy as np
@@ -122,7 +122,7 @@ def test_function_may_say_where_contact_is_impossible(make):
 def test_contact_is_impossible_in_masked_cells(make):
     problem, _ = make("my_module.Masked")
     np.testing.assert_array_equal(
-        np.isnan(checked_shape(problem, problem.grid, slice(4))), np.tile(problem.grid.x() > 0, (4, 1))
+        np.isnan(evaluate_shape(problem, problem.grid, slice(4))), np.tile(problem.grid.x() > 0, (4, 1))
     )
 
 
