@@ -230,7 +230,8 @@ def summary(hottest, sheared, result, poisson_ratio):
         [f" (body {k})" for k, nu in enumerate(each, 1) if nu == poisson_ratio] if len(set(each)) == 2 else []
     )
     # No place is more stressed than others without a pressure, nor below one that is the same all over.
-    uniform = highest <= 0 or (result.grid.periodic and np.ptp(result.pressure) <= curves.EVEN * highest)
+    variation = np.ptp(result.pressure)
+    uniform = highest <= 0 or (result.grid.periodic and variation <= curves.MIN_STRESS_VARIATION * highest)
     texts = []
     for name, value, there in (
         ("von Mises", hottest.von_mises, hottest),

@@ -1,1 +1,1 @@
-"""Pictures of results, surfaces and load paths."""
+"""Figures of results, surfaces, load paths and sweeps."""

@@ -1,7 +1,4 @@
-"""Distributions of pressure, gap and patches; the spectrum of the surface; stress below the contact.
-
-Each function returns a figure of its own. Not collective: call on one rank.
-"""
+"""Figures of distributions, spectrum and stress below the contact."""
 
 from __future__ import annotations
 
@@ -9,15 +6,15 @@ import numpy as np
 
 from app.base.units import choose_length_unit
 from app.halfspace.stress.subsurface import max_shear, von_mises
-from app.plots.figures import EVEN_VALUES, format_load, make_title
+from app.plots.figures import MIN_RATIO, format_load, make_title
 from app.plots.maps import cell_edges, estimate_rounding, finite_pressure
 from app.plots.style import (
-    BESIDE,
     BLUE,
     DASHED,
     DOTTED,
     GREEN,
     GREY,
+    LEGEND_RIGHT,
     ORANGE,
     PURPLE,
     annotate_empty,
@@ -28,39 +25,40 @@ from app.plots.style import (
 from app.problems.statistics import radial_spectrum
 from app.problems.surfaces.moments import Moments, add_polynomial
 
-_SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # but for surfaces on them
+_SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # problems without roughness of their own
 _BINS_PER_DECADE = 8
-_STRESS_MAP = "magma_r"
-EVEN = 1e-9  # of the largest: stresses that differ by less are one number
-_STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
+MIN_STRESS_VARIATION = 1e-9  # relative to the largest stress; below, the stress is uniform
+_SECTION_ASPECT = 0.6, 0.7  # smallest and largest height over width
 
 
 @with_style
 def distribution_figure(result):
-    """Probability densities of pressure and gap, and sizes of several patches, on logarithmic axes."""
+    """Draw densities of pressure and gap, and sizes of contact spots."""
     areas = result.contact_patches()
     panels = 3 if len(areas) > 1 else 2
     figure = new_figure(4.85 * panels, 4.6, make_title(result))
     pressure, gap, *several = figure.subplots(1, panels)
     p = finite_pressure(result.pressure)
-    _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
-    apart = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
-    unit = choose_length_unit(float(apart.max(initial=0.0)))
-    _density(gap, apart * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
+    _draw_density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
+    gaps = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
+    unit = choose_length_unit(float(gaps.max(initial=0.0)))
+    _draw_density(gap, gaps * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
     for axes in several:
         _draw_patches(axes, areas)
     return figure
 
 
-def _density(axes, values, label, unit):
-    """Probability density by bins of equal width in the logarithm."""
+def _draw_density(axes, values, label, unit):
+    """Draw a probability density with logarithmic bins."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
     if not values.size:
-        return annotate_empty(axes, "no values")
-    low = np.quantile(values, 20 / values.size if values.size > 100 else 0.0)  # few have no bin of theirs
+        annotate_empty(axes, "no values")
+        return
+    low = np.quantile(values, 20 / values.size if values.size > 100 else 0.0)  # omit bins of few values
     high = values.max()
-    if not high > low * EVEN_VALUES:
-        return annotate_empty(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
+    if not high > low * MIN_RATIO:
+        annotate_empty(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
+        return
     count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
     edges[0], edges[-1] = low, high
@@ -70,11 +68,10 @@ def _density(axes, values, label, unit):
     middle = np.sqrt(edges[1:] * edges[:-1])
     axes.plot(middle[shown], density[shown], "o-", color=BLUE, markersize=4)
     set_log_axes(axes)
-    return None
 
 
 def _draw_patches(axes, patches):
-    """How many patches are at least so large."""
+    """Draw the number of contact spots of at least each area."""
     unit = choose_length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
     sizes, counts = np.unique(patches, return_counts=True)
@@ -86,28 +83,26 @@ def _draw_patches(axes, patches):
 
 
 def extract_roughness(result):
-    """Surface whose spectrum tells something [mm]: the undeformed distance, on a free patch less its best paraboloid.
+    """Return the undeformed distance without its smooth part [mm].
 
-    Returns
-    -------
-    ndarray, shape (ny, nx), or None
-        None with holes, with less than 8 cells in a direction, or where nothing is left.
+    The smooth part of a free patch is the best paraboloid. None with holes, with fewer than 8 cells along x or y, or
+    without roughness.
     """
     h = result.undeformed_distance
     if min(h.shape) < 8 or not np.isfinite(h).all():
         return None
-    rest = h - h.mean()
+    roughness = h - h.mean()
     if not result.grid.periodic:
-        bowl = Moments("", lambda *rows: h[slice(*rows)], h.shape).fit("quadratic")
-        rest = add_polynomial(h.copy(), bowl, 0, len(h), sign=-1)
-    return rest if np.abs(rest).max() > 1e-9 * np.ptp(h) else None
+        paraboloid = Moments("", lambda *rows: h[slice(*rows)], h.shape).fit("quadratic")
+        roughness = add_polynomial(h.copy(), paraboloid, 0, len(h), sign=-1)
+    return roughness if np.abs(roughness).max() > 1e-9 * np.ptp(h) else None
 
 
 @with_style
 def spectrum_figure(result):
-    """Radial average of the power spectrum of the undeformed distance, with its cut-offs; None if there is none.
+    """Draw the radial spectrum of the roughness with its cut-offs.
 
-    On a free patch the best paraboloid is taken off, and a Hann window is put on. Shapes without a surface have none.
+    On a free patch the best paraboloid is subtracted and a Hann window applied. None without roughness.
     """
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
@@ -116,10 +111,10 @@ def spectrum_figure(result):
         return None
     figure = new_figure(7.4, 5.4, make_title(result))
     axes = figure.subplots()
-    drawn = draw_spectrum(axes, surface, result.grid, "undeformed distance")
-    if drawn is None:
+    curve = draw_spectrum(axes, surface, result.grid, "undeformed distance")
+    if curve is None:
         return None
-    q, density, unit = drawn
+    q, density, unit = curve
     for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
@@ -141,19 +136,17 @@ def spectrum_figure(result):
 
 
 def draw_spectrum(axes, surface, grid, label):
-    """Draw the radial spectrum of a `rough_part` [mm], by a Hann window on a free patch.
-
-    Not collective.
+    """Draw the radial spectrum of a roughness [mm].
 
     Returns
     -------
     tuple or None
-        Wave numbers, densities [mm4] and the `Unit` in which the wave numbers are; None if that is no curve.
+        Wave numbers, densities [mm4] and the length `Unit` of the wave numbers; None with fewer than three points.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     unit = choose_length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
     q, density = spectrum.wave_number / unit.per_mm, spectrum.density
-    known = density > 1e-14 * density.max(initial=0.0)  # below that is round-off
+    known = density > 1e-14 * density.max(initial=0.0)  # the rest is rounding error
     if np.count_nonzero(known) < 3:
         return None
     axes.plot(q[known], density[known], "-", color=BLUE, label=label)
@@ -164,7 +157,7 @@ def draw_spectrum(axes, surface, grid, label):
 
 @with_style
 def stress_figure(along, grid, depths, section, line, hottest, heading):
-    """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
+    """Draw stresses on a section and along a vertical line.
 
     Parameters
     ----------
@@ -172,7 +165,7 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
         "x" or "y".
     grid : Grid
     depths : ndarray, [mm]
-        From 0 on.
+        The first is 0.
     section : ndarray, shape (6, depths, nx or ny), [N/mm2]
     line : ndarray, shape (6, depths), [N/mm2]
     hottest : app.halfspace.stress.subsurface.StressMaximum
@@ -184,29 +177,29 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     unit = choose_length_unit(max(np.ptp(centres), depths[-1]))
     sides, deepest = cell_edges(grid, along), depths[-1] or 1.0
     width = np.ptp(sides)
-    box = float(np.clip(deepest / width, *_STRESS_BOX))
-    times = box * width / deepest
-    stretched = not np.isclose(times, 1)
-    remark = f"   (z: {times:.3g} × the scale of {along})" if stretched else ""
-    deep = choose_length_unit(depths[-1]) if stretched else unit
-    z = depths * deep.per_mm
+    box = float(np.clip(deepest / width, *_SECTION_ASPECT))
+    z_scale = box * width / deepest
+    stretched = not np.isclose(z_scale, 1)
+    remark = f"   (z: {z_scale:.3g} × the scale of {along})" if stretched else ""
+    z_unit = choose_length_unit(depths[-1]) if stretched else unit
+    z = depths * z_unit.per_mm
     mises = von_mises(section)
     bottom = z[-1] or 1.0
-    between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
-    colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
-    image = left.pcolormesh(sides * unit.per_mm, between, mises, rasterized=True, **colours)
-    uneven = np.ptp(mises) > EVEN * mises.max()
+    z_edges = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
+    colours = {"cmap": "magma_r", "vmin": 0, "vmax": mises.max() or 1.0}
+    image = left.pcolormesh(sides * unit.per_mm, z_edges, mises, rasterized=True, **colours)
+    varies = np.ptp(mises) > MIN_STRESS_VARIATION * mises.max()
     bar = figure.colorbar(image, cax=left.inset_axes([1.02, 0, 0.03, 1]))
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
-    depth = hottest.depth * deep.per_mm
-    place = f"at depth {depth:.3g} {deep.name}" if uneven else "everywhere"
-    cross = {"marker": "+" if uneven else "", "markersize": 12, "markeredgewidth": 2, "clip_on": False}
+    depth = hottest.depth * z_unit.per_mm
+    place = f"at depth {depth:.3g} {z_unit.name}" if varies else "everywhere"
+    cross = {"marker": "+" if varies else "", "markersize": 12, "markeredgewidth": 2, "clip_on": False}
     largest = f"{format_load(hottest.von_mises)} N/mm² {place}"
     left.plot(at, depth, color=GREEN, linestyle="none", label=largest, **cross)
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
     left.set_box_aspect(box)
-    left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
+    left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{z_unit.name}]", ylim=(bottom, 0))
     for k, label, colour, style in (
         (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
     ):  # fmt: skip
@@ -214,7 +207,7 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
     right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
-    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
+    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{z_unit.name}]", ylim=(bottom, 0))
     right.locator_params(axis="x", nbins=5)
-    right.legend(**BESIDE)  # curves are everywhere
+    right.legend(**LEGEND_RIGHT)  # curves fill the axes
     return figure

@@ -1,7 +1,4 @@
-"""Picture of a measured surface: map, profiles, distribution of heights, spectrum, and what ISO 25178 calls them.
-
-Not collective: call on one rank.
-"""
+"""Figure of a measured surface with numbers of ISO 25178."""
 
 from __future__ import annotations
 
@@ -13,57 +10,63 @@ from matplotlib.patches import Patch
 
 from app.base.units import choose_length_unit
 from app.plots.curves import draw_spectrum, extract_roughness
-from app.plots.maps import LENGTH_MAP, Canvas
+from app.plots.maps import LEGEND_ABOVE, LENGTH_MAP, Canvas
 from app.plots.style import BLUE, DASHED, GREY, ORANGE, PALE, annotate_empty, new_figure, with_style
 
-_TAIL = 1e-3  # share of heights at each end that may be left out of colours and distribution,
-_FAR = 1.5  # where with them these would span so many times the rest
-_BINS = 20, 100
-_LOWEST, _BELOW = 4.8, 4.4  # inches of the map's row at least, and of the row below
+_TAIL = 1e-3  # share of the heights at each end that may lie outside the colour scale
+_MAX_TAIL_RANGE = 1.5  # range up to a tail's end over the range without tails; beyond, the tail is cut
+_BINS = 20, 100  # smallest and largest number
+_MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 
 
 @with_style
 def surface_figure(surface):
-    """Map of the heights, profiles through the middle, distribution and radial spectrum; Sq, Sdq, Ssk, Sku above.
+    """Draw heights, middle profiles, distribution and radial spectrum.
 
-    Missing points are grey and have no spectrum.
+    Missing points are grey; with missing points there is no spectrum.
 
     Parameters
     ----------
     surface : app.problems.surfaces.measured_surface.Surface
-        With a spacing; levelled by "plane", so that what is drawn is what its numbers are about [mm].
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+        With a spacing, levelled by "plane" as its numbers are [mm].
     """
     grid, heights = surface.grid(), surface.heights()
-    low, high, extend = _shown(heights)
+    low, high, extend = _find_limits(heights)
     unit = choose_length_unit(max(-low, high))
     heights_shown = heights * unit.per_mm
     limits = low * unit.per_mm, high * unit.per_mm
-    patch = SimpleNamespace(grid=grid, undeformed_distance=heights)  # grey is where that is missing
+    patch = SimpleNamespace(grid=grid, undeformed_distance=heights)
     canvas = Canvas(patch)
     width, height = canvas.size
-    rows = max(height - 0.4, _LOWEST)
-    figure = new_figure(max(2 * width, 13.0), rows + _BELOW, _title(surface, grid))
+    rows = max(height - 0.4, _MIN_MAP_ROW)
+    figure = new_figure(max(2 * width, 13.0), rows + _LOWER_ROW, _title(surface, grid))
     panels = figure.subplot_mosaic(
-        [["map", "x"], ["map", "y"], ["heights", "spectrum"]], height_ratios=[rows / 2, rows / 2, _BELOW]
+        [["map", "x"], ["map", "y"], ["heights", "spectrum"]], height_ratios=[rows / 2, rows / 2, _LOWER_ROW]
     )
-    _draw_map(panels["map"], canvas, heights_shown, limits, extend, unit)
+    canvas.draw_field(
+        panels["map"],
+        heights_shown,
+        LENGTH_MAP,
+        f"height z  [{unit.name}]",
+        extend,
+        vmin=limits[0],
+        vmax=limits[1],
+    )
+    if canvas.outside.any():
+        panels["map"].legend(handles=[Patch(color=GREY, label="missing")], **LEGEND_ABOVE)
     for along in "xy":
         _draw_profile(panels[along], canvas, heights_shown, along, unit)
     _draw_distribution(panels["heights"], heights_shown[np.isfinite(heights)], limits, unit)
-    rest = extract_roughness(patch)
+    roughness = extract_roughness(patch)
     if surface.missing_points:
         annotate_empty(panels["spectrum"], "no spectrum: points are missing")
-    elif rest is None or draw_spectrum(panels["spectrum"], rest, grid, "heights") is None:
+    elif roughness is None or draw_spectrum(panels["spectrum"], roughness, grid, "heights") is None:
         annotate_empty(panels["spectrum"], "no spectrum: too few points, or too smooth")
     return figure
 
 
 def _title(surface, grid):
-    """File, points and cells; below them the numbers."""
+    """Return file, points and cells, and on a second line the numbers."""
     name = Path(surface.file.partition(":/")[0]).name
     unit = choose_length_unit(max(grid.dx, grid.dy))
     cell = " × ".join(f"{side * unit.per_mm:.4g}" for side in (grid.dx, grid.dy))
@@ -79,49 +82,42 @@ def _title(surface, grid):
     return f"{name}, {grid.nx} × {grid.ny} points{holes}, cells of {cell} {unit.name}\n{about}"
 
 
-def _shown(heights):
-    """Lowest and highest height that is drawn, and what is beyond: a spike must not leave the rest in one colour."""
+def _find_limits(heights):
+    """Return the range of the colour scale and the ends to extend.
+
+    A spike must not leave all others in one colour.
+    """
     known = heights[np.isfinite(heights)]
     lowest, highest = float(known.min()), float(known.max())
     low, high = map(float, np.quantile(known, [_TAIL, 1 - _TAIL]))
-    far = _FAR * (high - low)
+    far = _MAX_TAIL_RANGE * (high - low)
     below, above = far > 0 and high - lowest > far, far > 0 and highest - low > far
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get((below, above), "neither")
     return low if below else lowest, high if above else highest, extend
 
 
-def _draw_map(axes, canvas, heights, limits, extend, unit):
-    low, high = limits
-    canvas.field(axes, heights, LENGTH_MAP, f"height z  [{unit.name}]", extend, vmin=low, vmax=high)
-    if canvas.outside.any():
-        entries = [Patch(color=GREY, label="missing")]
-        axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
-
-
 def _draw_profile(axes, canvas, heights, along, unit):
-    """Heights of the middle row or column; a missing point is a gap in the line."""
-    grid, lateral = canvas.grid, canvas.unit
+    """Draw the heights of the middle row or column."""
+    x, y = canvas.grid.x() * canvas.unit.per_mm, canvas.grid.y() * canvas.unit.per_mm
     if along == "x":
-        row = grid.ny // 2
-        at, profile, place = grid.x(), heights[row], f"y = {grid.y()[row] * lateral.per_mm:.3g}"
+        s, profile, across = x, heights[y.size // 2], f"y = {y[y.size // 2]:.3g}"
     else:
-        column = grid.nx // 2
-        at, profile, place = grid.y(), heights[:, column], f"x = {grid.x()[column] * lateral.per_mm:.3g}"
-    axes.plot(at * lateral.per_mm, profile, color=BLUE, linewidth=1.2, marker="" if at.size > 2 else "o")
-    place = place.replace("-", "−")
-    name = lateral.name
-    axes.set(xlabel=f"{along}  [{name}]   at {place} {name}", ylabel=f"height z  [{unit.name}]")
-    axes.margins(x=0 if at.size > 1 else 0.05)
+        s, profile, across = y, heights[:, x.size // 2], f"x = {x[x.size // 2]:.3g}"
+    axes.plot(s, profile, color=BLUE, linewidth=1.2, marker="" if s.size > 2 else "o")
+    across, name = across.replace("-", "−"), canvas.unit.name
+    axes.set(xlabel=f"{along}  [{name}]   at {across} {name}", ylabel=f"height z  [{unit.name}]")
+    axes.margins(x=0 if s.size > 1 else 0.05)
     if not np.isfinite(profile).any():
         annotate_empty(axes, "all of it is missing")
 
 
 def _draw_distribution(axes, values, limits, unit):
-    """Probability density of the heights, and the normal one of the same mean and Sq."""
+    """Draw the density of heights and the fitted normal density."""
     axes.set(xlabel=f"height z  [{unit.name}]", ylabel=f"probability density  [1/{unit.name}]")
     sq = values.std()
     if not sq > 0:
-        return annotate_empty(axes, "all heights are equal")
+        annotate_empty(axes, "all heights are equal")
+        return
     bins = int(np.clip(np.sqrt(values.size) / 2, *_BINS))
     share, edges = np.histogram(values, bins, limits)
     density = share / values.size / np.diff(edges)
@@ -133,4 +129,3 @@ def _draw_distribution(axes, values, limits, unit):
     axes.set_xlim(edges[0], edges[-1])
     axes.set_ylim(0, 1.3 * max(density.max(), normal.max()))  # room for the legend
     axes.legend(loc="upper left", ncol=2)
-    return None

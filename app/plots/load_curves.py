@@ -1,13 +1,10 @@
-"""Pictures of load paths, and reading of tables.
+"""Figures of load paths, and reading of their tables.
 
-A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
-``indentation``, ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``,
-``contact_fraction_corrected``,
-``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm], ``persson_fraction``. What is missing is
-not drawn. Estimated relative errors (``load_error``, ``approach_error``, ``max_pressure_error``,
-``contact_area_error``) are light bands around the curves.
-
-Not collective: call on one rank.
+A path is a mapping of columns with an entry for each step, as in group ``path`` of a result file: ``load`` [N];
+``approach``, ``indentation``, ``mean_gap`` [mm]; ``mean_pressure``, ``max_pressure`` [N/mm2]; ``contact_fraction``,
+``contact_fraction_corrected``, ``persson_fraction``; ``contact_area`` [mm2]; ``stiffness``,
+``stiffness_by_differences`` [N/mm]. Missing columns are not drawn. Estimated relative errors, such as ``load_error``,
+are bands around the curves.
 """
 
 from __future__ import annotations
@@ -23,9 +20,9 @@ from app.base.quantities import axis_label
 from app.base.units import choose_length_unit
 from app.options import option_table
 from app.plots.style import (
-    BESIDE,
     DASHED,
     DOTTED,
+    LEGEND_RIGHT,
     annotate_empty,
     new_figure,
     series_style,
@@ -34,33 +31,32 @@ from app.plots.style import (
 )
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 
-# Number whose share an estimated error is, and its column, where they are not called as what is drawn.
+# Drawn column -> column to which the error is relative, and column of the error; default: NAME, NAME_error.
 _ERRORS = {
     "approach": ("indentation", "approach_error"),
     "indentation": ("indentation", "approach_error"),
     "contact_fraction": ("contact_fraction", "contact_area_error"),
     "mean_pressure": ("mean_pressure", "load_error"),
 }
-_BAND = {"alpha": 0.2, "linewidth": 0, "zorder": 0.5}
 
 
 class Path(NamedTuple):
-    """Columns of a path, its name, and what its loads are compared with.
+    """Columns of a path, its name, and its pressure scale.
 
-    `scale` is E* times rms slope of nominally flat bodies [N/mm2], NaN of others.
+    `scale` is E* times rms slope of nominally flat bodies [N/mm2], else NaN.
     """
 
     columns: dict
     name: str = ""
     scale: float = np.nan
 
-    def positive(self, *names, lowest=0.0):
-        """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
+    def select(self, *names, above=0.0):
+        """Return columns at the steps where all exceed a number, or None."""
         if any(name not in self.columns for name in names):
             return None
         values = np.array([np.asarray(self.columns[name], float) for name in names])
-        kept = (np.isfinite(values) & (values > lowest)).all(axis=0)
-        return values[:, kept] if kept.any() else None
+        valid = (np.isfinite(values) & (values > above)).all(axis=0)
+        return values[:, valid] if valid.any() else None
 
     @property
     def relative(self):
@@ -69,28 +65,28 @@ class Path(NamedTuple):
 
 
 def get_path(result, name=""):
-    """Path of a result, None if it has none. Not collective."""
+    """Return the path of a result, or None."""
     columns = getattr(result, "path", None)
-    return _path(columns, name) if columns else None
+    return _make_path(columns, name) if columns else None
 
 
-def _path(columns, name):
-    """Path whose scale Persson's fractions tell; only nominally flat bodies have these."""
+def _make_path(columns, name):
+    """Make a path with its scale from Persson's fractions."""
     path = Path(columns, name)
-    known = path.positive("persson_fraction", "mean_pressure")
-    if known is None:
+    theory = path.select("persson_fraction", "mean_pressure")
+    if theory is None:
         return path
-    light = known[0].argmin()  # where Persson's fraction is far from 1, and tells p' to all digits
+    lightest = theory[0].argmin()  # near full contact Persson's fraction loses digits of the scale
     with np.errstate(divide="ignore"):
-        return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
+        return path._replace(scale=float(theory[1, lightest] / persson_pressure(theory[0, lightest])))
 
 
 @with_style
 def path_figure(paths, heading=""):
-    """Contact fraction and kappa, mean gap and stiffness of load paths; or load and area against approach.
+    """Draw four panels of load paths.
 
-    The first where mean pressure, Persson's and a contact fraction are known: of rough surfaces on a plane. Persson's
-    and Bush, Gibson and Thomas's theories are drawn beside it.
+    Nominally flat rough bodies: contact fraction, kappa, mean gap and stiffness against pressure, with the theories of
+    Persson and of Bush, Gibson and Thomas. Other bodies: load, pressure, area and stiffness.
 
     Parameters
     ----------
@@ -98,7 +94,7 @@ def path_figure(paths, heading=""):
     heading : str
     """
     rough = all(
-        np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
+        np.isfinite(path.relative) and path.select("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
     figure = new_figure(14.0, 8.6, heading)
@@ -110,94 +106,88 @@ def path_figure(paths, heading=""):
     return figure
 
 
-def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
-    """Draw a column against another for all paths, positive values on logarithmic axes; return whether any."""
-    drawn, lowest = False, 0.0 if any(logs) else -np.inf
+def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
+    """Draw a column against another for all paths; return False without values.
 
-    def known(*names):
-        return [path.positive(*names, lowest=lowest) for path in paths]
-
-    for number, (path, found) in enumerate(zip(paths, known(x, y), strict=True)):
-        if found is None:
+    On a logarithmic axis only positive values are drawn.
+    """
+    above = 0.0 if any(logs) else -np.inf
+    for number, path in enumerate(paths):
+        values = path.select(x, y, above=above)
+        if values is None:
             continue
-        values = found * np.array(scale(path))[:, None]
+        values = values * np.array(scale(path))[:, None]
         axes.plot(*values, **series_style(number), label=path.name or "computed")
-        drawn = True
         for name in x, y:
             _draw_band(axes, path, (x, y), name, scale(path), number)
-    if not drawn:
-        absent = next((name for name in (x, y) if all(one is None for one in known(name))), y)
-        annotate_empty(axes, f"no {absent.replace('_', ' ')}")
+    if not axes.lines:
+        missing = [name for name in (x, y) if all(path.select(name, above=above) is None for path in paths)]
+        annotate_empty(axes, f"no {(*missing, y)[0].replace('_', ' ')}")
         return False
     set_log_axes(axes, [name for name, log in zip("xy", logs, strict=True) if log])
     return True
 
 
 def _draw_band(axes, path, names, name, scale, number):
-    """Estimated relative error of column `name`, one of the two `names` drawn, on both sides of the curve.
+    """Draw the estimated error of one of two drawn columns.
 
-    An error of 1 is of a number that does not converge: no band there.
+    There is no band where the error is 1, that is where the number does not converge.
     """
-    of, error = _ERRORS.get(name, (name, f"{name}_error"))
-    of = of if of in path.columns else name
-    if any(column not in path.columns for column in (*names, of, error)):
+    reference, error = _ERRORS.get(name, (name, f"{name}_error"))
+    reference = reference if reference in path.columns else name
+    columns = [path.columns.get(column) for column in (*names, reference, error)]
+    if any(column is None for column in columns):
         return
-    x, y, size, share = (np.asarray(path.columns[column], float) for column in (*names, of, error))
-    across, sideways = names.index(name), name == names[0]
-    x, y, half = x * scale[0], y * scale[1], size * share * scale[across]
-    known = np.isfinite([x, y, half]).all(axis=0) & (half > 0) & (share < 1)
+    x, y, size, share = (np.asarray(column, float) for column in columns)
+    half = size * share * scale[names.index(name)]
+    x, y = x * scale[0], y * scale[1]
+    valid = np.isfinite([x, y, half]).all(axis=0) & (half > 0) & (share < 1)
     if axes.lines[-1].get_xdata().min() > 0 and axes.lines[-1].get_ydata().min() > 0:
-        known &= (x > 0) & (y > 0)
-    if not (known[1:] & known[:-1]).any():
+        valid &= (x > 0) & (y > 0)
+    if not (valid[1:] & valid[:-1]).any():
         return
+    sideways = name == names[0]
     along, middle = (y, x) if sideways else (x, y)
     fill = axes.fill_betweenx if sideways else axes.fill_between
+    style = {"color": series_style(number)["color"], "alpha": 0.2, "linewidth": 0, "zorder": 0.5}
     label = None if axes.collections else "estimated error"
-    fill(
-        along,
-        middle - half,
-        middle + half,
-        where=known,
-        color=series_style(number)["color"],
-        label=label,
-        **_BAND,
-    )
+    fill(along, middle - half, middle + half, where=valid, label=label, **style)
 
 
 def _draw_analytic(axes, paths, x, y, per_mm=1.0):
-    """The analytic solutions of smooth bodies, where they are known, beside the computed ones."""
+    """Draw the analytic solutions of smooth bodies."""
     label = "analytic"
     for path in paths:
-        found = path.positive(f"analytic_{x}", f"analytic_{y}")
-        if found is not None:
-            line = {"color": "0.3", "linestyle": DASHED, "zorder": 1, "label": label}
-            axes.plot(found[0] * per_mm, found[1], **line)
-            label = None  # once
+        exact = path.select(f"analytic_{x}", f"analytic_{y}")
+        if exact is not None:
+            axes.plot(exact[0] * per_mm, exact[1], color="0.3", linestyle=DASHED, zorder=1, label=label)
+            label = None  # one entry in the legend
 
 
 _RELATIVE = "p / (E* h′rms)"
 
 
 def _draw_shares(axes, paths, value):
-    """Draw ``value(x, contact fraction)`` of paths and theories against x = p / (E* h'rms)."""
-    drawn, cross = [], {"color": "0.4", "marker": "x", "linestyle": "none", "zorder": 1}
-    for name in "contact_fraction", "contact_fraction_corrected":
-        label = "corrected for the stepped boundary"
-        for number, path in enumerate(paths):
-            found = path.positive("mean_pressure", name)
-            if found is None:
-                continue
-            x = found[0] * path.relative
-            drawn.append(x)
-            if name == "contact_fraction":
-                axes.plot(x, value(x, found[1]), **series_style(number), label=path.name or "computed")
-                with np.errstate(divide="ignore"):
-                    one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
-                _draw_band(axes, path, ("mean_pressure", name), name, (path.relative, one), number)
-            else:
-                axes.plot(x, value(x, found[1]), **cross, label=label)
-                label = None  # once
-    x = np.concatenate(drawn)
+    """Draw ``value(x, contact fraction)`` against x = p / (E* h'rms)."""
+    pressures = []
+    for number, path in enumerate(paths):
+        p, fraction = path.select("mean_pressure", "contact_fraction")
+        x = p * path.relative
+        pressures.append(x)
+        axes.plot(x, value(x, fraction), **series_style(number), label=path.name or "computed")
+        with np.errstate(divide="ignore"):
+            one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
+        names = "mean_pressure", "contact_fraction"
+        _draw_band(axes, path, names, names[1], (path.relative, one), number)
+    label, cross = "corrected for the stepped boundary", {"color": "0.4", "marker": "x", "linestyle": "none"}
+    for path in paths:
+        corrected = path.select("mean_pressure", "contact_fraction_corrected")
+        if corrected is not None:
+            x = corrected[0] * path.relative
+            pressures.append(x)
+            axes.plot(x, value(x, corrected[1]), **cross, zorder=1, label=label)
+            label = None  # one entry in the legend
+    x = np.concatenate(pressures)
     set_log_axes(axes, "x")
     span = np.geomspace(x.min(), x.max() * 1.0001, 200)
     persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
@@ -207,96 +197,83 @@ def _draw_shares(axes, paths, value):
 
 
 def _draw_fraction(axes, paths):
-    _draw_shares(axes, paths, lambda x, share: share)
+    _draw_shares(axes, paths, lambda x, fraction: fraction)
     axes.set_ylabel("contact fraction")
     set_log_axes(axes, "y")
 
 
 def _draw_kappa(axes, paths):
-    _draw_shares(axes, paths, lambda x, share: share / x)
+    _draw_shares(axes, paths, lambda x, fraction: fraction / x)
     axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, None))
-    axes.legend(**BESIDE)  # for the panel on the left, too
+    axes.legend(**LEGEND_RIGHT)  # also for the panel on the left
 
 
 def _draw_gap(axes, paths):
-    known = [path.positive("mean_pressure", "mean_gap") for path in paths]
-    unit = choose_length_unit(max((found[1].max() for found in known if found is not None), default=1.0))
-    # Exponential over much of the range: a straight line here.
-    if _curves(
-        axes, paths, "mean_gap", "mean_pressure", lambda path: (unit.per_mm, path.relative), (False, True)
-    ):
+    gaps = [path.select("mean_pressure", "mean_gap") for path in paths]
+    unit = choose_length_unit(max((gap[1].max() for gap in gaps if gap is not None), default=1.0))
+    scale, logs = (
+        lambda path: (unit.per_mm, path.relative),
+        (False, True),
+    )  # nearly exponential: a straight line
+    if _draw_curves(axes, paths, "mean_gap", "mean_pressure", scale, logs):
         axes.set(xlabel=f"mean gap  [{unit.name}]", ylabel=_RELATIVE)
 
 
-def _draw_stiffness_against(axes, paths, x, scale=lambda path: (1.0, 1.0)):
-    """Each path's exact stiffness where it is known, else that by differences, which coarse steps make rough."""
-    exact = [path.positive("load", "stiffness") is not None for path in paths]
-    paths = [
-        path if known else path._replace(columns=_by_differences(path.columns))
-        for path, known in zip(paths, exact, strict=True)
-    ]
-    if not _curves(axes, paths, x, "stiffness", scale):
-        return False
-    others = [path.name for path, known in zip(paths, exact, strict=True) if not known]
-    names = ", ".join(others) if len(others) < 4 else f"{len(others)} of {len(paths)} paths"
-    of = f"\nby differences{f': {names}' if any(exact) else ''}" if others else ""
-    axes.set(ylabel=f"{axis_label('stiffness')}{of}")
-    return True
-
-
-def _by_differences(columns):
-    columns = {name: column for name, column in columns.items() if name != "stiffness"}
-    if "stiffness_by_differences" in columns:
-        columns["stiffness"] = columns["stiffness_by_differences"]
-    return columns
-
-
-def _draw_stiffness(axes, paths):
-    if _draw_stiffness_against(axes, paths, "mean_pressure", lambda path: (path.relative, 1.0)):
-        axes.set(xlabel=_RELATIVE)
-
-
-def _draw_smooth_stiffness(axes, paths):
-    if _draw_stiffness_against(axes, paths, "load"):
-        axes.set(xlabel=axis_label("load"))
+def _draw_stiffness(rough, axes, paths):
+    """Draw exact stiffnesses, or those by differences of steps."""
+    names, shown = [], []
+    for path in paths:
+        if path.select("load", "stiffness") is None:
+            names.append(path.name)
+            columns = {name: column for name, column in path.columns.items() if name != "stiffness"}
+            differences = columns.get("stiffness_by_differences")
+            path = path._replace(
+                columns=columns if differences is None else columns | {"stiffness": differences}
+            )
+        shown.append(path)
+    scale = (lambda path: (path.relative, 1.0)) if rough else (lambda path: (1.0, 1.0))
+    if not _draw_curves(axes, shown, "mean_pressure" if rough else "load", "stiffness", scale):
+        return
+    which = ", ".join(names) if len(names) < 4 else f"{len(names)} of {len(paths)} paths"
+    which = f": {which}" if len(names) < len(paths) else ""
+    note = f"\nby differences{which}" if names else ""
+    axes.set(xlabel=_RELATIVE if rough else axis_label("load"), ylabel=f"{axis_label('stiffness')}{note}")
+    if not rough:
         _draw_analytic(axes, paths, "load", "stiffness")
 
 
 def _draw_load(axes, paths):
-    def values(x):
-        known = [path.positive(x, "load", lowest=-np.inf) for path in paths]
-        return np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
+    def join(x):
+        values = [path.select(x, "load", above=-np.inf) for path in paths]
+        return np.concatenate([columns[0] for columns in values if columns is not None] or [[1.0]])
 
-    x, known, columns = "approach", values("approach"), [path.columns for path in paths]
-    if known.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
-        x, known = "indentation", values("indentation")
-    unit = choose_length_unit(abs(known).max())
-    log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
-    if _curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)):
+    x, values, columns = "approach", join("approach"), [path.columns for path in paths]
+    if values.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
+        x, values = "indentation", join("indentation")
+    unit = choose_length_unit(abs(values).max())
+    log = values.min() >= 0  # approaches counted from within the roughness are negative
+    if _draw_curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)):
         axes.set(xlabel=axis_label(x).replace("mm", unit.name), ylabel=axis_label("load"))
         _draw_analytic(axes, paths, "approach", "load", unit.per_mm)
 
 
 def _draw_against_load(name, axes, paths):
-    if _curves(axes, paths, "load", name):
+    if _draw_curves(axes, paths, "load", name):
         axes.set(xlabel=axis_label("load"), ylabel=axis_label(name))
         _draw_analytic(axes, paths, "load", name)
 
 
-_ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, _draw_stiffness)
+_ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, partial(_draw_stiffness, True))
 _SMOOTH = (
     _draw_load,
     partial(_draw_against_load, "max_pressure"),
     partial(_draw_against_load, "contact_area"),
-    _draw_smooth_stiffness,
+    partial(_draw_stiffness, False),
 )
 
 
-# -- tables --------------------------------------------------------------------------------------------
-
-
 def read_csv(path):
-    """Columns of a table written by app.sweep, or of a path, as lists of text.
+    """Read a table of app.sweep or of a load path.
 
     Raises
     ------
@@ -304,25 +281,23 @@ def read_csv(path):
         If it is no such table.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets mark it
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
             rows = list(csv.DictReader(file, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"table {path}: cannot be read: {error}") from None
     if not rows or None in rows[0] or any(None in row.values() for row in rows):
         raise InputError(f"table {path}: needed: a line of names and lines of as many values")
     columns = {name: [row[name] for row in rows] for name in rows[0]}
-    if "exit_status" not in columns and not {"load", "approach"} <= columns.keys():
-        raise InputError(f"table {path}: neither a table of app.sweep nor a load path")
-    if (
-        "exit_status" not in columns
-        and get_csv_path(columns).positive("load", "approach", lowest=-np.inf) is None
-    ):
-        raise InputError(f"table {path}: no step has numbers for load and approach")
+    if "exit_status" not in columns:
+        if not {"load", "approach"} <= columns.keys():
+            raise InputError(f"table {path}: neither a table of app.sweep nor a load path")
+        if get_csv_path(columns).select("load", "approach", above=-np.inf) is None:
+            raise InputError(f"table {path}: no step has numbers for load and approach")
     return columns
 
 
 def parse_numbers(texts):
-    """Values of a column, NaN for what is no number; of ``nx,ny`` the first."""
+    """Return numbers, the first of pairs, NaN for other texts."""
 
     def value(text):
         try:
@@ -334,5 +309,5 @@ def parse_numbers(texts):
 
 
 def get_csv_path(columns, name=""):
-    """Path of a table without ``exit_status``."""
-    return _path({key: parse_numbers(texts) for key, texts in columns.items()}, name)
+    """Return the path of a table without ``exit_status``."""
+    return _make_path({key: parse_numbers(texts) for key, texts in columns.items()}, name)

@@ -1,4 +1,4 @@
-"""Picture of the table of a sweep. Not collective: call on one rank."""
+"""Figure of the table of a parameter study."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from app.base.errors import InputError
 from app.base.quantities import axis_label
 from app.base.units import choose_length_unit
 from app.plots.load_curves import parse_numbers
-from app.plots.style import BESIDE, new_figure, series_style, set_log_axes, with_style
+from app.plots.style import LEGEND_RIGHT, new_figure, series_style, set_log_axes, with_style
 
 _PHYSICS = "approach", "contact_fraction", "contact_area", "max_pressure", "mean_gap", "stiffness", "load"
 _WORK = {  # and labels
@@ -19,8 +19,8 @@ _WORK = {  # and labels
     "solve_seconds": "time of the solve  [s]",
     "error_bound": "proved bound of the error",
 }
-_SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # but for the area of the patch
-_OF_SOLVERS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")  # they change the work of a solve
+_SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proportional on one patch
+_SOLVER_OPTIONS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")
 _UNITS = (
     ("N", "load"),
     ("N/mm²", "young|.+_modulus|mean_pressure"),
@@ -28,22 +28,20 @@ _UNITS = (
     ("mm", "domain|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter"),
     ("mm", "surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )
-_EVEN = 1e-4  # of the largest: what differs by less is the same to what a solve is accurate to
-_MOST_SERIES = 12
-_MOST_TICKS = 6
-_LONGEST = 24  # letters of a name at a tick
+_MIN_VARIATION = 1e-4  # relative; smaller differences may be errors of the solver
+_MAX_SERIES = 12
+_MAX_TICKS = 6
+_MAX_TICK_LABEL = 24  # characters
 
 
 def find_unit(option):
-    """Unit of an option's numbers, None if they have none."""
+    """Return the unit of an option's numbers, or None."""
     return next((unit for unit, names in _UNITS if re.fullmatch(names, option)), None)
 
 
 @with_style
 def sweep_figure(columns, heading="", x=None, y=()):
-    """What a sweep has measured, against one of its options: what is physical, and work where solvers are compared.
-
-    Columns of the table of a load path are drawn in the same way, against the load.
+    """Draw results of a parameter study or load path.
 
     Parameters
     ----------
@@ -51,59 +49,59 @@ def sweep_figure(columns, heading="", x=None, y=()):
         See `app.plots.load_curves.read_csv`.
     heading : str
     x : str, optional
-        Column to draw against; default: the option that has the most numbers, or else names. Names are ticks, and no
-        lines join what stands over them.
+        Default: the option with most numbers, else with most names; the load of load paths. Names are ticks, and
+        points over them are not connected.
     y : sequence of str
-        Columns to draw; default: those that differ, and are not what an option prescribes.
+        Default: physical quantities that vary and are not prescribed; also work if solver options vary.
 
     Returns
     -------
-    Figure, or None if there is nothing to draw
+    Figure or None
+        None if nothing varies.
 
     Raises
     ------
     InputError
-        If `x` or `y` are not columns with numbers.
+        If `x` or `y` has no numbers.
     """
     names = list(columns)
     varied = names[: names.index("exit_status")] if "exit_status" in names else []
     varied = [name for name in varied if len(set(columns[name])) > 1]
-    known = [name for name in names if _finite(columns[name]).size]
-    against = [name for name in names if name in (*varied, *known)]  # of an option names will do
-    for option, name, allowed in (("--x", x, against), *(("--y", name, known) for name in y)):
+    numeric = [name for name in names if _finite(columns[name]).size]
+    abscissae = [name for name in names if name in (*varied, *numeric)]
+    for option, name, allowed in (("--x", x, abscissae), *(("--y", name, numeric) for name in y)):
         if name is not None and name not in allowed:
             raise InputError(f"{option} {name}: not a column with numbers; there are {', '.join(allowed)}")
-    spread = {name: np.unique(_finite(columns[name])).size for name in varied}
-    named = [name for name in varied if spread[name] < 2]
-    spread |= {name: 1 - 1 / len(set(columns[name])) for name in named}  # any option with numbers comes first
-    # Steps of load paths make lines of their own, whatever varies beside.
-    most = "load" if "step" in names and "load" in known else max(spread, key=spread.get, default=None)
-    x = x or most
-    y = y or (x and _worth_drawing(columns, varied, x))
+    counts = {name: np.unique(_finite(columns[name])).size for name in varied}
+    named = [name for name in varied if counts[name] < 2]
+    counts |= {name: 1 - 1 / len(set(columns[name])) for name in named}  # below those of all numeric options
+    default = "load" if "step" in names and "load" in numeric else max(counts, key=counts.get, default=None)
+    x = x or default
+    y = y or (x and _choose_columns(columns, varied, x))
     if not (x and y):
         return None
-    # Against what was measured a line goes through the values of an option, too.
-    others = [name for name in varied if name != (x if x in varied else most)]
-    others += ["step"] if "step" in names and x in varied else []  # against an option, of one load each
+    # Lines connect the values of one option; the other options distinguish lines.
+    others = [name for name in varied if name != (x if x in varied else default)]
+    others += ["step"] if "step" in names and x in varied else []
     ticks = list(dict.fromkeys(columns[x])) if x in named else []
-    at, unit = _in_units(parse_numbers(columns[x]), x, varied)
-    at = np.array([float(ticks.index(value)) for value in columns[x]]) if ticks else at
+    positions, x_label = _in_units(parse_numbers(columns[x]), x, varied)
+    positions = np.array([float(ticks.index(value)) for value in columns[x]]) if ticks else positions
     groups = {}
-    for row in range(len(at)):
+    for row in range(len(positions)):
         groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
     across = next((n for n, panels in ((1, 1), (2, 4), (3, 6)) if len(y) <= panels), 4)
     down = -(-len(y) // across)
     figure = new_figure(6.0 * across, 4.4 * down, heading)
     for axes, name in zip(np.ravel(figure.subplots(down, across)), y, strict=False):
         values, label = _in_units(parse_numbers(columns[name]), name, varied)
-        _draw(axes, at, values, {_label(others, key): rows for key, rows in groups.items()}, ticks)
-        axes.set(xlabel=unit, ylabel=label)
+        _draw(axes, positions, values, {_label(others, key): rows for key, rows in groups.items()}, ticks)
+        axes.set(xlabel=x_label, ylabel=label)
     for axes in figure.axes[len(y) :]:
         axes.remove()
     if others:
-        said = [_axis_label(others[0])] if len(others) == 1 else []
-        said += [f"{_MOST_SERIES} of {len(groups)}"] if len(groups) > _MOST_SERIES else []
-        figure.axes[across - 1].legend(**BESIDE, title=": ".join(said) or None)
+        title = [_option_label(others[0])] if len(others) == 1 else []
+        title += [f"{_MAX_SERIES} of {len(groups)}"] if len(groups) > _MAX_SERIES else []
+        figure.axes[across - 1].legend(**LEGEND_RIGHT, title=": ".join(title) or None)
     return figure
 
 
@@ -112,43 +110,41 @@ def _finite(texts):
     return values[np.isfinite(values)]
 
 
-def _worth_drawing(columns, varied, x):
-    """Columns that differ and do not say again what an option, x or another column says."""
-    named = {name: f"result_{name}" if name in varied else name for name in (*_PHYSICS, *_WORK)}
-    named = {name: column for name, column in named.items() if column in columns and column != x}
-    drawn = {}
-    for name, column in named.items():
-        found, values = _finite(columns[column]), parse_numbers(columns[column])
-        same = [drawn.get(other, other) for other in (name, _SAME.get(name)) if other in (*varied, *drawn)]
-        if (
-            found.size
-            and np.ptp(found) > _EVEN * np.abs(found).max()
-            and not any(_proportional(values, parse_numbers(columns[other])) for other in same)
-        ):
-            drawn[name] = column
-    physics = [column for name, column in drawn.items() if name in _PHYSICS]
-    if "operator_applications" in drawn:
-        drawn.pop("work_units", None)
-    work = [column for name, column in drawn.items() if name in _WORK]
-    return physics + work if not physics or any(map(_OF_SOLVERS.match, varied)) else physics
+def _choose_columns(columns, varied, x):
+    """Return columns that vary independently of others."""
+    names = {name: f"result_{name}" if name in varied else name for name in (*_PHYSICS, *_WORK)}
+    chosen = {}
+    for name, column in names.items():
+        if column not in columns or column == x:
+            continue
+        finite, values = _finite(columns[column]), parse_numbers(columns[column])
+        same = [chosen.get(other, other) for other in (name, _SAME.get(name)) if other in (*varied, *chosen)]
+        varies = finite.size and np.ptp(finite) > _MIN_VARIATION * np.abs(finite).max()
+        if varies and not any(_proportional(values, parse_numbers(columns[other])) for other in same):
+            chosen[name] = column
+    physics = [column for name, column in chosen.items() if name in _PHYSICS]
+    if "operator_applications" in chosen:
+        chosen.pop("work_units", None)
+    work = [column for name, column in chosen.items() if name in _WORK]
+    return physics + work if not physics or any(map(_SOLVER_OPTIONS.match, varied)) else physics
 
 
 def _proportional(values, other):
-    kept = np.isfinite(values)
-    values, other = values[kept], other[kept]
+    valid = np.isfinite(values)
+    values, other = values[valid], other[valid]
     k = np.abs(values).argmax()
     return np.allclose(values * other[k], other * values[k], rtol=1e-9, atol=0)
 
 
-def _axis_label(option):
+def _option_label(option):
     unit = find_unit(option)
     return ("option file" if option == "option_files" else f"-{option}") + (f"  [{unit}]" if unit else "")
 
 
 def _in_units(values, name, varied):
-    """Values of a column and the label of their axis; lengths that were measured in a unit that suits them."""
+    """Return values and axis label of a column, lengths rescaled."""
     if name in varied:
-        return values, _axis_label(name)
+        return values, _option_label(name)
     name = name.removeprefix("result_")
     label = _WORK.get(name) or axis_label(name)
     if "[mm]" not in label:
@@ -158,31 +154,35 @@ def _in_units(values, name, varied):
 
 
 def _label(others, key):
-    """What tells a line from the others: values, of several options with their names."""
-    named = [(name, value) for name, value in zip(others, key, strict=True) if value]
-    bare = len(others) == 1
-    told = [value if bare or name == "option_files" else f"{name} {value}" for name, value in named]
-    return "; ".join(told) or ("left out" if others else None)
+    """Return the values of a line, with the names of several options."""
+    parts = [
+        value if len(others) == 1 or name == "option_files" else f"{name} {value}"
+        for name, value in zip(others, key, strict=True)
+        if value
+    ]
+    return "; ".join(parts) or ("left out" if others else None)
 
 
 def _draw(axes, x, y, groups, names):
-    """Draw values of several groups against numbers; or against names, of which x has the places."""
-    for number, (label, rows) in enumerate(list(groups.items())[:_MOST_SERIES]):
+    """Draw a line for each group of rows."""
+    for number, (label, rows) in enumerate(list(groups.items())[:_MAX_SERIES]):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
-        kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
-        axes.plot(
-            x[kept], y[kept], **series_style(number) | ({"linestyle": "none"} if names else {}), label=label
-        )
+        valid = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
+        style = series_style(number) | ({"linestyle": "none"} if names else {})
+        axes.plot(x[valid], y[valid], **style, label=label)
     for direction, values in (("x", x), ("y", y))[bool(names) :]:
         values = values[np.isfinite(values)]
         if values.min() > 0 and values.max() >= 4 * values.min():
             set_log_axes(axes, direction)
     if names:
-        told = [f"…{name[1 - _LONGEST :]}" if len(name) > _LONGEST else name or "left out" for name in names]
-        axes.set_xticks(range(len(names)), told, rotation=30, ha="right", rotation_mode="anchor")
+        labels = [
+            f"…{name[1 - _MAX_TICK_LABEL :]}" if len(name) > _MAX_TICK_LABEL else name for name in names
+        ]
+        labels = [label or "left out" for label in labels]
+        axes.set_xticks(range(len(names)), labels, rotation=30, ha="right", rotation_mode="anchor")
         axes.set_xlim(-0.5, len(names) - 0.5)
         return
     points = np.unique(x[np.isfinite(x)])
-    if len(points) <= _MOST_TICKS:
+    if len(points) <= _MAX_TICKS:
         axes.set_xticks(points, [f"{value:.4g}" for value in points])
         axes.set_xticks([], minor=True)

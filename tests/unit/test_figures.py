@@ -97,7 +97,7 @@ def test_pressure_map_has_no_colour_where_there_is_no_pressure(result):
 
 
 def test_a_single_loaded_cell_is_drawn_in_its_place_also_on_a_coarser_image(result, monkeypatch):
-    monkeypatch.setattr(maps, "MOST_PIXELS", 50)  # 128 x 96 cells on 43 x 32 pixels
+    monkeypatch.setattr(maps, "MAX_PIXELS", 50)  # 128 x 96 cells on 43 x 32 pixels
     pressure = np.zeros_like(result.pressure)
     pressure[90, 17] = 1.0
     values, x, y = image_values(figures.pressure_figure(replace(result, pressure=pressure)))
