@@ -15,6 +15,7 @@ from app.contact.full_multigrid import full_multigrid
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
+from app.methods import multilevel_operators
 from app.methods.free import circulant, lift
 from app.methods.free.nested import nested_iteration, solve_level
 from app.methods.free.solver import TrackingSolver
@@ -238,7 +239,7 @@ class Fast(Inexact):
     def prepare(self):
         """See `Strategy.prepare`."""
         super().prepare()
-        circulant.prepare(self._hierarchy.target.grid)
+        multilevel_operators.prepare(self._hierarchy.target.grid)
 
     def _solve(self, loading, history, start):
         chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()

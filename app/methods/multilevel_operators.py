@@ -1,16 +1,15 @@
-"""A, and the inverse of A continued periodically, by stencils on several grids and transforms on the coarsest.
+"""Multilevel A and B, the inverse of A continued periodically: stencils on several grids, an FFT on the coarsest.
 
-The inverse, B, differs from that by transforms by less than CG could notice. Contact at one edge of the patch is no
-neighbour of that at the other: between them are some cells of the coarsest grid.
+B differs from that by FFT by less than CG notices. Some coarse cells separate opposite edges of the patch.
 
-A by levels (`create_multilevel_influence`) is wrong by about 1% on short waves and less on long ones, in a quarter to
-a third of the time of a product in single precision. That is enough for corrections of the pressure, whose displacement
-the next product replaces (defect correction [1]_).
+Multilevel A has an error of about 1% on short waves and less on long ones, and takes a quarter to a third of the time
+of a product in single precision. That is enough for corrections of the pressure, whose displacement the next product
+replaces (defect correction [1]_).
 
-On a periodic patch it is the inverse that corrections are multiplied by (`create_multilevel_inverse`): wrong by up to
-0.5% on short waves of ``love``'s cells, and by up to 9% on those of the ``spectral`` symbol, which has a kink there.
+On a periodic patch the multilevel operator is B. Its error is up to 0.5% on short waves of ``love``'s cells, and up to
+9% on those of the ``spectral`` symbol, which has a kink there.
 
-On small grids transforms are quick: there are no stencils.
+Small grids have no stencils, since an FFT is fast there.
 
 References
 ----------
@@ -29,15 +28,21 @@ from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import middle_displacement, quadrant_rows
 from app.methods.multilevel_product import MultilevelOperator, coarse_shape
-from app.methods.symbol import coarsening_factors, coarser, eigenvalues, near_field_correction, stencils
+from app.methods.symbol import (
+    centre,
+    coarsen_symbol,
+    coarsening_factors,
+    eigenvalues,
+    fit_stencils,
+    near_field_correction,
+)
 
-# Cells in a direction to be coarsened from which on stencils take less time than transforms.
-MIN_CELLS = 128
-MIN_CELLS_PERIODIC = 512  # there transforms are not padded, and right
+MIN_CELLS = 128  # in a direction that is coarsened: on smaller grids an FFT is faster
+MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact without padding
 
 
 def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
-    """The inverse of A on a free patch, continued periodically.
+    """Return the inverse of A on a free patch that is continued periodically.
 
     Collective over the ranks of the layout.
 
@@ -47,75 +52,71 @@ def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
         See `InfluenceOperator`.
     layout : Layout
     apart : bool
-        With free cells before the continuation, so that contact at one edge is no neighbour of that at the other, and
-        by levels but for small grids: for CG. Else by transforms, and the continuation adjoins: a displacement, as
-        `lift` has it, would jump to zero.
+        With free cells between the patch and its copies, and multilevel except on small grids: for CG. Otherwise use
+        a plain FFT without a gap between periods; `lift` needs this to avoid a jump of the displacement.
 
     Returns
     -------
     EvenMultiplier or MultilevelOperator
     """
-    unit = 1 / (compliance * max(grid.dx, grid.dy))
-    near = [level.times(unit) for level in (_stencils(grid, -1) if apart else ())]
-    (cy, cx), shape = coarsening_factors(near), _coarsest_shape(grid, near)
-    periods = shape
-    if apart:  # coarse cells cover more than the patch already; without them a cell is added
-        periods = tuple(next_fast_len(n, real=True) if near else fast_length(n + 1) for n in shape)
-    constants = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
-    coarsest = _coarsest_inverse(grid, compliance, near, periods, constants)
-    if near:
-        return MultilevelOperator(grid.shape, near, coarsest, layout)
-    return coarsest(shape, layout)
+    near = _stencils(grid, -1, compliance) if apart else []
+    (cy, cx), periods = coarsening_factors(near), _coarsest_shape(grid, near)
+    if apart:  # coarse cells cover more than the patch; without them a cell is added
+        periods = tuple(next_fast_len(n, real=True) if near else fast_length(n + 1) for n in periods)
+    mean = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
+    return _create_inverse(grid, compliance, layout, near, periods, mean)
 
 
-def _coarsest_inverse(grid, compliance, near, periods, constants):
-    """Return a function that makes what is left of the inverse by transforms; `constants`: their eigenvalue of A."""
+def create_multilevel_inverse(grid, compliance, layout=SERIAL):
+    """Return a multilevel B of a periodic patch, or None if it has no stencils.
+
+    Collective over the ranks of the layout. There are none for few cells or an odd number. Parameters as of
+    `create_circulant_inverse`.
+    """
+    near = _stencils(grid, -1, compliance)
+    return (
+        _create_inverse(grid, compliance, layout, near, _coarsest_shape(grid, near), np.inf) if near else None
+    )
+
+
+def _create_inverse(grid, compliance, layout, near, periods, mean):
+    """Return the inverse with an FFT of some periods; `mean`: eigenvalue of A for constants."""
     cy, cx = coarsening_factors(near)
 
     def symbol(columns, rows):
         x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
-        found = eigenvalues(grid, compliance, x, y)
-        found[(x[:, None] == 0) & (y == 0)] = constants
-        return coarser(1 / found, near, x, y)
+        values = eigenvalues(grid, compliance, x, y)
+        values[(x[:, None] == 0) & (y == 0)] = mean
+        return coarsen_symbol(1 / values, near, x, y)
 
     def coarsest(shape, layout):
         inverse = EvenMultiplier(shape, periods, layout)
         inverse.use(layout.spectra, len(near), partial(inverse.set_spectrum, symbol))
         return inverse
 
-    return coarsest
+    if near:
+        return MultilevelOperator(grid.shape, near, coarsest, layout, periodic=bool(grid.periodic))
+    return coarsest(grid.shape, layout)
 
 
 def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
-    """A on a free patch, nearly.
+    """Return a multilevel A of a free patch, or None if it has no stencils.
 
-    Collective over the ranks of the layout.
-
-    Parameters
-    ----------
-    grid, compliance, layout
-        See `create_circulant_inverse`.
-    other : MultilevelOperator, optional
-        See there.
-
-    Returns
-    -------
-    MultilevelOperator, or None
-        If it has no stencils.
+    Collective over the ranks of the layout. `other`: see `MultilevelOperator`; other parameters as of
+    `create_circulant_inverse`.
     """
-    unit = compliance * max(grid.dx, grid.dy)
-    near = [level.times(unit) for level in _stencils(grid, 1)]
+    near = _stencils(grid, 1, compliance)
     if not near:
         return None
     (cy, cx), (ny, nx) = coarsening_factors(near), _coarsest_shape(grid, near)
-    far = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), compliance / (cx * cy))
-    beside = unit * near_field_correction(grid, len(near))
+    coefficients = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), compliance / (cx * cy))
+    correction = compliance * max(grid.dx, grid.dy) * near_field_correction(grid, len(near))
 
     def kernel(rows):
-        found, offsets = far(rows), np.arange(ny)[rows]
-        close = beside[offsets[offsets < len(beside)], :nx]
-        found[: len(close), : close.shape[1]] += close
-        return found
+        values, offsets = coefficients(rows), np.arange(ny)[rows]
+        added = correction[offsets[offsets < len(correction)], :nx]
+        values[: len(added), : added.shape[1]] += added
+        return values
 
     def coarsest(shape, layout):
         product = EvenMultiplier(shape, tuple(map(transform_length, shape)), layout)
@@ -125,31 +126,8 @@ def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
     return MultilevelOperator(grid.shape, near, coarsest, layout, other)
 
 
-def create_multilevel_inverse(grid, compliance, layout=SERIAL):
-    """The inverse of A on a periodic patch, nearly.
-
-    Collective over the ranks of the layout.
-
-    Parameters
-    ----------
-    grid, compliance, layout
-        See `create_circulant_inverse`.
-
-    Returns
-    -------
-    MultilevelOperator, or None
-        If it has no stencils: there are few cells, or an odd number.
-    """
-    unit = 1 / (compliance * max(grid.dx, grid.dy))
-    near = [level.times(unit) for level in _stencils(grid, -1)]
-    if not near:
-        return None
-    coarsest = _coarsest_inverse(grid, compliance, near, _coarsest_shape(grid, near), np.inf)
-    return MultilevelOperator(grid.shape, near, coarsest, layout, periodic=True)
-
-
 def multilevel_influence(operator):
-    """A by levels on the grid of an `InfluenceOperator`, made when first asked for, or None. Collective."""
+    """Return the multilevel A of an `InfluenceOperator`, created on first use, or None. Collective."""
     if operator.grid.periodic:
         return None
     inverse = operator.multipliers.get("apart")
@@ -158,29 +136,43 @@ def multilevel_influence(operator):
 
 
 def multilevel_inverse(operator):
-    """Its inverse by levels on the grid of an `InfluenceOperator` of a periodic patch, likewise. Collective."""
+    """Return the multilevel B of a periodic `InfluenceOperator`, likewise. Collective."""
     return get_or_create(operator, "inverse", create_multilevel_inverse)
 
 
-def get_or_create(operator, name, make, **more):
-    """What an `InfluenceOperator` has by a name, made if there is none; None on ranks without rows. Collective then."""
-    made = operator.multipliers
-    if name not in made and operator.active:
-        made[name] = make(operator.grid, operator.compliance, operator.layout(), **more)
-    return made.get(name)
+def get_or_create(operator, name, create, **options):
+    """Return an operator's multiplier of this name, created on first use. Collective then.
+
+    None on ranks without rows.
+    """
+    multipliers = operator.multipliers
+    if name not in multipliers and operator.active:
+        multipliers[name] = create(operator.grid, operator.compliance, operator.layout(), **options)
+    return multipliers.get(name)
 
 
-def _stencils(grid, power):
-    least = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
-    if max(grid.shape) < least or min(grid.shape) < least // 2:
-        return ()
-    found, (ny, nx) = stencils(grid, power), grid.shape
-    for number, (_, (fy, fx)) in enumerate(found):
-        halved = not grid.periodic or ny % fy == nx % fx == 0
+def prepare(grid):
+    """Compute what operators on a free grid and in windows of it share."""
+    centre(grid)
+    _stencils(grid, -1)
+    for levels in range(1, len(_stencils(grid, 1)) + 1):
+        near_field_correction(grid, levels)
+
+
+def _stencils(grid, power, compliance=1.0):
+    """Return the stencils of the levels with enough cells; `power`: 1 of A, -1 of B."""
+    smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
+    if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
+        return []
+    unit, levels, (ny, nx) = compliance * max(grid.dx, grid.dy), [], grid.shape
+    for level in fit_stencils(grid, power):
+        fy, fx = level.factors
+        divisible = not grid.periodic or ny % fy == nx % fx == 0
         ny, nx = ny // fy, nx // fx
-        if min(ny, nx) < MIN_CELLS // 2 or not halved:
-            return found[:number]
-    return found
+        if min(ny, nx) < MIN_CELLS // 2 or not divisible:
+            break
+        levels.append(level._replace(stencil=(unit if power == 1 else 1 / unit) * level.stencil))
+    return levels
 
 
 def _coarsest_shape(grid, near):
@@ -188,10 +180,3 @@ def _coarsest_shape(grid, near):
     for level in near:
         shape = coarse_shape(shape, level.factors, bool(grid.periodic))
     return shape
-
-
-def prepare(grid):
-    """Prepare what products on a free grid, and in windows of it, need. Not collective."""
-    _stencils(grid, -1)
-    for levels in range(1, len(_stencils(grid, 1)) + 1):
-        near_field_correction(grid, levels)

@@ -1,14 +1,12 @@
-"""Additive multilevel operators: convolutions in a third to a quarter of the time of transforms.
+"""Multilevel product: a convolution in a third to a quarter of the time of an FFT.
 
     M = N + P M_H P^T
 
-`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `M_H` the same again on cells twice as
-large, and on the coarsest of these grids a product by FFT: multilevel multi-summation [1]_ of the lowest order. Of long
-cells only the shorter sides are joined, until they are nearly square. `app.methods.multilevel_operators` has
-what is multiplied so.
+`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres. `M_H` is the same on cells twice as
+large, and a product by FFT on the coarsest grid: multilevel multi-summation [1]_ of the lowest order. Of long cells
+only the shorter sides are joined until they are nearly square. See `app.methods.multilevel_operators` for its uses.
 
-On several ranks a coarse row is where the first of its two fine ones is. Two rows beside a slab are exchanged, and a
-coarse one.
+On several ranks a coarse row is on the rank of the first of its two fine rows. The halo has two rows, and a coarse one.
 
 References
 ----------
@@ -27,45 +25,38 @@ from app.parallel.halo import CoarseHalo, Halo
 from app.parallel.reductions import copy_row, njit_reassoc, scale_row, wrap_ends
 from app.parallel.slabs import Slabs, none_if_single
 
-COST_IN_TRANSFORMS = (
-    0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
-)
+COST_IN_TRANSFORMS = 0.6  # of stencil and interpolation on a cell, over that of a transform and back
 
 
 def coarse_shape(shape, factors, periodic=False):
-    """Of two cells each, with one before the first, and one behind the last or about it; or as many.
-
-    Not collective. Over a period: of two cells each, of which there is an even number.
-    """
-    more = 0 if periodic else 2
-    return tuple(n // 2 + more if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
+    """Return the shape of the coarse grid; it has one more cell on each side unless periodic."""
+    added = 0 if periodic else 2
+    return tuple(n // 2 + added if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
 
 
 class MultilevelOperator:
-    """M on the rows of a rank.
-
-    Collective over the ranks of the layout.
+    """Multilevel M. Collective over the ranks of the layout.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of the fields.
     near : sequence of StencilLevel
-        This level and those below, for these cells.
+        Of this level and those below.
     coarsest : callable
-        ``coarsest(shape, layout)`` makes the product on the coarsest grid.
+        ``coarsest(shape, layout)`` returns the product on the coarsest grid.
     layout : Layout
     other : MultilevelOperator, optional
-        One on the same grid, at rest whenever this works: its coarse fields are used.
+        On the same grid, never used at the same time: coarse fields are shared.
     periodic : bool
-        Over a period of so many rows and columns.
+        The period is `shape`.
 
     Attributes
     ----------
     count : int
         Products computed so far.
     periods : (int, int)
-        In y and x, in cells.
+        Of the FFT in y and x, in cells.
     """
 
     def __init__(self, shape, near, coarsest, layout=SERIAL, other=None, periodic=False):
@@ -102,26 +93,24 @@ class MultilevelOperator:
 
     @property
     def points(self):
-        """Points transformed so far, there and back, or what takes as many operations."""
+        """Points transformed so far, there and back, or their equivalent in operations."""
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
         """Compute out = M p.
 
-        Collective.
-
         Parameters
         ----------
         p, out : ndarray of float64 or of `dtype`, shape (local rows, nx)
-            May be one.
+            May be the same array.
         rows : ndarray of bool, shape (local rows,), optional
-            The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
+            Rows that are nonzero in p and needed in `out`; the others are arbitrary afterwards.
         """
         self.count += 1
         rows = self._all if rows is None else rows
         before, after = self._none, self._none
         if self._halo is not None:
-            before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
+            before, after = (halo.astype(self.dtype, copy=False) for halo in self._halo(p))
         coarse = self._coarse
         starts = self._first, self._first_coarse
         _restrict(p, rows, before, after, *starts, coarse, self._factors, self._periodic, *self._four)
@@ -136,13 +125,13 @@ class MultilevelOperator:
         )  # fmt: skip
 
 
-# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch, or what comes
-# there over a period. A factor 3 is of the type of the rows: by Python's, single precision is multiplied in double.
+# Padded rows have REACH zeros at either end, or the periodic continuation, so that the sides of the patch need no
+# branches. A factor 3 has the type of the rows: a Python number would multiply single precision in double.
 
 
 @njit_reassoc
 def _add_rows(a, b, c, d, three, out):
-    """1, 3, 3, 1 of them."""
+    """Add four rows with weights 1, 3, 3, 1."""
     for i in range(out.size):
         out[i] = a[i] + d[i] + three * (b[i] + c[i])
 
@@ -156,14 +145,14 @@ def _split(row, even, odd):
 
 @njit_reassoc
 def _halve(even, odd, sixteenth, three, out):
-    """1, 3, 3, 1 of four cells each of a row that is padded by 3 before, or over a period by 1."""
+    """Add four cells each, weights 1, 3, 3, 1, of a row padded by 3, periodic 1, cells."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 
 
 @njit_reassoc
 def _double(row, sixteenth, three, out):
-    """A quarter of the linear interpolation between centres of coarse cells, of which the first is before the patch."""
+    """Interpolate a padded coarse row linearly, times 1/4."""
     for i in range(row.size - 2):
         most = three * row[i + 1]
         out[2 * i] = sixteenth * (most + row[i])
@@ -174,29 +163,29 @@ def _double(row, sixteenth, three, out):
 
 @njit_reassoc
 def _in_y(rows, stencil, middle, once, twice):
-    """The columns of the stencil: the middle one, and those once and twice removed."""
+    """Apply the columns of the stencil: the middle one, the next and the last ones."""
     a, b, c, d, e = rows
     here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]
     next0, next1, next2 = stencil[1, 0], stencil[1, 1], stencil[1, 2]
     last0, last1, last2 = stencil[2, 0], stencil[2, 1], stencil[2, 2]
     for i in range(c.size):
-        beside, beyond = b[i] + d[i], a[i] + e[i]
-        middle[i] = here * c[i] + next0 * beside + last0 * beyond
-        once[i] = here1 * c[i] + next1 * beside + last1 * beyond
-        twice[i] = here2 * c[i] + next2 * beside + last2 * beyond
+        near, far = b[i] + d[i], a[i] + e[i]
+        middle[i] = here * c[i] + next0 * near + last0 * far
+        once[i] = here1 * c[i] + next1 * near + last1 * far
+        twice[i] = here2 * c[i] + next2 * near + last2 * far
 
 
 @njit_reassoc
 def _in_x(middle, once, twice, near, far, three, out):
-    """Their sum, of padded rows, with what comes from the two coarse rows about this one."""
+    """Add the columns and the interpolation from the two nearest coarse rows."""
     for i in range(out.size):
-        beside, beyond = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
-        out[i] = three * near[i] + far[i] + middle[i + 2] + beside + beyond
+        next_cells, last_cells = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
+        out[i] = three * near[i] + far[i] + middle[i + 2] + next_cells + last_cells
 
 
 @njit()
-def _take_row(j, p, rows, before, after, out):
-    """Row j, counted from the first here, into the middle of `out`; whether there is one."""
+def _copy_row_at(j, p, rows, before, after, out):
+    """Copy row j, counted from the first of the slab; return whether it is nonzero."""
     if 0 <= j < len(p):
         if rows[j]:
             copy_row(p[j], out)
@@ -213,28 +202,31 @@ def _take_row(j, p, rows, before, after, out):
 
 @njit()
 def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
-    """coarse = P^T p; `first`: number of the first row here; `four`, `halves`: room for rows."""
+    """Compute coarse = P^T p.
+
+    `first`: number of the first row of the slab; `four`, `halves`: work rows.
+    """
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
     pad = 1 if periodic else 3
     share, three = kind(1 / (fy * fx) ** 2), kind(3)
     row, even, odd = four[4], halves[0], halves[1]
-    some = 0  # bits: which of the four rows are not zero
+    nonzero = 0  # bits: which of the four rows are not zero
     for j in range(len(coarse)):
         if fy == 2:
             low = 2 * (first_coarse + j) - pad - first
             for k in range(low + 2 if j else low, low + 4):
-                found = _take_row(k, p, rows, before, after, four[k % 4, pad : pad + nx])
+                copied = _copy_row_at(k, p, rows, before, after, four[k % 4, pad : pad + nx])
                 if periodic:
                     wrap_ends(four[k % 4], nx, pad)
-                some = (2 * some + found) & 15
-            if some:
+                nonzero = (2 * nonzero + copied) & 15
+            if nonzero:
                 a, b, c, d = four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4]
                 _add_rows(a, b, c, d, three, row)
         else:
-            some = int(_take_row(j, p, rows, before, after, row[pad : pad + nx]))
+            nonzero = int(_copy_row_at(j, p, rows, before, after, row[pad : pad + nx]))
             if periodic:
                 wrap_ends(row, nx, pad)
-        if not some:
+        if not nonzero:
             coarse[j] = 0
         elif fx == 2:
             _split(row, even, odd)
@@ -245,7 +237,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
 
 @njit()
 def _widen(row, fx, three, periodic, wide, out):
-    """A quarter of what a coarse row is interpolated to in x; `wide`: room for a padded one."""
+    """Interpolate a coarse row in x, times 1/4; `wide`: work row."""
     if fx == 1:
         scale_row(row, row.dtype.type(1 / 4), out)
     elif periodic:
@@ -258,7 +250,7 @@ def _widen(row, fx, three, periodic, wide, out):
 
 @njit()
 def _widen_parent(k, above, coarse, below, fx, three, periodic, wide, out):
-    """Row k, counted from the first of those above."""
+    """Interpolate coarse row k, counted from the first of `above`."""
     here = k - len(above)
     if here < 0:
         _widen(above[k], fx, three, periodic, wide, out)
@@ -273,13 +265,14 @@ def _add_near(
     p, rows, before, after, stencil, parents, first, first_coarse, factors, periodic, out, five, columns, doubled,
     wide,
 ):  # fmt: skip
-    """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below.
+    """Compute out = N p + P coarse on `rows`.
 
-    `five`, `columns`, `doubled`, `wide`: room for rows, the first of zeros at the ends.
+    `parents`: coarse rows above, in and below the slab; `five`, `columns`, `doubled`, `wide`: work rows, the first with
+    zeros at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):
-        _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
+        _copy_row_at(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if periodic:
             wrap_ends(five[(j + 2) % 5], nx, 2)
         if j < 0 or not rows[j]:

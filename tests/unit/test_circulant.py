@@ -87,9 +87,9 @@ def test_means_over_blocks_follow_the_residual_of_cg(monkeypatch, dtype):
         assert reduced is not None or not differences or ksp.its == 0
         anew = np.empty_like(z)
         precondition(self, r, z, reduced)
-        followed = self.between._of_r
+        followed = self.average._means
         precondition(self, r, anew)
-        self.between._of_r = followed
+        self.average._means = followed
         inside = self.operator.mask
         differences.append(abs(z - anew)[inside].max() / abs(anew)[inside].max())
 

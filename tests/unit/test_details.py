@@ -256,13 +256,15 @@ def test_preconditioners_that_need_the_matrix_are_refused():
         ContactSolver(hertz(12), "norm", {"pc_type": "eisenstat"})
 
 
-@pytest.mark.parametrize("loop", ["add_centre", "left_in_cells"])
+@pytest.mark.parametrize("loop", ["add_centre", "residual_in_cells"])
 def test_without_rows_nothing_is_read(loop):
     """On ranks without rows; the row before the first one would be before the array."""
     none, weights = np.zeros((0, 4)), (1.0, *(np.float32(0),) * 3)
     given = {
         "add_centre": (none, none, none, weights, np.zeros((3, 6)), none),
-        "left_in_cells": (none, none > 0, weights, none, none, none, none, 0, (1, 1), np.zeros((3, 6)), np.zeros(4)),
+        "residual_in_cells": (
+            none, none > 0, weights, none, none, none, none, 0, (1, 1), np.zeros((3, 6)), np.zeros(4),
+        ),
     }  # fmt: skip
     getattr(stencil, loop).py_func(*given[loop])
 

@@ -102,7 +102,9 @@ def test_sums_in_coarse_cells_add_up_over_slabs_that_begin_inside_of_them(shape,
         stencil.contact_in_cells(free[rows], parts[1], *place)
         three = np.zeros((3, shape[1] + 2), np.float32)
         around = x[rows], x[before], x[after]
-        stencil.left_in_cells(s[rows], free[rows], WEIGHTS, *around, parts[2], *place[:2], three, place[2])
+        stencil.residual_in_cells(
+            s[rows], free[rows], WEIGHTS, *around, parts[2], *place[:2], three, place[2]
+        )
         coarse[:, rows.start // fy :][:, : parts.shape[1]] += parts
     left = free * (WEIGHTS[0] * s - x - neighbours(x))
     for field, found in zip((0.7 * s * free, ~free, left), coarse, strict=True):
@@ -115,7 +117,7 @@ def test_sums_in_coarse_cells_add_up_over_slabs_that_begin_inside_of_them(shape,
 @each_shape
 @each_count
 def test_sweeps_are_richardsons_from_zero(shape, steps):
-    (s, free), shares, room = fields(shape, steps), SHARES[:steps], stencil.make_room(steps, shape[1])
+    (s, free), shares, room = fields(shape, steps), SHARES[:steps], stencil.make_work(steps, shape[1])
     expected = swept(free * s * WEIGHTS[0], free, shares, np.zeros(shape))
     z = np.full(shape, np.nan)
     for rows, before, after in slabs_of(shape, steps - 1):
@@ -131,7 +133,7 @@ def test_sweeps_are_richardsons_from_zero(shape, steps):
 def test_sweeps_are_richardsons_from_something(shape, steps):
     s, free = fields(shape, steps)
     source, start = free * s * WEIGHTS[0], (free * fields(shape, 99)[0]).astype(np.float32)
-    shares, room = np.append(np.float32(0), SHARES[:steps]), stencil.make_room(1 + steps, shape[1])
+    shares, room = np.append(np.float32(0), SHARES[:steps]), stencil.make_work(1 + steps, shape[1])
     expected = swept(source, free, SHARES[:steps], start)
     z, x = np.full(shape, np.nan), start.copy()
     for rows, before, after in slabs_of(shape, steps):
@@ -153,7 +155,7 @@ def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
     expected = np.maximum(f, low)
     for _ in range(steps - 1):
         expected = np.maximum(f - neighbours(expected), low)
-    x, room = np.full(shape, np.nan, np.float32), stencil.make_room(steps, shape[1], np.float32)
+    x, room = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1], np.float32)
     for rows, before, after in slabs_of(shape, steps - 1 + more):
         beside = f[before], f[after], low[rows], low[before], low[after]
         stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], room)
@@ -192,7 +194,7 @@ def test_long_waves_are_interpolated_bilinearly_and_added_to_the_first_sweep(sha
     below = coarsened(grid, factors)
     (ay, by), in_x = grid.places_in(below)
     coarse = fields(below.shape, 2)[0]
-    z, room = np.full(shape, np.nan, np.float32), stencil.make_room(steps, shape[1])
+    z, room = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1])
     for rows, before, after in slabs_of(shape, beside):
         low = int(np.floor(ay * (rows.start - beside) + by))
         high = int(np.floor(ay * (rows.stop - 1 + beside) + by)) + 3  # one more, should rounding ask for it

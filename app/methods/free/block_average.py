@@ -1,18 +1,18 @@
-"""A residual continued between contacts: where the steps of `app.methods.free.contact_edge` begin.
+"""Block means of the residual, which extend it between contact spots.
 
-These steps reach as many cells as there are of them. Where contacts are further apart, ``B E r`` can only vanish
-between them if E continues r from one to the next. So the steps begin with the mean of r over the contact around: in
-square blocks of cells r and the share of contact are summed, smoothed over the blocks beside, and divided,
+The steps of `app.methods.free.contact_edge` reach one cell each. ``B E r`` can only vanish between contact spots that
+are further apart if E extends r from one to the next. So the steps start from means of r over the contact around: in
+square blocks of cells, r and the share of contact are summed, smoothed over neighbouring blocks, and divided,
 
-    x_o = P D S P^T r,    D = 1 / (S c + least),    c = P^T 1 on C,
+    x_o = P D S P^T r,    D = 1 / (S c + offset),    c = P^T 1 on C,
 
-P constant on blocks, P^T means over their cells, S binomial means over 3 x 3 blocks, twice, nothing beyond the patch.
-By `least` the field falls off away from all contact, as the displacement does. The transpose, of a field b,
+P constant on blocks, P^T means over their cells, S binomial means over 3 x 3 blocks, twice, zero outside the patch. By
+the offset the field decays away from all contact, as the displacement does. The transpose, of a field b,
 
     b_c + P S D P^T b_o,
 
-comes after the steps of E^T. All ranks have all blocks: each sums those of its rows. Contact in a few large areas gains
-nothing by it: there the steps begin with zero.
+follows the steps of E^T. All ranks have all blocks; each sums those of its rows. Contact in a few large areas gains
+nothing: there the steps start from zero.
 """
 
 from __future__ import annotations
@@ -23,122 +23,122 @@ from app.base.numba_cache import njit
 from app.parallel.reductions import add_masked, njit_reassoc, sum_over
 from app.parallel.slabs import Slabs
 
-CONTACT_SHARE_OFFSET = 0.15  # share of contact around a cell, beside which less counts little
-SMOOTHING_PASSES = 2  # times
-MIN_SCATTERED_FRACTION = 0.08  # of the blocks are in contact in part, where this gains more than it costs
+CONTACT_SHARE_OFFSET = 0.15  # share of contact around a cell below which the cell counts less
+SMOOTHING_PASSES = 2
+MIN_SCATTERED_FRACTION = 0.08  # of blocks in partial contact, from which on block means are used
 
 
 class BlockAverage:
-    """``P D S P^T`` and its transpose on one grid; arrays hold this rank's rows. In single precision.
+    """``P D S P^T`` and its transpose on one grid. Collective.
+
+    Arrays hold the rows of this rank.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of the grid.
     slabs : Slabs or None
-        Distribution of the rows; None: all are here.
+        Distribution of the rows; None: all are on this rank.
     comm : mpi4py communicator or None
         Ranks that share the grid.
     cells : int
-        Of a block, in either direction.
+        Of a block, in each direction.
     """
 
     def __init__(self, shape, slabs, comm, cells):
         first = (slabs or Slabs(shape[0])).rows.start
         self._comm, self._cells = comm, cells
-        self._places = cells, first, np.zeros(shape[1], np.float32)  # a row to work in
+        self._places = cells, first, np.zeros(shape[1], np.float32)  # a work row
         self._shape = tuple(-(-n // cells) for n in shape)  # in blocks
-        self._of_r, self._held, self._room = (np.zeros(self._shape) for _ in range(3))
+        self._means, self._weights, self._work = (np.zeros(self._shape) for _ in range(3))
 
     def set_contact(self, contact, r=None):
-        """Take over a contact set, ndarray of bool, and if there is one look at a residual by the same reduction.
-
-        Collective.
+        """Set the contact set; update the means of a residual, if given, by the same reduction.
 
         Returns
         -------
         bool
-            Whether C is scattered.
+            C is scattered.
         """
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
-        blocks, *of_r = sum_over(self._comm, np.stack([self.local_means(field) for field in fields]))
-        if of_r:
-            [self._of_r] = of_r
-        partly = np.count_nonzero((blocks > 0) & (blocks < 1))
-        _smooth(blocks, self._room)
-        np.divide(1.0, blocks + CONTACT_SHARE_OFFSET, out=self._held)
-        return bool(partly >= MIN_SCATTERED_FRACTION * blocks.size)
+        shares, *means = sum_over(self._comm, np.stack([self.local_means(field) for field in fields]))
+        if means:
+            [self._means] = means
+        partial = np.count_nonzero((shares > 0) & (shares < 1))
+        _smooth(shares, self._work)
+        np.divide(1.0, shares + CONTACT_SHARE_OFFSET, out=self._weights)
+        return bool(partial >= MIN_SCATTERED_FRACTION * shares.size)
 
     def update(self, r):
-        """Find the means of the residual to be filled next. Collective."""
-        self._of_r = sum_over(self._comm, self.local_means(r))
+        """Compute the means of a residual."""
+        self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """The residual is less by a share of q; `means`: `local_means` of q, over the ranks. Not collective."""
-        self._of_r -= share * means.reshape(self._shape)
+        """Subtract a share of q from the residual; `means`: sum of `local_means` of q over the ranks."""
+        self._means -= share * means.reshape(self._shape)
 
     def local_means(self, q):
-        """What the rows of this rank add to means over blocks of q, or of 0 outside C. Not collective."""
+        """Return the part of this rank's rows in the block means of q on C."""
         blocks = np.zeros(self._shape)
-        _add_up(q, self._contact, *self._places, blocks)
+        _sum_blocks(q, self._contact, *self._places, blocks)
         return blocks
 
     def extend(self, r, out):
-        """out = r on C, elsewhere the mean around, which is known; float64 or float32, may be one. Not collective."""
-        blocks = self._of_r.copy()
-        _smooth(blocks, self._room)
-        blocks *= self._held
-        _fill(r, self._contact, blocks, *self._places, out)
+        """Set `out` to r on C, elsewhere to the present means; r and `out` may be one array."""
+        blocks = self._means.copy()
+        _smooth(blocks, self._work)
+        blocks *= self._weights
+        _extend(r, self._contact, blocks, *self._places, out)
 
     def apply_transpose(self, r, b):
-        """Add to b on C what the transpose makes of b elsewhere; return r.b, r what was filled last. Collective.
+        """Add the transpose of b outside C to b on C; return r.b for the last extended r.
 
-        It costs no reduction of its own: means of r are known.
+        r.b needs no further reduction, since the means of r are known.
         """
         blocks = np.zeros(self._shape)
-        product = _add_up_beside(r, b, self._contact, *self._places, blocks)
-        found = sum_over(self._comm, np.append(blocks, product))
-        blocks = found[:-1].reshape(self._shape) * self._held
-        _smooth(blocks, self._room)
-        _take(blocks, self._contact, *self._places, b)
-        return float(found[-1]) + self._cells**2 * float(np.vdot(self._of_r, blocks))
+        product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)
+        sums = sum_over(self._comm, np.append(blocks, product))
+        blocks = sums[:-1].reshape(self._shape) * self._weights
+        _smooth(blocks, self._work)
+        _add_blocks(blocks, self._contact, *self._places, b)
+        return float(sums[-1]) + self._cells**2 * float(np.vdot(self._means, blocks))
 
 
-# Blocks in a row of these share what is added up, or spread, over the columns: rows are gone through as they lie.
+# Sums over the columns of a row of blocks are in one work row, so that fields are read row by row.
 
 
 @njit()
-def _rows_of_blocks(first, ny, cells):
-    """Numbers of the rows of blocks that have some of `ny` rows, from `first` on."""
+def _block_rows(first, ny, cells):
+    """Return the range of block rows with some of `ny` rows from `first` on."""
     return range(first // cells, (first + ny - 1) // cells + 1)
 
 
 @njit()
-def _rows_in(k, cells, first, ny):
-    """The rows, counted from `first` on, that are in row k of blocks."""
+def _rows_in_block(k, cells, first, ny):
+    """Return the range of rows, counted from `first`, in block row k."""
     return range(max(k * cells - first, 0), min((k + 1) * cells - first, ny))
 
 
 @njit()
-def _into_blocks(row, cells, blocks):
+def _add_row_to_blocks(row, cells, blocks):
     share = 1.0 / (cells * cells)
     for i in range(row.size):
         blocks[i // cells] += share * row[i]
 
 
 @njit()
-def _add_up(field, contact, cells, first, row, blocks):
-    """Add to each block the mean of a field on C over its cells here, of rows from `first` on; `row`: room for one."""
-    for k in _rows_of_blocks(first, len(field), cells):
+def _sum_blocks(field, contact, cells, first, row, blocks):
+    """Add to each block the mean of a field on C over its cells on this rank."""
+    for k in _block_rows(first, len(field), cells):
         row[:] = 0
-        for j in _rows_in(k, cells, first, len(field)):
+        for j in _rows_in_block(k, cells, first, len(field)):
             add_masked(field[j], contact[j], row)
-        _into_blocks(row, cells, blocks[k])
+        _add_row_to_blocks(row, cells, blocks[k])
 
 
 @njit_reassoc
-def _add_row_beside(r, b, contact, total):
+def _sum_row_outside(r, b, contact, total):
     product, zero = 0.0, total.dtype.type(0)
     for i in range(total.size):
         value = b[i]
@@ -148,20 +148,20 @@ def _add_row_beside(r, b, contact, total):
 
 
 @njit()
-def _add_up_beside(r, b, contact, cells, first, row, blocks):
-    """As `_add_up`, of b outside C; return r.b on C."""
+def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
+    """Add to each block the mean of b outside C; return r.b on C."""
     product = 0.0
-    for k in _rows_of_blocks(first, len(b), cells):
+    for k in _block_rows(first, len(b), cells):
         row[:] = 0
-        for j in _rows_in(k, cells, first, len(b)):
-            product += _add_row_beside(r[j], b[j], contact[j], row)
-        _into_blocks(row, cells, blocks[k])
+        for j in _rows_in_block(k, cells, first, len(b)):
+            product += _sum_row_outside(r[j], b[j], contact[j], row)
+        _add_row_to_blocks(row, cells, blocks[k])
     return product
 
 
 @njit()
-def _smooth(blocks, room):
-    """Binomial means over 3 x 3 blocks, nothing beyond them; `room` has their shape."""
+def _smooth(blocks, work):
+    """Compute binomial means over 3 x 3 blocks, zero outside, SMOOTHING_PASSES times."""
     ny, nx = blocks.shape
     for _ in range(SMOOTHING_PASSES):
         for j in range(ny):
@@ -171,14 +171,14 @@ def _smooth(blocks, room):
                     value += blocks[j - 1, i]
                 if j < ny - 1:
                     value += blocks[j + 1, i]
-                room[j, i] = value / 4
+                work[j, i] = value / 4
         for j in range(ny):
             for i in range(nx):
-                value = 2 * room[j, i]
+                value = 2 * work[j, i]
                 if i > 0:
-                    value += room[j, i - 1]
+                    value += work[j, i - 1]
                 if i < nx - 1:
-                    value += room[j, i + 1]
+                    value += work[j, i + 1]
                 blocks[j, i] = value / 4
 
 
@@ -189,23 +189,23 @@ def _spread(blocks, cells, row):
 
 
 @njit_reassoc
-def _fill_row(r, contact, values, out):
+def _extend_row(r, contact, values, out):
     for i in range(out.size):
         inside, outside = r[i], values[i]
         out[i] = inside if contact[i] else outside
 
 
 @njit()
-def _fill(r, contact, blocks, cells, first, row, out):
-    for k in _rows_of_blocks(first, len(out), cells):
+def _extend(r, contact, blocks, cells, first, row, out):
+    for k in _block_rows(first, len(out), cells):
         _spread(blocks[k], cells, row)
-        for j in _rows_in(k, cells, first, len(out)):
-            _fill_row(r[j], contact[j], row, out[j])
+        for j in _rows_in_block(k, cells, first, len(out)):
+            _extend_row(r[j], contact[j], row, out[j])
 
 
 @njit()
-def _take(blocks, contact, cells, first, row, b):
-    for k in _rows_of_blocks(first, len(b), cells):
+def _add_blocks(blocks, contact, cells, first, row, b):
+    for k in _block_rows(first, len(b), cells):
         _spread(blocks[k], cells, row)
-        for j in _rows_in(k, cells, first, len(b)):
+        for j in _rows_in_block(k, cells, first, len(b)):
             add_masked(row, contact[j], b[j])

@@ -167,7 +167,7 @@ class PrimalState:
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
         rows = solver.guess_halo
-        room = stencil.make_room(solver.guess_sweeps, shape[1], np.float32)
+        room = stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
         stencil.sweep_projected(
             force, *rows(force), lowest, *rows(lowest), weights, solver.guess_sweeps, x, room
         )

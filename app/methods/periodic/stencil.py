@@ -1,11 +1,10 @@
-"""Sweeps with the 3 x 3 centre of B, the inverse of A, on the free cells; compiled.
+"""Compiled sweeps with the 3 x 3 centre of B on the free cells.
 
-B decays like 1 / r^3, so that its centre already does what short waves need. All sweeps of a call go through the rows
-together: when row j has had its first sweep, row j - 1 gets its second, and so on, and what they need stays in the
-cache. So in turn t row j = t - m + 1 gets its sweep m: ``swept[m]`` has the last three rows after it, ``sources`` what
-a row needs until its last sweep. Rows beside the slab (`app.parallel.halo`) are swept along, one less with every
-sweep; columns wrap around. Arrays hold rows of a rank, buffers one cell more on either side; all in single precision,
-as is good enough for a preconditioner and a guess.
+B decays like 1 / r^3, so its centre is enough for short waves. One pass over the rows makes all sweeps of a call, so
+that their rows stay in the cache: at time t row j = t - m + 1 gets its sweep m. ``swept[m]`` has the last three rows
+after it, ``sources`` the right-hand sides of rows until their last sweep. The halo is swept too, one row less with each
+sweep; columns are periodic. Arrays hold the rows of a rank, buffers one more cell on either side. All is in single
+precision, which is enough for a preconditioner and a guess.
 """
 
 from __future__ import annotations
@@ -24,22 +23,22 @@ from app.parallel.reductions import (
     wrap_ends,
 )
 
-# Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
+# Weights of the neighbours in x, in y, and on the diagonals, over that of the cell
 
 
 @njit_reassoc
 def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
     for i in range(source.size):
-        beside = stencil_sum(above, here, below, i, wx, wy, wd)
-        swept = here[i + 1] + share * (source[i] - beside - here[i + 1])
+        neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
+        swept = here[i + 1] + share * (source[i] - neighbours - here[i + 1])
         out[i + 1] = swept if free[i] else np.float32(0)
 
 
 @njit_reassoc
 def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        beside = stencil_sum(above, here, below, i, wx, wy, wd)
-        out[i + 1] = projected_displacement(source[i] - beside, lowest[i])
+        neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
+        out[i + 1] = projected_displacement(source[i] - neighbours, lowest[i])
 
 
 @njit_reassoc
@@ -52,7 +51,7 @@ def _first_row(s, free, scale, share, more, source, inside, out):
     copy_row(free, inside)
 
 
-# Row t as of `copy_slab_row`: the types may differ.
+# Row t as in `copy_slab_row`, for any types
 
 
 @njit()
@@ -67,7 +66,7 @@ def _first_at(t, s, s_before, s_after, free, f_before, f_after, scale, share, mo
         _first_row(s_after[k], f_after[k], scale, share, more, source, inside, out)
 
 
-# Factors are 1, 2 or 4; written out, these loops become vector instructions.
+# Factors are 1, 2 or 4; these loops are unrolled for vector instructions.
 
 
 @njit_reassoc
@@ -99,7 +98,7 @@ def _add_means(row, factor, scale, out):
         _add_twos(row, scale, out[:full])
     else:
         _add_ones(row, scale, out[:full])
-    for i in range(factor * full, row.size):  # the last cell may have fewer
+    for i in range(factor * full, row.size):  # the last cell may be smaller
         out[full] += scale * row[i]
 
 
@@ -139,20 +138,10 @@ def _contact_row(free, out):
 
 @njit()
 def free_in_cells(s, free, scale, coarse, skipped, factors, row):
-    """coarse = sum of a scale times s on the free cells in each coarse cell, over ``fy fx``.
+    """Sum scale times s over the free cells in each coarse cell, over ``fy fx``.
 
-    Parameters
-    ----------
-    s : ndarray of float64 or float32, shape (rows, nx)
-    free : ndarray of bool, shape (rows, nx)
-    coarse : ndarray of float64, shape (coarse rows, nx / fx)
-        Of its first and last row what is here.
-    skipped : int
-        How many rows of its first row lie before these.
-    factors : (int, int)
-        ``(fy, fx)``: rows and columns of a coarse cell.
-    row : ndarray of float32, shape (nx,)
-        Room for one.
+    `factors` are (fy, fx), the rows and columns of a coarse cell. Of the first coarse row, `skipped` rows lie before
+    the slab. `row`: work row.
     """
     fy, fx = factors
     coarse[...] = 0
@@ -163,7 +152,7 @@ def free_in_cells(s, free, scale, coarse, skipped, factors, row):
 
 @njit()
 def contact_in_cells(free, coarse, skipped, factors, row):
-    """coarse = share of each coarse cell that is not free; see `free_in_cells`."""
+    """Compute the share of each coarse cell that is not free; see `free_in_cells`."""
     fy, fx = factors
     coarse[...] = 0
     for j in range(free.shape[0]):
@@ -172,31 +161,31 @@ def contact_in_cells(free, coarse, skipped, factors, row):
 
 
 @njit_reassoc
-def _left_row(s, free, scale, above, here, below, wx, wy, wd, out):
+def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
     for i in range(s.size):
-        left = np.float32(s[i] * scale) - here[i + 1] - stencil_sum(above, here, below, i, wx, wy, wd)
-        out[i] = left if free[i] else np.float32(0)
+        residual = np.float32(s[i] * scale) - here[i + 1] - stencil_sum(above, here, below, i, wx, wy, wd)
+        out[i] = residual if free[i] else np.float32(0)
 
 
 @njit()
-def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, room, row):
-    """As `free_in_cells`, of what sweeps have left: (s - B3 x) / B3_00. `room`: float32, for three rows, wrapped."""
+def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
+    """Sum the residual of sweeps, (s - B3 x) / B3_00, as `free_in_cells`; `work`: three rows."""
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
     if not len(x):
         return
     for j in range(-1, len(x) + 1):
-        copy_slab_row(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
-        wrap_ends(room[j % 3], row.size, 1)
+        copy_slab_row(len(x_before) + j, x, x_before, x_after, work[j % 3, 1:-1])
+        wrap_ends(work[j % 3], row.size, 1)
         if j > 0:
-            _left_row(
-                s[j - 1], free[j - 1], scale, room[(j - 2) % 3], room[(j - 1) % 3], room[j % 3], wx, wy, wd, row
+            _residual_row(
+                s[j - 1], free[j - 1], scale, work[(j - 2) % 3], work[(j - 1) % 3], work[j % 3], wx, wy, wd, row
             )  # fmt: skip
             _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j - 1) // fy])
 
 
 @njit()
-def _between(wide, place, row):
+def _interpolate_row(wide, place, row):
     for i in range(row.size):
         centre = place[0] * i + place[1]
         before = int(np.floor(centre))
@@ -206,7 +195,7 @@ def _between(wide, place, row):
 
 @njit()
 def _interpolate_at(t, coarse, places, wide, row):
-    """A row of the bilinear interpolation of coarse rows."""
+    """Interpolate row t bilinearly from coarse rows."""
     in_y, in_x = places
     centre = in_y[0] * t + in_y[1]
     before = int(np.floor(centre))
@@ -217,44 +206,46 @@ def _interpolate_at(t, coarse, places, wide, row):
     elif in_x[0] == 0.5:
         _twos(wide, row)
     else:
-        _between(wide, in_x, row)
+        _interpolate_row(wide, in_x, row)
 
 
 @njit()
 def sweep(
     s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, wave_rows, z,
-    room,
+    work,
 ):  # fmt: skip
-    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one as from zero, with long waves added.
+    """Sweep ``x += share (s - B3 x) / B3_00`` on the free cells, with long waves added.
+
+    The first sweep starts from zero.
 
     Parameters
     ----------
     s : ndarray of float64 or float32, shape (rows, nx)
     free : ndarray of bool, shape (rows, nx)
     s_before, s_after, f_before, f_after
-        Rows beside them, one less than there are sweeps, or more.
+        Halo of one row less than sweeps, or more.
     weights : tuple of a float64 and three float32
-        1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
+        1 / B3_00, which may be out of range in single precision; over B3_00 the neighbours in x, in y, diagonal.
     shares : ndarray of float32
         Of the sweeps.
     x : ndarray of float32, shape (rows, nx)
-        To be added to the first, too; with as many rows beside. May be z. Empty: nothing.
+        Also added to the first sweep; with a halo as s. May be z. Empty: zero.
     waves : ndarray of float64, shape (coarse rows, coarse columns)
-        To be interpolated bilinearly: those between which these rows and those beside lie. Empty: none.
+        Long waves around these rows and the halo, to be interpolated bilinearly. Empty: none.
     places : (float, float), (float, float)
-        As of `Grid.places_in`, rows counted from the first beside, and from the first coarse one here.
+        See `Grid.places_in`; rows are counted from the first of the halo, and from the first coarse one.
     wave_rows : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
-        Room for them.
+        Work rows.
     z : ndarray of float64 or float32, shape (rows, nx)
-        Becomes x.
-    room : tuple
-        Of `make_room`.
+        Result x.
+    work : tuple
+        See `make_work`.
     """
     rows, nx = s.shape
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo, (sources, inside, swept), (wide, more) = len(s_before), room, wave_rows
+    halo, (sources, inside, swept), (wide, more) = len(s_before), work, wave_rows
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
@@ -287,15 +278,15 @@ def sweep(
 
 
 @njit()
-def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, room):
-    """Projected Jacobi sweeps ``x = max(f - N x, low)`` on all cells, from x = max(f, low); all of float32.
+def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, work):
+    """Make projected Jacobi sweeps ``x = max(f - N x, low)`` from x = max(f, low); float32.
 
-    f is the right-hand side over B3_00; there must be ``steps - 1`` rows beside the slab, or more.
+    f is the right-hand side over B3_00. The halo must have ``steps - 1`` rows, or more.
     """
     rows, nx = f.shape
     if not rows:
         return
-    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, room
+    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, work
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
@@ -323,25 +314,25 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
 @njit_reassoc
 def _add_row(above, here, below, scale, wx, wy, wd, out):
     for i in range(out.size):
-        beside = stencil_sum(above, here, below, i, wx, wy, wd)
-        out[i] += scale * (here[i + 1] + beside)
+        neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
+        out[i] += scale * (here[i + 1] + neighbours)
 
 
 @njit()
-def add_centre(d, before, after, weights, room, out):
-    """out += the centre of B times d; there must be a row beside the slab, or more. `room`: for three rows."""
+def add_centre(d, before, after, weights, work, out):
+    """Add the centre of B times d to `out`; the halo must have a row. `work`: three rows."""
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
     if not len(d):
         return
     for j in range(-1, len(d) + 1):
-        row = room[j % 3]
+        row = work[j % 3]
         copy_slab_row(len(before) + j, d, before, after, row[1:-1])
         wrap_ends(row, row.size - 2, 1)
         if j > 0:
-            _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
+            _add_row(work[(j - 2) % 3], work[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
 
 
-def make_room(steps, nx, kind=bool):
-    """What so many sweeps of rows of nx cells work in; `kind`: of what is beside the sources. Not collective."""
+def make_work(steps, nx, kind=bool):
+    """Return the work arrays of sweeps of rows of nx cells; `kind`: type of the second."""
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     return sources, np.empty((steps + 1, nx), kind), swept
