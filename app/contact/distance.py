@@ -57,6 +57,8 @@ class UndeformedDistance:
         Mean gap that is taken as zero, because it differs from full contact by rounding only [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None in a window.
+    max_depth : float
+        Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
     lowest : float
         Depth below which no load is carried [mm]: `touching`, also in a window.
     full_contact_pressures : (float, float)
@@ -69,7 +71,7 @@ class UndeformedDistance:
         Around all admissible cells.
     """
 
-    neglected_gap = 0.0
+    neglected_gap, max_depth = 0.0, np.inf
     _norm = None  # at this depth, once computed
 
     def __init__(self, operator, shape, reference=0.0, measured=True):
@@ -125,13 +127,6 @@ class UndeformedDistance:
         return approach if abs(approach) > rounding else 0.0
 
     @property
-    def max_depth(self):
-        """Largest depth below full contact [mm]; infinite if that is impossible."""
-        cells, mean, *_ = self.statistics
-        can_be_full = self.patch.periodic and cells == self.patch.n
-        return mean - _MEAN_GAP_ROUNDING * abs(mean) if can_be_full else np.inf
-
-    @property
     def max_searched_depth(self):
         """Largest depth in the search for a load [mm]."""
         depth = self.max_depth
@@ -183,6 +178,8 @@ def _measure(levels, comm):
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
         distance.lowest = distance.touching if np.isfinite(touching) else -np.inf
+        if distance.patch.periodic and cells == distance.patch.n:
+            distance.max_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
 
 
 def _mean(parts, cells):

@@ -1,8 +1,9 @@
-"""Grids, and linear solvers for the masked system C A C p = b (2.11) on them.
+"""Grids, and linear solvers of the masked system (2.11), C A C p = b.
 
-`hierarchy` has the operators of all grids, `transfer` what goes between two of them. `linear_solver` is a KSP of one
-system by PETSc's options. `pcmg` is the multigrid method (Sec. 4.2), a PC for any KSP; `direct` solves on the coarsest
-grid. `kept` solvers serve one solve after the other.
+`hierarchy` has the operators of all grids, `transfer` restricts and prolongs between two of them (loops:
+`interpolation`). `pcmg` is the multigrid method (Sec. 4.2), a PC for any KSP; `smoothers` complete PETSc's. `direct`
+solves on the coarsest grid. `linear_solver` is a KSP from PETSc's options, `ksp_context` the base of our own KSPs, and
+`solver_cache` keeps solvers between solves.
 """
 
 from app.multigrid.pcmg import ContactMG

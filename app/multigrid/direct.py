@@ -1,4 +1,4 @@
-"""Direct solution on a small grid: the coarsest one of Sec. 4.2, item 4, and of Sec. 4.3, step 1."""
+"""Direct solver of the coarsest grid: Sec. 4.2, 4 and Sec. 4.3, 1."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
-    """Whether a grid is small enough, and on one rank, to be solved directly. Not collective."""
+    """Return whether a grid is small, and on one rank."""
     return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
 def can_start_on(hierarchy, number):
-    """Whether a level is one to begin with: it is small, on however many ranks, and not the target. Not collective."""
+    """Return whether a level is small and not the target."""
     return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= MAX_DIRECT_CELLS
 
 
 def starts_directly(hierarchy, number):
-    """Whether a level is solved directly, if an iteration begins with it. Not collective."""
+    """Return whether an iteration that starts on a level is direct there."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):
-    """Dense A of a grid of at most `MAX_DIRECT_CELLS` cells on one rank; without rows on the others. Not collective."""
+    """Return the dense A of a small grid; no rows on other ranks."""
     grid = operator.grid
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
@@ -45,7 +45,7 @@ def stored_matrix(operator):
 
 @njit()
 def _cut(matrix, cells, system):
-    """Lower triangle of the rows and columns of some cells."""
+    """Copy the rows and columns of some cells, as lower triangle."""
     for i in range(cells.size):
         row = matrix[cells[i]]
         for j in range(i + 1):
@@ -53,7 +53,7 @@ def _cut(matrix, cells, system):
 
 
 class DirectSolver:
-    """Solves C A C p = b for the contact set in the operator's mask, by Cholesky factorisation. Not collective.
+    """Cholesky solver of C A C p = b, C the operator's mask.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class DirectSolver:
         self._failure = ""
 
     def set_contact(self):
-        """Take over the contact set that is in the operator's mask now."""
+        """Factorise for the contact set in the operator's mask."""
         self.operator.mask_changed()
         cells = np.flatnonzero(self.operator.mask)
         if self._cells is not None and cells.tobytes() == self._cells.tobytes():

@@ -1,7 +1,7 @@
-"""The grids of one problem, from the coarsest to the target, with their operators and transfers.
+"""The grids of a problem, with operators and transfers.
 
 Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid. Small grids are on
-fewer ranks (`app.parallel.rank_groups.RankGroups`), and one that can be solved directly is on one.
+fewer ranks (`app.parallel.rank_groups.RankGroups`), and a coarsest grid for a direct solve is on one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from app.multigrid.transfer import Transfer
 from app.parallel.rank_groups import RankGroups
 from app.problems.problem import evaluate_shape
 
-_TELLING = 0.08, 0.37, 0.79  # of the rows: those by which ranks compare their problems
-MAX_DIRECT_CELLS = 1024  # cells of a grid whose matrix may be stored and factorised
-_SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
+_COMPARED_ROWS = 0.08, 0.37, 0.79  # of all rows: those by which ranks compare their problems
+MAX_DIRECT_CELLS = 1024  # of a grid whose matrix is stored and factorised
+_MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no time
 
 
 def check_room(comm, grid, settings):
-    """Refuse a target grid for which some host has not the memory; nothing is allocated. Collective.
+    """Raise if some host lacks the memory for a target grid. Collective.
 
     Parameters
     ----------
@@ -42,34 +42,35 @@ def check_room(comm, grid, settings):
     """
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
-    # What grids that all ranks share take is counted with the target's cells.
-    few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
-    cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
+    # The memory per target cell includes that of coarser grids which all ranks share.
+    coarse = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
+    cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(coarse)
     doubles = cells * doubles_per_cell(settings, grid.periodic) + doubles_in_strips(grid)
     check_host_memory(ranks.comm, grid, doubles)
 
 
 def _check_same_on_all(comm, problem):
-    """Refuse a problem that is another one on every rank, as with random numbers without a seed. Collective.
+    """Raise if the problem differs between ranks. Collective.
 
-    The answer would be that of a patchwork. Some rows tell, none of them in the middle, each cell by a weight of its
-    own, lest turned or shifted rows sum to the same; processors may round differently.
+    It may by random numbers without a seed. Ranks compare weighted sums of some rows, up to rounding. No row is in the
+    middle, and each cell has its own weight, so that turned or shifted rows differ.
     """
     if comm.size == 1:
         return
     weights = np.random.default_rng(0).uniform(0.5, 1.5, problem.grid.nx)
-    rows = sorted({int(share * problem.grid.ny) for share in _TELLING})
+    rows = sorted({int(share * problem.grid.ny) for share in _COMPARED_ROWS})
 
     def sums(row):
         values = evaluate_shape(problem, problem.grid, slice(row, row + 1))[0]
-        known = ~np.isnan(values)
-        values, of_known = values[known], weights[known]
+        admissible = ~np.isnan(values)
+        values, weight = values[admissible], weights[admissible]
         slack = 1e-6 * np.ptp(values) + 1e-12 * np.abs(values).max() if values.size else 0.0
-        return of_known.sum(), of_known @ values, values.size * slack
+        return weight.sum(), weight @ values, values.size * slack
 
-    of_ranks = comm.allgather(call_collectively(comm, lambda: [sums(row) for row in rows]))
-    for row, told in zip(rows, zip(*of_ranks, strict=True), strict=True):
-        if any(where != told[0][0] or abs(total - told[0][1]) > told[0][2] for where, total, _ in told):
+    by_rank = comm.allgather(call_collectively(comm, lambda: [sums(row) for row in rows]))
+    for row, row_sums in zip(rows, zip(*by_rank, strict=True), strict=True):
+        cells, total, slack = row_sums[0]
+        if any(other != cells or abs(value - total) > slack for other, value, _ in row_sums):
             raise InputError(
                 f"problem {problem.name}: undeformed distances in row {row} are not the same on all ranks; needed: all "
                 "of an array on every rank, random numbers with a seed"
@@ -77,21 +78,21 @@ def _check_same_on_all(comm, problem):
 
 
 def _make_coarser(target, grids, sizes, ranks):
-    """Make the operators of coarser grids, the finest first, each on so many ranks. Collective."""
+    """Make the operators of coarser grids, the finest first. Collective."""
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
         InfluenceOperator(grid, target.compliance, *ranks.distribute(grid, size), dtype, target=finest)
         for grid, size in zip(grids, sizes, strict=True)
     )
     for number, operator in enumerate(target.coarser_levels):
-        operator.mask[...] = False  # nothing is in contact yet
+        operator.mask[...] = False
         operator.coarser_levels = target.coarser_levels[number + 1 :]
 
 
-def coarser_levels(operator):
-    """Return the operators of all coarser grids, the finest first. Collective when they are made.
+def get_coarser_levels(operator):
+    """Get or make the operators of coarser grids, finest first. Collective.
 
-    An operator that belongs to no hierarchy keeps those that are made here, on all of its ranks, or on one if small.
+    An operator without hierarchy keeps those made here, on all of its ranks, or on one if small.
     """
     if operator.coarser_levels is None:
         grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
@@ -100,15 +101,15 @@ def coarser_levels(operator):
     return operator.coarser_levels
 
 
-def transfers_between(operators, comm):
-    """Make the transfers between levels, coarsest first: the first is None. Not collective.
+def make_transfers(operators, comm):
+    """Make the transfers between levels, coarsest first; the first is None.
 
     Parameters
     ----------
     operators : list of InfluenceOperator
         Coarsest first.
     comm : mpi4py communicator or None
-        Of all ranks that have rows of the finest grid; None: one rank has all.
+        Of all ranks with rows of the finest grid; None if there is one.
     """
     transfers = [None]
     for coarse, fine in pairwise(operators):
@@ -118,7 +119,9 @@ def transfers_between(operators, comm):
 
 
 class Hierarchy:
-    """Operators ``levels[0]`` (coarsest) to ``levels[-1]`` (target), ``transfers[l]`` from level l to l-1.
+    """Operators of all levels, coarsest first, and the transfers between them.
+
+    ``transfers[l]`` is between levels l and l - 1.
 
     Parameters
     ----------
@@ -128,18 +131,18 @@ class Hierarchy:
         (1 - nu) / (pi G) [mm2/N].
     comm : mpi4py communicator
     coarsest : int
-        Directions of at most this many cells are not halved.
+        Directions with at most this many cells are not halved.
     cells_per_rank : int
         Least number of cells of a rank that shares a coarser grid or a window.
     target_only : bool
-        Only the target grid is needed.
+        Make no coarser grids.
     dtype : numpy real type
-        Precision of the products; float32 has a double precision one beside it on the target grid.
+        Precision of the products. With float32 the target grid also has a double precision product.
     margin : float
-        Larger grids will be worked on in windows around contact, which this share of its extent is added to on all
-        sides: products on all of their cells are only made when somebody asks. 0: no windows.
+        Margin of the windows around contact on larger grids, as a share of its extent; 0: no windows. Products on all
+        cells of such grids are only made when used.
     prefix : str
-        Of the options in PETSc's database that its solvers read.
+        Of the solvers' options in PETSc's database.
     """
 
     def __init__(
@@ -156,7 +159,8 @@ class Hierarchy:
     ):
         self.ranks, self.prefix = RankGroups(comm, cells_per_rank), prefix
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
-        self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
+        # products in windows, and those of each operator counted so far
+        self._in_windows, self._counted = 0.0, WeakKeyDictionary()
         _, *grids = plan_grids(grid, coarsest, target_only)
         sizes = [*map(self.ranks.count_for, grids)]
         if grids and grids[-1].n <= MAX_DIRECT_CELLS:
@@ -165,7 +169,7 @@ class Hierarchy:
         target.mask[...] = False
         _make_coarser(target, grids, sizes, self.ranks)
         self.levels = [*target.coarser_levels[::-1], target]
-        self.transfers = transfers_between(self.levels, self.comm)
+        self.transfers = make_transfers(self.levels, self.comm)
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
@@ -174,14 +178,11 @@ class Hierarchy:
 
     @property
     def petsc_comm(self):
-        """PETSc communicator of all ranks. Not collective."""
+        """PETSc communicator of all ranks."""
         return petsc_comm(self.comm)
 
     def gains_ranks(self, operator, number):
-        """Whether ranks without a part in an operator have one in a level, as all have if it may be windowed.
-
-        Not collective.
-        """
+        """Return whether a level has more ranks than an operator."""
         level = self.levels[number]
         return operator.slabs.size < (self.comm.size if self.may_be_windowed(level) else level.slabs.size)
 
@@ -191,26 +192,26 @@ class Hierarchy:
         return self.levels[-1]
 
     def may_be_windowed(self, operator):
-        """Whether a level is worked on in a window, if that leaves enough cells out. Not collective."""
-        return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _SMALLEST_WINDOWED
+        """Return whether a level may be solved in a window."""
+        return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _MIN_WINDOWED_CELLS
 
     def share(self, operator):
-        """Cells of a level as a share of the target grid's. Not collective."""
+        """Return the cells of a level over those of the target grid."""
         return operator.grid.n / self.target.grid.n
 
     def shapes(self, problem):
-        """Undeformed distance of the problem on every level, coarsest first. Collective.
+        """Return the undeformed distance on every level, coarsest first. Collective.
 
-        A function is evaluated afresh on every grid; samples are averaged.
+        A function is evaluated on every grid; samples are averaged.
 
         Raises
         ------
         InputError
-            If it is no such thing.
+            If its values are invalid.
         """
-        asked = self.levels[-1:] if problem.sampled else self.levels
+        levels = self.levels[-1:] if problem.sampled else self.levels
         shapes = call_collectively(
-            self.comm, lambda: [evaluate_shape(problem, level.grid, level.slabs.rows) for level in asked]
+            self.comm, lambda: [evaluate_shape(problem, level.grid, level.slabs.rows) for level in levels]
         )
         _check_same_on_all(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():
@@ -219,17 +220,17 @@ class Hierarchy:
 
     @cached_property
     def finest_unwindowed(self):
-        """Number of the largest level that is always worked on as a whole."""
+        """Number of the largest level that has no window."""
         whole = [number for number, level in enumerate(self.levels) if not self.may_be_windowed(level)]
         return max(whole, default=0)
 
     def coarse_minimum(self, shapes):
-        """Least undeformed distance of the target grid in each cell of the finest whole grid. Collective.
+        """Return the least distance in each cell of the finest unwindowed level. Collective.
 
         Returns
         -------
         ndarray or None
-            NaN where contact is impossible in all of a cell; None if the target grid has no window.
+            NaN in cells that are inadmissible as a whole; None if the target grid has no window.
         """
         if not self.may_be_windowed(self.target):
             return None
@@ -239,23 +240,23 @@ class Hierarchy:
         return lowest
 
     def operator_applications(self):
-        """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
+        """Return the work on all grids, in products on the target."""
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Add what was computed in a window, and below it, since this was last called for it. Not collective."""
+        """Count the new products of a window's operator and its coarser levels."""
         for level in (operator, *(operator.coarser_levels or ())):
             products = level.equivalent_products
             self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))
             self._counted[level] = products
 
     def collect_garbage(self):
-        """Free what an interrupted solve has left on the grids. Collective."""
+        """Free PETSc objects of an interrupted solve. Collective."""
         for comm in [self.petsc_comm, *(level.petsc_comm for level in self.levels if level.active)]:
             collect_garbage(comm)
 
     def destroy(self):
-        """Free its products, and the communicators made for it. Collective."""
+        """Free the products, and the communicators made here. Collective."""
         for level in self.levels:
             level.free()
         self.ranks.destroy()

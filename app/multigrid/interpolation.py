@@ -1,7 +1,7 @@
-"""From the cells of a coarser grid to those of a finer one: bilinear, or over a period by quintics; compiled.
+"""Interpolation from a coarse grid to a finer one: bilinear, or quintic if periodic.
 
-Values are taken to be those in the centres of cells. Bilinear interpolation is the paper's (Sec. 4.3, 2). Quintics in x
-and y through six cells each leave an error of sixth order, for the same time: memory decides.
+Values belong to the centres of cells. Bilinear interpolation is the paper's (Sec. 4.3, 2). Quintics through six cells
+in x and y have an error of sixth order and take the same time, which access to memory determines.
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ from app.base.numba_cache import njit
 from app.halfspace.chebyshev import lagrange_weights
 from app.parallel.reductions import mix_rows, njit_reassoc, wrap_ends
 
-_POINTS = 6  # cells that a quintic goes through: loops are written out for them
-BESIDE = _POINTS // 2  # coarse cells on either side of a fine one, for which there must be room
+_POINTS = 6  # coarse cells of a quintic; the loops are written out for six
+QUINTIC_MARGIN = _POINTS // 2  # coarse cells that are needed on either side of a fine one
 
 
 @njit()
-def _inner_children(row, fine):
-    """Both children of all cells of a row but the first and the last."""
+def _interpolate_inner(row, fine):
+    """Interpolate to the children of all cells except first and last."""
     for i in range(1, row.size - 1):
         fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
         fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]
 
 
 @njit()
-def bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
-    """fine[j, i] from the four coarse cells in rows a, b and columns c, d; `halved`: two columns in each coarse one.
+def interpolate_bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
+    """Compute fine[j, i] from coarse rows a[j], b[j] and columns c[i], d[i].
 
-    `row`: room for one.
+    `halved`: each coarse column has two fine ones. `row`: work space of a coarse row.
     """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
         mix_rows(coarse[a[j]], weight_y[j], coarse[b[j]], row)
         if last:
-            _inner_children(row, fine[j])
+            _interpolate_inner(row, fine[j])
         for i in range(first):
             fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
         for i in range(last, fine.shape[1]):
@@ -51,8 +51,8 @@ def _mix_six(a, b, c, d, e, f, weights, out):
 
 
 @njit_reassoc
-def _halved_by_quintics(row, weights, fine):
-    """Both children of all cells; `weights`: of the first ones. The others' are the same in the other order."""
+def _interpolate_halved(row, weights, fine):
+    """Interpolate to both children of all cells; `weights` are those of the first."""
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     for i in range(np.uint64(fine.size // 2)):
@@ -63,31 +63,31 @@ def _halved_by_quintics(row, weights, fine):
 
 
 @njit()
-def quintics(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """fine[j, i] from six rows of coarse cells, from ``rows[j]`` on, and six columns, from ``columns[i]`` on.
+def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
+    """Compute fine[j, i] from six coarse rows and columns from rows[j], columns[i] on.
 
     Parameters
     ----------
     coarse : ndarray, shape (coarse rows, coarse columns)
     fine : ndarray, shape (rows, columns)
     rows, columns : ndarray of int, shapes (rows,), (columns,)
-        Columns are counted from `BESIDE` before the first one, and over a period.
+        Columns count from `QUINTIC_MARGIN` before the first one.
     weights_y, weights_x : ndarray, shapes (rows, 6), (columns, 6)
     halved : bool
-        Two columns in each coarse one.
-    row : ndarray, shape (coarse columns + 2 BESIDE,)
-        Room for one.
+        Each coarse column has two fine ones.
+    row : ndarray, shape (coarse columns + 2 QUINTIC_MARGIN,)
+        Work space.
     """
     nx = coarse.shape[1]
     for j in range(fine.shape[0]):
         k = rows[j]
         _mix_six(
             coarse[k], coarse[k + 1], coarse[k + 2], coarse[k + 3], coarse[k + 4], coarse[k + 5],
-            weights_y[j], row[BESIDE : BESIDE + nx],
+            weights_y[j], row[QUINTIC_MARGIN : QUINTIC_MARGIN + nx],
         )  # fmt: skip
-        wrap_ends(row, nx, BESIDE)
+        wrap_ends(row, nx, QUINTIC_MARGIN)
         if halved:
-            _halved_by_quintics(row, weights_x[0], fine[j])
+            _interpolate_halved(row, weights_x[0], fine[j])
             continue
         for i in range(fine.shape[1]):
             total = 0.0
@@ -97,12 +97,12 @@ def quintics(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
 
 
 @lru_cache(maxsize=64)
-def two_around(start, stop, count, factor, place, first=None):
-    """Coarse cells around some fine ones, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
+def bilinear_weights(start, stop, count, factor, place, first=None):
+    """Return the two coarse cells around each fine one, and the weight of the first.
 
-    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period they are those
-    before and behind the centre, by `place` (`Grid.places_in`), and may be number -1 or `count`. They are counted from
-    cell `first`; if that is None, over the period.
+    They are the parent, with weight 3/4, and the nearest neighbour; at the boundary of the grid the parent, with weight
+    5/4, and the cell inside. On a periodic grid they are the cells before and behind the centre, by `place`
+    (`Grid.places_in`). They count from cell `first`, or are taken modulo the period if that is None.
     """
     index = np.arange(start, stop)
     one = other = index // factor
@@ -119,14 +119,16 @@ def two_around(start, stop, count, factor, place, first=None):
 
 
 @lru_cache(maxsize=64)
-def six_around(start, stop, place, first):
-    """The first of six coarse cells around each fine one, counted from cell `first`; and their weights, (cells, 6)."""
+def quintic_weights(start, stop, place, first):
+    """Return the first of six coarse cells around each fine one; weights."""
     before, share = _before(np.arange(start, stop), place)
-    return before - (BESIDE - 1) - first, lagrange_weights(share, np.arange(_POINTS) - (BESIDE - 1))
+    return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(
+        share, np.arange(_POINTS) - (QUINTIC_MARGIN - 1)
+    )
 
 
 def _before(index, place):
-    """The coarse cell before the centre of each fine one, and how far behind it that is."""
+    """Return the coarse cell before the centre of each fine one, and the distance."""
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)
     return before, centre - before

@@ -1,4 +1,4 @@
-"""What Krylov methods of our own share, as contexts of a KSP of type python."""
+"""Base class of our Krylov methods, for KSPs of type python."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from app.parallel.reductions import sum_over
 
 
 class KspContext:
-    """A KSP that reports its iterations to PETSc, which decides when to stop.
+    """Context of a KSP that lets PETSc decide when to stop.
 
     Attributes
     ----------
@@ -19,19 +19,19 @@ class KspContext:
     norm_type = PETSc.KSP.NormType.UNPRECONDITIONED
 
     def setFromOptions(self, ksp):
-        """Choose the norm that the method computes, unless an option names one."""
+        """Choose the norm of the method, unless an option does."""
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_norm_type"):
             ksp.setNormType(self.norm_type)
 
     def reset(self, ksp):
-        """Free the work arrays; the next set-up makes others."""
+        """Free the work arrays; the next set-up makes new ones."""
 
     def destroy(self, ksp):
         """Free everything."""
         self.reset(ksp)
 
     def _report(self, ksp, iteration, norm):
-        """Tell PETSc of an iteration; return its reason to stop, or 0."""
+        """Report an iteration to PETSc; return its reason to stop, or 0."""
         if not norm >= 0:
             return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
         ksp.its, ksp.norm = iteration, norm

@@ -1,7 +1,7 @@
-"""The linear solver of one contact system (2.11): a KSP on the masked operator, set up from PETSc's options.
+"""Linear solver of a contact system (2.11): a KSP set up from PETSc's options.
 
-Whatever PETSc offers for a matrix that can be multiplied can be chosen: ``-ksp_type cg -pc_type none`` (NORM),
-``-pc_type jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg`` stands for the one of `pcmg`.
+All of PETSc's solvers for a matrix with a product can be chosen: ``-ksp_type cg -pc_type none`` (NORM), ``-pc_type
+jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg`` is the multigrid method of `pcmg`.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from app.options.solver_options import temporary_options
 
 
 def reason_names(reasons):
-    """Names of the values of one of PETSc's classes of reasons, by value. Not collective."""
+    """Return the names of one of PETSc's classes of reasons, by value."""
     return {value: name for name, value in vars(reasons).items() if isinstance(value, int)}
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
 _MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}  # in place of -pc_type mg
-# PCs that need parts which options alone cannot give, or the triangles of a matrix
+# PCs that need the triangles of a matrix, or parts that cannot be set by options
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "eisenstat")
 
 
 class LinearSolver:
-    """Solves C A C p = b for the contact set in the operator's mask.
+    """KSP for C A C p = b on the contact set in the operator's mask.
 
-    Collective over the ranks of the grid. Options are read from PETSc's database as it is now.
+    Collective over the ranks of the grid. Options are read from PETSc's database now.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     level : int
-        Number of the grid the system lives on; default the target.
+        Number of the grid; default the target.
     operator : InfluenceOperator, optional
-        In place of that level's: the same in a window.
+        Of a window of that level, in place of the level's.
 
     Raises
     ------
     ValueError, PETSc.Error
-        If the options ask for what cannot be had.
+        If an option is invalid or cannot be used.
     """
 
     def __init__(self, hierarchy, level=-1, operator=None):
@@ -52,7 +52,7 @@ class LinearSolver:
         self.mat = self.operator.mat(self.operator.petsc_comm)
         self._prefix = hierarchy.prefix
         self.mat.setOptionsPrefix(self._prefix or None)
-        # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
+        # PETSc would view the solver of every grid after every solve. We view that of the target once.
         self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
         self._hierarchy = hierarchy
         self._make()
@@ -70,7 +70,7 @@ class LinearSolver:
         with temporary_options(self._prefix, {}, forced), callback_context():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
-                ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
+                ksp.setTolerances(rtol=0, atol=0)  # else PETSc computes a norm, by a product
             ksp.setUp()
         counted = self.operator, *(self.operator.coarser_levels or ())
         self._counted = [(operator, self._hierarchy.share(operator)) for operator in counted]
@@ -80,10 +80,10 @@ class LinearSolver:
                 raise ValueError(f"-ksp_{name} {format_exact(value)}: allowed: from {allowed}")
         self._own_atol = options.hasName("ksp_atol")
         self._must_converge = ksp.getErrorIfNotConverged()
-        ksp.setErrorIfNotConverged(False)  # an unconverged solve has a result, with this as its reason
+        ksp.setErrorIfNotConverged(False)  # the outcome has the reason
 
     def set_contact(self):
-        """Take over the contact set that is in the operator's mask now. Collective."""
+        """Set the contact set to that in the operator's mask. Collective."""
         if self._interrupted:
             self._interrupted = False
             self.ksp.destroy()
@@ -96,9 +96,10 @@ class LinearSolver:
 
     @property
     def work_units(self):
-        """Work so far in the paper's count: products and sweeps by the KSP, one on the target grid being one.
+        """Work in the paper's units.
 
-        What the coarsest grid of a multigrid method costs, as an assembled matrix, is left out.
+        These are the products and sweeps by the KSP, over those on the target grid. The assembled matrix of the
+        coarsest grid is not counted.
         """
         total = 0.0
         for operator, share in self._counted:
@@ -106,7 +107,7 @@ class LinearSolver:
         return total
 
     def solve(self, b, allowed):
-        """Solve C A C x = b from x = 0, as far as the options go.
+        """Solve C A C x = b from x = 0, to the accuracy set by options.
 
         Collective.
 
@@ -114,8 +115,8 @@ class LinearSolver:
         ----------
         b : Vec
         allowed : float
-            Norm of the residual that is small enough [mm]; the absolute tolerance of Krylov methods that
-            monitor the true residual, unless -ksp_atol is given.
+            Norm of the residual that is small enough [mm]: the absolute tolerance of Krylov methods that monitor
+            the true residual, unless -ksp_atol is given.
 
         Returns
         -------
@@ -123,8 +124,8 @@ class LinearSolver:
             Overwritten by the next call.
         iterations : int
         failure : str
-            Empty, or why the solver cannot go on. Running out of iterations is no failure: one cycle, or a
-            few steps of CG, are what an active set iteration wants.
+            Empty, or why the solver failed. The limit of iterations is no failure: an active set iteration needs
+            one cycle, or a few steps of CG.
         """
         if self._work is None:
             self._work = self.mat.createVecRight()
@@ -132,22 +133,22 @@ class LinearSolver:
         iterations, failure = self._run(b, self._work, allowed)
         return self._work, iterations, failure
 
-    def _enough(self, allowed):
-        """Norm of the residual that ends the KSP, by `allowed`; None if it may not be told."""
-        its_own = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED  # not that of the system
-        if self._own_atol or its_own or not math.isfinite(allowed):
+    def _atol_for(self, allowed):
+        """Return the absolute tolerance of the KSP; None if it keeps its own."""
+        other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
+        if self._own_atol or other_norm or not math.isfinite(allowed):
             return None
-        # A hair below: what passes here must pass the same test on the recomputed residual.
+        # Slightly less, because the recomputed residual must pass the same test.
         return allowed * (1 - 1e-9)
 
     def _run(self, b, x, allowed):
-        if (enough := self._enough(allowed)) is not None:
-            self.ksp.setTolerances(atol=enough)
+        if (atol := self._atol_for(allowed)) is not None:
+            self.ksp.setTolerances(atol=atol)
         try:
             with callback_context():
                 self.ksp.solve(b, x)
         except BaseException:
-            self._interrupted = True  # vectors stay locked: another KSP is made
+            self._interrupted = True  # vectors stay locked: the next set_contact makes a new KSP
             raise
         if self._view:
             self.ksp.viewFromOptions(self._view)
@@ -156,11 +157,11 @@ class LinearSolver:
         failed = reason < 0 and (self._must_converge or reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
-    def rest(self):
-        """Free what only the next contact set needs, if that is much: others need memory now. Not collective."""
+    def free_work(self):
+        """Free large work arrays until the next contact set."""
 
     def destroy(self):
-        """Free the KSP and what belongs to it. Collective."""
+        """Free the KSP, matrix and vectors. Collective."""
         self.ksp.destroy()
         self.mat.destroy()
         if self._work is not None:

@@ -1,14 +1,13 @@
-"""The multigrid method (Sec. 4.2) as a PC for any KSP: PETSc's PCMG on masked operators.
+"""The multigrid method (Sec. 4.2) as a PC for any KSP.
 
-::
+It is PETSc's PCMG on masked operators::
 
     -pc_type python -pc_python_type app.multigrid.ContactMG
 
-Everything that may be chosen is PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
+All options are PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
 ``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``.
-The defaults are the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve.
-A KSP that needs a symmetric preconditioner gets one: the smoother after the coarse grid is the adjoint of that before
-it, so a forward sweep is followed by a backward one.
+The defaults are the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve. For a KSP that
+needs a symmetric preconditioner the smoother after the coarse grid is the adjoint of that before it.
 
 =============================  ========================================================================
 Sec. 4.2                       here
@@ -33,7 +32,7 @@ from app.base.errors import InputError
 from app.halfspace.mat_methods import check_unscaled
 from app.halfspace.operator import InfluenceOperator, get_operator
 from app.multigrid.direct import stored_matrix
-from app.multigrid.hierarchy import coarser_levels, transfers_between
+from app.multigrid.hierarchy import get_coarser_levels, make_transfers
 from app.options.solver_options import temporary_options
 
 _SMOOTHER = {
@@ -44,7 +43,7 @@ _SMOOTHER = {
     "mg_levels_pc_sor_omega": "0.8",
 }
 _OTHER_SWEEPS = ("symmetric", "backward", "local_symmetric", "local_backward", "local_forward")
-# KSPs that need a symmetric preconditioner: short recurrences, or an orthogonality that holds for symmetric ones only
+# KSPs that need a symmetric preconditioner, for short recurrences or orthogonality
 _NEED_SYMMETRY = (
     "cg groppcg pipecg pipecgrr pipelcg pipeprcg pipecg2 cr pipecr minres symmlq qcg nash stcg gltr chebyshev"
 ).split()
@@ -54,12 +53,14 @@ _DIRECT = {
     "mg_coarse_pc_type": "bjacobi",
     "mg_coarse_sub_ksp_type": "preonly",
     "mg_coarse_sub_pc_type": "lu",
-    "mg_coarse_sub_pc_factor_zeropivot": "1e-300",  # the size of influence coefficients is a matter of units
+    "mg_coarse_sub_pc_factor_zeropivot": "1e-300",  # influence coefficients may be small in the user's units
 }
 
 
 class MaskedMatrix:
-    """Sec. 4.2, 4: the coarsest system, assembled ``C A C + d (I - C)``, all of it on the rank that has the grid.
+    """The coarsest system of Sec. 4.2, 4, assembled: ``C A C + d (I - C)``.
+
+    All of it is on the rank that has the grid.
 
     Parameters
     ----------
@@ -77,12 +78,12 @@ class MaskedMatrix:
         self.update()
 
     def update(self, energy=0.0):
-        """Take over the operator's contact set. Collective.
+        """Assemble for the operator's contact set. Collective.
 
         Parameters
         ----------
         energy : float
-            What ``p.Ap`` should at least be for p = 1 on C.
+            Lower bound of ``p.Ap`` for p = 1 on C.
         """
         if self.operator.active:
             self._set_values(energy)
@@ -91,8 +92,8 @@ class MaskedMatrix:
     def _set_values(self, energy):
         inside = self.operator.mask.reshape(-1)
         values = np.where(inside[:, None] & inside, self._full, 0.0)
-        lacks = (energy - values.sum()) / max(np.count_nonzero(inside), 1) ** 2
-        values += np.where(inside[:, None] & inside, max(lacks, 0.0), 0.0)
+        missing = (energy - values.sum()) / max(np.count_nonzero(inside), 1) ** 2
+        values += np.where(inside[:, None] & inside, max(missing, 0.0), 0.0)
         values[~inside, ~inside] = self.operator.diagonal
         self.mat.setValues(self._index, self._index, values)
 
@@ -102,11 +103,11 @@ class MaskedMatrix:
 
 
 class ContactMG:
-    """PC context: multigrid cycles on the contact set of an `InfluenceOperator`, which each set-up restricts.
+    """PC context: multigrid cycles on the contact set of an `InfluenceOperator`.
 
-    Collective. PETSc sets it up again when the state of the Mat has grown, as by ``mat.assemble()``. The coarser
-    operators are those of the hierarchy that the operator belongs to, or they are made. Options under the prefix of the
-    PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
+    Collective. Each set-up restricts the contact set; PETSc repeats it when the state of the Mat has increased, as by
+    ``mat.assemble()``. The coarser operators are those of the operator's hierarchy, or made here. Options, with the
+    prefix of the PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
 
     Attributes
     ----------
@@ -116,15 +117,15 @@ class ContactMG:
 
     operators = _transfers = _mats = ()
     _cycle = _mat = _coarse = None
-    _contact = -1  # number of the set that was restricted last
-    _symmetric = False  # whether the KSP is known to need that
+    _contact = -1  # version of the contact set that was restricted last
+    _symmetric = False  # True if the KSP needs a symmetric cycle
 
     def setFromOptions(self, pc):
-        """Read the options again in the next set-up."""
+        """Reset, so that the next set-up reads the options."""
         self.reset(pc)
 
     def setUp(self, pc):
-        """Make the PCMG, if there is none for this Mat, and restrict the contact set to all levels."""
+        """Make the PCMG for a new Mat, and restrict the contact set."""
         try:
             mat = pc.getOperators()[1]
             if self._cycle is not None and mat != self._mat:
@@ -139,20 +140,20 @@ class ContactMG:
             raise
 
     def preSolve(self, pc, ksp, b, x):
-        """Make the cycle symmetric if the KSP needs that, which was not set from options."""
+        """Make the cycle symmetric if the KSP needs it."""
         if ksp.getType() in _NEED_SYMMETRY and not self._symmetric:
             self._symmetric = True
             self.reset(pc)
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y = M x, by one cycle (or more of them: ``-pc_mg_multiplicative_cycles``)."""
+        """Compute y = M x, by one cycle or ``-pc_mg_multiplicative_cycles``."""
         if self._cycle is None:
             self.setUp(pc)
         try:
             self._cycle.apply(x, y)
         except BaseException:
-            x.incRef()  # an interrupted PCMG keeps x as if it were its own, and frees it
+            x.incRef()  # an interrupted PCMG keeps x and would free it
             self.reset(pc)
             raise
 
@@ -162,7 +163,7 @@ class ContactMG:
             self._cycle.view(viewer)
 
     def reset(self, pc):
-        """Free everything made here. Made again when needed."""
+        """Free everything made here; the next use makes it again."""
         if self._cycle is not None:
             self._cycle.destroy()
         if self._coarse is not None:
@@ -179,7 +180,7 @@ class ContactMG:
         check_unscaled(mat, "ContactMG")
         if pc.comm.size != operator.slabs.size:
             raise InputError("ContactMG: needs a Mat on the ranks that share the rows of its operator")
-        options, coarser = PETSc.Options(prefix), coarser_levels(operator)
+        options, coarser = PETSc.Options(prefix), get_coarser_levels(operator)
         coarser = coarser[: _levels_wanted(operator, options) - 1]
         self.operators, self._mat = [*coarser[::-1], operator], mat
         self._cycle = cycle = PETSc.PC().create(pc.comm)
@@ -195,38 +196,38 @@ class ContactMG:
         with temporary_options(prefix, defaults, forced):
             cycle.setFromOptions()
             self._restrict_contact()
-            cycle.setUp()  # levels read their options here
-            # What cannot be had is refused now, not by the rank that has the coarsest grid in a cycle.
+            cycle.setUp()  # levels read their options now
+            # Fails now, on all ranks, instead of in a cycle on the rank of the coarsest grid.
             cycle.getMGCoarseSolve().getPC().setUpOnBlocks()
 
     def _set_levels(self, comm):
         """Give the PCMG its operators, transfers and coarsest matrix."""
         cycle, finest = self._cycle, len(self.operators) - 1
-        self._transfers = transfers_between(self.operators, self.operators[-1].comm)
+        self._transfers = make_transfers(self.operators, self.operators[-1].comm)
         self._mats = []
         for level, transfer in enumerate(self._transfers[1:], 1):
             mats = transfer.restriction_mat(comm), transfer.interpolation_mat(comm)
             cycle.setMGRestriction(level, mats[0])
             cycle.setMGInterpolation(level, mats[1])
             mat = self._mat if level == finest else self.operators[level].mat(comm)
-            # getMGSmootherDown would silently make the up smoother another one.
+            # getMGSmootherDown would make a separate up smoother.
             cycle.getMGSmoother(level).setOperators(mat)
             self._mats += mats if level == finest else (*mats, mat)
         coarsest = cycle.getMGCoarseSolve()
         if finest:
             self._coarse = MaskedMatrix(self.operators[0], comm)
             self._coarse.mat.setOptionsPrefix(coarsest.getOptionsPrefix())
-        # PETSc's only level is a smoother, as it has options of one: it works on the grid's own operator.
+        # A single level has the options of a smoother, and the grid's own operator.
         coarsest.setOperators(self._coarse.mat if finest else self._mat)
 
     def _restrict_contact(self):
-        """Sec. 4.2, 3: restrict the contact set of the finest grid to all others."""
+        """Restrict the contact set of the finest grid to all others."""
         fine = self.operators[-1]
         if fine.contact_version == self._contact:
-            fine.mask_changed()  # only the state of the Mat was raised
+            fine.mask_changed()  # the Mat has a new state, not a new contact set
         self._contact = fine.contact_version
         for transfer in self._transfers[:0:-1]:
-            transfer.restrict_contact()
+            transfer.restrict_contact()  # Sec. 4.2, 3
         for operator in self.operators[:-1]:
             operator.mask_changed()
         for mat in self._mats:
@@ -236,7 +237,7 @@ class ContactMG:
 
 
 def _levels_wanted(operator, options):
-    """Number of levels of a cycle, by ``-pc_mg_levels`` or all; a grid of a nested iteration may have fewer."""
+    """Return the number of levels, by ``-pc_mg_levels``."""
     levels = 1 + len(operator.coarser_levels)
     most = max(levels, 1 + len((operator.target or operator).coarser_levels or ()))
     wanted = options.getInt("pc_mg_levels", levels)
@@ -252,19 +253,19 @@ def _levels_wanted(operator, options):
 
 
 def _energy_of_constant(fine, coarse):
-    """p.Ap for p = 1 on C of a periodic patch, as the coarsest grid should see it; 0 on a free one. Collective.
+    """Return p.Ap for p = 1 on C, if periodic. Collective.
 
-    The coarser the grid the more of it is in C, in the end all, where a constant costs nothing: its correction
-    would be much too large, or infinite.
+    It is 0 on a free patch. A coarser grid has a larger share of its cells in C, up to all of them, where a constant
+    has no energy: its correction would be much too large, or infinite.
     """
     if not fine.grid.periodic:
         return 0.0
-    energy = max(fine.energy_of_contact()[0], fine.diagonal)  # that of one open cell, at the least
+    energy = max(fine.energy_of_contact()[0], fine.diagonal)  # at least that of one open cell
     return energy * coarse.grid.n / fine.grid.n
 
 
 def _default_options(given, symmetric):
-    """Options of smoothers and coarsest grid that the user has not given, maybe for a symmetric cycle."""
+    """Return default options of smoothers and coarsest grid."""
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
         del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others
@@ -274,13 +275,13 @@ def _default_options(given, symmetric):
 
 
 def _adjoint_smoothers(options):
-    """Options with which each smoother after the coarse grid is the adjoint of the one before it."""
+    """Return options of up smoothers adjoint to the down smoothers."""
     turned = {"forward": "backward", "backward": "forward"}
     adjoint = {"pc_mg_distinct_smoothup": ""}
     for name, text in options.items():
         if level := _OF_LEVELS.fullmatch(name):
-            what = re.sub(
+            option = re.sub(
                 r"(?<=^pc_sor_)(local_)?(forward|backward)$", lambda m: (m[1] or "") + turned[m[2]], level[2]
             )
-            adjoint[f"mg_levels_{level[1] or ''}up_{what}"] = text or ""
+            adjoint[f"mg_levels_{level[1] or ''}up_{option}"] = text or ""
     return adjoint

@@ -1,8 +1,8 @@
-"""Smoothers that PETSc has no name for.
+"""Smoothers that PETSc does not have.
 
 Gauss-Seidel and SOR are PETSc's PCSOR on the operator's own sweeps, damped Jacobi is PCJacobi with
-``-mg_levels_ksp_richardson_scale``; here is the rest. No red-black sweep: A is dense, so red cells act on each other,
-and all of them at once is a Jacobi step, which converges for no useful damping.
+``-mg_levels_ksp_richardson_scale``. A red-black sweep would not help: A is dense, so red cells act on each other, and
+all of them at once are a Jacobi step, which converges for no useful damping.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from app.multigrid.ksp_context import KspContext
 
 
 class NoSmoothing(KspContext):
-    """A KSP that leaves the solution as it is, without a product: one half of V(1,0) and V(0,1).
+    """A KSP that does nothing, for V(1,0) and V(0,1).
 
     ``-mg_levels_pc_type none -mg_levels_ksp_type python``,
     ``-mg_levels_ksp_python_type app.multigrid.smoothers.NoSmoothing``.
     """
 
     def solve(self, ksp, b, x):
-        """Do nothing."""
+        """Leave x unchanged."""
         ksp.setConvergedReason(4)  # CONVERGED_ITS

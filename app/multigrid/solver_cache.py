@@ -1,40 +1,40 @@
-"""Linear solvers that are kept from one solve to the next: those of small grids, and of the target."""
+"""Cache of linear solvers between solves, for small grids and the target."""
 
 from __future__ import annotations
 
-MAX_CACHED_CELLS = 256 * 256  # cells; what larger grids hold is no longer than it is needed
+MAX_CACHED_CELLS = 256 * 256  # of grids and windows whose solvers stay between solves
 
 
 def is_large(grid):
-    """Whether the memory of a grid or a window counts for more than what is made for it. Not collective."""
+    """Return whether a grid or window is too large to keep its solver."""
     return grid.n > MAX_CACHED_CELLS
 
 
 class SolverCache:
-    """Linear solvers of one hierarchy.
+    """Cache of the linear solvers of one hierarchy.
 
     Parameters
     ----------
     kind : type
-        Of `LinearSolver`.
+        `LinearSolver` or a subclass.
     hierarchy : Hierarchy
     target : LinearSolver or None
-        Of the target grid, if there is one; its owner frees it.
+        Of the target grid; its owner frees it.
     """
 
     def __init__(self, kind, hierarchy, target=None):
         self._kind, self._hierarchy, self._target, self._solvers = kind, hierarchy, target, {}
 
     def prepare(self, first=0):
-        """Make now those of small grids that are worked on as a whole, from level `first` on. Collective."""
+        """Make the solvers of small levels without windows. Collective."""
         hierarchy = self._hierarchy
         for number, level in enumerate(hierarchy.levels):
-            as_whole = not (is_large(level.grid) or hierarchy.may_be_windowed(level))
-            if number >= first and level.active and as_whole:
+            is_cached = not (is_large(level.grid) or hierarchy.may_be_windowed(level))
+            if number >= first and level.active and is_cached:
                 self.solver(number, level)
 
     def solver(self, number, operator):
-        """Linear solver of a level or of a window of it, made when first asked for. Collective over its ranks."""
+        """Get or make the solver of a level or window. Collective."""
         if self._is_of_target(operator):
             return self._target
         if operator not in self._solvers:
@@ -42,9 +42,9 @@ class SolverCache:
         return self._solvers[operator]
 
     def release_solver(self, operator):
-        """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
+        """Free the solver of a large grid or window. Collective."""
         if self._is_of_target(operator):
-            self._target.rest()
+            self._target.free_work()
         elif is_large(operator.grid):
             self._free_solver(operator)
 
@@ -56,7 +56,7 @@ class SolverCache:
             self._solvers.pop(operator).destroy()
 
     def destroy(self):
-        """Free them. Collective."""
+        """Free all solvers. Collective."""
         for solver in self._solvers.values():
             solver.destroy()
         self._solvers.clear()

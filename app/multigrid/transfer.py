@@ -1,8 +1,8 @@
-"""Between a grid and the next coarser one (Sec. 4.2): defect, contact set, correction, displacement, shape.
+"""Restriction and prolongation between a grid and the next coarser one (Sec. 4.2, 4.3).
 
-A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 where the other direction is short already). Each grid has slabs and
-ranks of its own: a coarse row is made where its first child is, which may need the next row from the next rank, and
-moves to the rank that owns it; fine rows ask for their parents. Where the slabs fit nothing moves.
+A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 if the other direction is not halved). Each grid has its own slabs
+and ranks. The rank that owns the first child of a coarse row computes that row, perhaps with the next rank's first row,
+and sends it to its owner. For prolongation ranks fetch the parents of their rows. Nothing moves if the slabs fit.
 """
 
 from __future__ import annotations
@@ -14,15 +14,21 @@ from petsc4py import PETSc
 
 from app.base.numba_cache import njit
 from app.base.petsc import restricts_by_transpose
-from app.multigrid.interpolation import BESIDE, bilinear, quintics, six_around, two_around
+from app.multigrid.interpolation import (
+    QUINTIC_MARGIN,
+    bilinear_weights,
+    interpolate_bilinear,
+    interpolate_quintic,
+    quintic_weights,
+)
 from app.parallel.fetch import Fetch
 from app.parallel.reductions import add_masked, add_row, copy_row
 
-_NOTHING = 1e-9  # of a cell: rounding of an overlap
+_OVERLAP_ROUNDING = 1e-9  # of a cell: least overlap above rounding
 
 
 class Transfer:
-    """Restriction and prolongation between two operators.
+    """Restriction and prolongation between the grids of two operators.
 
     Parameters
     ----------
@@ -30,63 +36,63 @@ class Transfer:
     factors : (int, int)
         ``(fy, fx)``: fine cells per coarse cell in y and x.
     comm : mpi4py communicator or None
-        All ranks of the solver; None: this one alone.
+        Of all ranks of the solver; None if there is one.
     """
 
     def __init__(self, fine, coarse, factors, comm=None):
         self.fine, self.coarse, self._comm = fine, coarse, comm
         self.factors = self.fy, self.fx = factors
         self._ranks = 1 if comm is None else comm.size
-        self._made = fine.slabs.coarsen(self.fy)  # where coarse rows are made
+        self._made = fine.slabs.coarsen(self.fy)  # coarse rows computed by each rank
         self._local = (self._made.local, coarse.grid.nx)
 
     @cached_property
-    def _with_children(self):
-        """Fine rows, as far as they are children of the coarse rows made here."""
+    def _fetch_children(self):
+        """Fetch of the children of the coarse rows computed here."""
         first, last = (
             np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
         )
         return Fetch(self.fine.slabs, [(first, last)], self._comm)
 
     @cached_property
-    def _overlapping(self):
-        """Fine rows that coarse rows made here may overlap on a periodic grid: one more before, and two behind."""
+    def _fetch_overlapping(self):
+        """Fetch of the fine rows that periodic coarse rows here overlap."""
         first, last = self._made.bounds(self._ranks)
         low, high = self.fy * first - 1, self.fy * (last - 1) + 3
         return Fetch(self.fine.slabs, [(low, np.where(last > first, high, low))], self._comm)
 
     @cached_property
-    def _to_owner(self):
-        """Coarse rows made somewhere, where they belong."""
+    def _send_to_owner(self):
+        """Fetch of coarse rows by their owners."""
         return Fetch(self._made, [self.coarse.slabs.bounds(self._ranks)], self._comm)
 
     @cached_property
-    def _of_parents(self):
-        return self._parents(0)
+    def _fetch_parents(self):
+        return self._make_parent_fetch(0)
 
     @cached_property
-    def _of_neighbours(self):
-        return self._parents(1)
+    def _fetch_neighbours(self):
+        return self._make_parent_fetch(1)
 
     @cached_property
-    def _of_many_neighbours(self):
-        return self._parents(BESIDE)
+    def _fetch_quintic_neighbours(self):
+        return self._make_parent_fetch(QUINTIC_MARGIN)
 
-    def _parents(self, beside):
-        """Coarse rows that fine rows here have as parents, and so many `beside` them where there are some."""
+    def _make_parent_fetch(self, margin):
+        """Make the Fetch of the parents of fine rows, with a margin."""
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
-        first, last = first // self.fy - beside, -(-last // self.fy) + beside
+        first, last = first // self.fy - margin, -(-last // self.fy) + margin
         if not self.coarse.grid.periodic:
             first, last = np.maximum(first, 0), np.minimum(last, end)
         return Fetch(self.coarse.slabs, [(first, np.where(some, last, first))], self._comm)
 
     def _children(self, fine):
-        """Yield the fine cells with the same place in their coarse cell, and where those are, of all made here.
+        """Yield the first, second, ... children of coarse cells, and these cells.
 
-        Collective: they are from this rank and the next.
+        Collective.
         """
-        fine = self._with_children(fine)
+        fine = self._fetch_children(fine)
         for j in range(self.fy):
             for i in range(self.fx):
                 view = fine[j :: self.fy, i :: self.fx]
@@ -94,42 +100,43 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Sec. 4.2, 3, formula 1: four-point average; children that are missing count as zero. Collective."""
-        mine = np.zeros(self._local)
-        _add_children(self._with_children(fine), mine, self.fy, self.fx)
-        mine *= 1.0 / (self.fy * self.fx)
-        PETSc.Log.logFlops(fine.size + mine.size)
-        return self._to_owner(mine)
+        """Return the average of the children; missing ones count as zero. Collective."""
+        coarse = np.zeros(self._local)
+        _add_children(self._fetch_children(fine), coarse, self.fy, self.fx)
+        coarse *= 1.0 / (self.fy * self.fx)  # Sec. 4.2, 3, formula 1
+        PETSc.Log.logFlops(fine.size + coarse.size)
+        return self._send_to_owner(coarse)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
-        """Sec. 4.2, 3, formula 2: a coarse cell is in C_H if any of its children is in C_h. Collective."""
-        mine = np.zeros(self._local, bool)
-        for view, parents in self._children(self.fine.mask):
-            mine[parents] |= view
-        self.coarse.mask[...] = self._to_owner(mine)
+        """Put a coarse cell into C_H if any of its children is in C_h. Collective."""
+        contact = np.zeros(self._local, bool)
+        for child, parents in self._children(self.fine.mask):
+            contact[parents] |= child  # Sec. 4.2, 3, formula 2
+        self.coarse.mask[...] = self._send_to_owner(contact)
 
     def restrict_shape(self, shape):
-        """Mean of the admissible children, NaN if there are none. Collective.
+        """Return the mean of the admissible children, NaN without any. Collective.
 
-        Where coarse cells of a periodic grid are shorter than two fine ones, of all that they overlap, by how much: so
-        the mean over the patch stays, and with it the approach of full contact.
+        On a periodic grid coarse cells may be shorter than two fine ones. Then it is the mean of all cells they
+        overlap, weighted by the overlap, which preserves the mean over the patch and the approach of full contact.
         """
         if self.fine.grid.periodic and any(
             n % f for n, f in zip(self.fine.grid.shape, self.factors, strict=True)
         ):
-            return self._to_owner(self._means_of_overlaps(shape))
+            return self._send_to_owner(self._means_of_overlaps(shape))
         total, count = np.zeros(self._local), np.zeros(self._local)
-        for view, parents in self._children(shape):
-            known = ~np.isnan(view)
-            total[parents] += np.where(known, view, 0.0)
-            count[parents] += known
+        for child, parents in self._children(shape):
+            admissible = ~np.isnan(child)
+            total[parents] += np.where(admissible, child, 0.0)
+            count[parents] += admissible
         with np.errstate(invalid="ignore"):
-            return self._to_owner(total / count)
+            return self._send_to_owner(total / count)
 
     def _means_of_overlaps(self, shape):
-        known = ~np.isnan(shape)
-        fields = self._overlapping(np.where(known, shape, 0.0)), self._overlapping(known.astype(float))
+        admissible = ~np.isnan(shape)
+        fetch = self._fetch_overlapping
+        fields = fetch(np.where(admissible, shape, 0.0)), fetch(admissible.astype(float))
         (ny, nx), (coarse_ny, coarse_nx) = self.fine.grid.shape, self.coarse.grid.shape
         in_y, in_x = _overlaps(ny, coarse_ny, self.fy)[self._made.rows], _overlaps(nx, coarse_nx, self.fx)
         span = max(self.fy * (len(in_y) - 1) + 1, 0)
@@ -139,76 +146,80 @@ class Transfer:
             columns = (self.fx * np.arange(coarse_nx) - 1 + k for k in range(4))
             sums.append(sum(in_x[:, k] * np.take(rows, at % nx, axis=1) for k, at in enumerate(columns)))
         with np.errstate(invalid="ignore"):
-            return np.where(sums[1] > _NOTHING, sums[0] / sums[1], np.nan)
+            return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Least of the children, NaN if all are. Collective."""
-        mine = np.full(self._local, np.nan)
-        for view, parents in self._children(fine):
-            np.fmin(mine[parents], view, out=mine[parents])
-        return self._to_owner(mine)
+        """Return the minimum of the children, NaN if all are NaN. Collective."""
+        coarse = np.full(self._local, np.nan)
+        for child, parents in self._children(fine):
+            np.fmin(coarse[parents], child, out=coarse[parents])
+        return self._send_to_owner(coarse)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Sec. 4.2, 5, formula 3: v_H copied to the children, 0 in E_h; added to p_h. Collective."""
-        mine, skipped = self._of_parents(coarse), self.fine.slabs.rows.start % self.fy
-        _add_copies(mine, self.fine.mask, fine, skipped, self.fy, self.fx, np.empty(fine.shape[1]))
+        """Add coarse cells to their children in C_h. Collective."""
+        parents, skipped = self._fetch_parents(coarse), self.fine.slabs.rows.start % self.fy
+        row = np.empty(fine.shape[1])
+        _add_copies(parents, self.fine.mask, fine, skipped, self.fy, self.fx, row)  # Sec. 4.2, 5, formula 3
         PETSc.Log.logFlops(fine.size)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
-        """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Collective."""
-        _copy(self._of_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
+        """Set children to the value of their coarse cell (Sec. 4.3, 2). Collective."""
+        _copy(self._fetch_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
-        """Sec. 4.3, 2: bilinear interpolation of u; extrapolation at the rim of patch or window. Collective.
+        """Interpolate bilinearly (Sec. 4.3, 2). Collective.
 
-        On a periodic grid there is no rim.
+        It extrapolates at the boundary of a patch or window.
         """
-        wide = self._of_neighbours(coarse)
+        wide = self._fetch_neighbours(coarse)
         if not fine.size:
             return
         rows, grid, nx = self.fine.slabs.rows, self.coarse.grid, self.fine.grid.nx
-        first = rows.start // self.fy - 1  # of the coarse rows fetched
+        first = rows.start // self.fy - 1  # coarse row that is fetched
         first = first if grid.periodic else max(first, 0)
         in_y, in_x = self.fine.grid.places_in(grid) if grid.periodic else (None, None)
-        of_rows = two_around(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
-        of_columns = two_around(0, nx, grid.nx, self.fx, in_x)
-        bilinear(wide, fine, *of_rows, *of_columns, self._halved, np.empty(grid.nx))
+        of_rows = bilinear_weights(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
+        of_columns = bilinear_weights(0, nx, grid.nx, self.fx, in_x)
+        interpolate_bilinear(wide, fine, *of_rows, *of_columns, self._halved, np.empty(grid.nx))
         PETSc.Log.logFlops(5 * fine.size)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
-    def interpolate_smoothly(self, coarse, fine):
-        """Over a period, by quintics through the centres of cells. Collective."""
-        wide = self._of_many_neighbours(coarse)
+    def interpolate_quintic(self, coarse, fine):
+        """Interpolate on a periodic grid, by quintics. Collective."""
+        wide = self._fetch_quintic_neighbours(coarse)
         if not fine.size:
             return
         rows, (in_y, in_x) = self.fine.slabs.rows, self.fine.grid.places_in(self.coarse.grid)
-        of_rows = six_around(rows.start, rows.stop, in_y, rows.start // self.fy - BESIDE)
-        of_columns = six_around(0, self.fine.grid.nx, in_x, -BESIDE)
-        quintics(wide, fine, *of_rows, *of_columns, self._halved, np.empty(coarse.shape[1] + 2 * BESIDE))
+        of_rows = quintic_weights(rows.start, rows.stop, in_y, rows.start // self.fy - QUINTIC_MARGIN)
+        of_columns = quintic_weights(0, self.fine.grid.nx, in_x, -QUINTIC_MARGIN)
+        interpolate_quintic(
+            wide, fine, *of_rows, *of_columns, self._halved, np.empty(coarse.shape[1] + 2 * QUINTIC_MARGIN)
+        )
         PETSc.Log.logFlops(17 * fine.size)
 
     @property
     def _halved(self):
-        """Whether each coarse column has two fine ones, in the same places."""
+        """True if each coarse column has two fine ones, at equal places."""
         return self.fx == 2 and not (self.coarse.grid.periodic and self.fine.grid.nx % 2)
 
-    # -- as PETSc's matrices -----------------------------------------------------------------------------
-
     def restriction_mat(self, comm):
-        """Mat of the masked restriction: coarse x fine, or its transpose if PETSc multiplies by that. Collective."""
+        """Make the Mat of the masked restriction or its transpose. Collective."""
         sides = (self.fine, self.coarse) if restricts_by_transpose() else (self.coarse, self.fine)
         return _transfer_mat(_Restriction(self), *sides, comm)
 
     def interpolation_mat(self, comm):
-        """Mat (fine x coarse) of the masked copy prolongation. Collective."""
+        """Make the Mat (fine x coarse) of the masked copy prolongation. Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
 def _overlaps(n, count, factor):
-    """By how much of each fine cell a coarse one of a period overlaps the four from one before its first child on."""
+    """Return the overlaps of coarse cells with four fine ones, in fine cells.
+
+    The first of these is the one before the first child.
+    """
     first, size = factor * np.arange(count), n / count
     low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
     cell = first[:, None] + np.arange(-1, 3)
@@ -216,18 +227,18 @@ def _overlaps(n, count, factor):
 
 
 @njit()
-def _add_pairs(of, to):
-    for i in range(np.uint64(of.size // 2)):
+def _add_pairs(fine, coarse):
+    for i in range(np.uint64(fine.size // 2)):
         k = np.uint64(2) * i
-        to[i] += of[k]
-        to[i] += of[k + np.uint64(1)]
-    if of.size % 2:
-        to[-1] += of[-1]
+        coarse[i] += fine[k]
+        coarse[i] += fine[k + np.uint64(1)]
+    if fine.size % 2:
+        coarse[-1] += fine[-1]
 
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells, the first row of which is a first child, to their coarse ones."""
+    """Add fine cells to their coarse ones; the first row is a first child."""
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])
@@ -236,27 +247,27 @@ def _add_children(fine, coarse, fy, fx):
 
 
 @njit()
-def _copy_row(of, fine, fx):
+def _copy_row(coarse, fine, fx):
     if fx == 1:
-        copy_row(of, fine)
+        copy_row(coarse, fine)
         return
     for i in range(np.uint64(fine.size // 2)):
         k = np.uint64(2) * i
-        fine[k] = fine[k + np.uint64(1)] = of[i]
+        fine[k] = fine[k + np.uint64(1)] = coarse[i]
     if fine.size % 2:
-        fine[-1] = of[-1]
+        fine[-1] = coarse[-1]
 
 
 @njit()
 def _copy(coarse, fine, skipped, fy, fx):
-    """Copy coarse cells to their children; the first fine row is child number `skipped`."""
+    """Copy coarse cells to children; the first fine row is child `skipped`."""
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], fine[j], fx)
 
 
 @njit()
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
-    """Add coarse cells to their children, where there is a mask. `row`: room for one."""
+    """Add coarse cells to their children inside a mask; `row` is work space."""
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
         add_masked(row, mask[j], fine[j])
@@ -272,21 +283,21 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Sec. 4.2, 2 and 3: d_h, zero in E_h, averaged to d_H, zero in E_H."""
+    """The masked restriction of the defect as a Mat context."""
 
     def __init__(self, transfer):
         self.transfer = transfer
 
     def mult(self, mat, x, y):
         t = self.transfer
-        defect = x.getArray(readonly=True).reshape(t.fine.local_shape) * t.fine.mask
-        y.setArray((t.restrict_defect(defect) * t.coarse.mask).reshape(-1))
+        defect = x.getArray(readonly=True).reshape(t.fine.local_shape) * t.fine.mask  # Sec. 4.2, 2
+        y.setArray((t.restrict_defect(defect) * t.coarse.mask).reshape(-1))  # Sec. 4.2, 3
 
     multTranspose = mult
 
 
 class _Prolongation:
-    """Sec. 4.2, 5: v_H copied, zero in E_h."""
+    """The masked copy prolongation of the correction as a Mat context."""
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -296,10 +307,10 @@ class _Prolongation:
         self.multAdd(mat, x, y, y)
 
     def multAdd(self, mat, x, v, y):
-        """Sec. 4.2, 6: p_h + v_h."""
+        """Compute y = v + P x."""
         t = self.transfer
         if v.handle != y.handle:
             v.copy(y)
         with y as fine:
             coarse = x.getArray(readonly=True).reshape(t.coarse.local_shape)
-            t.add_copies(coarse, fine.reshape(t.fine.local_shape))
+            t.add_copies(coarse, fine.reshape(t.fine.local_shape))  # Sec. 4.2, 6

@@ -42,7 +42,7 @@ def assert_same_as_alone(comm, here, alone, seed):
             getattr(here, name)(field[rows].copy()), getattr(alone, name)(field)[coarse_rows]
         )
     upwards = [("copy", pressure), ("interpolate", u), ("add_copies", pressure)]
-    upwards += [("interpolate_smoothly", u)] if alone.fine.grid.periodic else []
+    upwards += [("interpolate_quintic", u)] if alone.fine.grid.periodic else []
     for name, field in upwards:
         expected = np.ones(fine)
         getattr(alone, name)(field, expected)

@@ -203,7 +203,7 @@ def test_long_waves_survive_the_way_to_an_odd_grid_and_back(shape):
     assert transfer.restrict_defect(found).sum() == pytest.approx(found.sum() / 4)  # nothing is lost
 
 
-INTERPOLATIONS = "interpolate", "interpolate_smoothly"
+INTERPOLATIONS = "interpolate", "interpolate_quintic"
 
 
 @pytest.mark.parametrize("interpolate", INTERPOLATIONS)

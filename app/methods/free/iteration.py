@@ -187,7 +187,7 @@ class _ContactSets:
                 self._rehearsal_failed = True
                 return _Exchanged(rehearsal)
         self._rehearsal_failed = False
-        solver.rest()
+        solver.free_work()
         if state.displacement_status is not Displacement.EXACT:
             state.compute_displacement(exact=True)
             solver.check_multilevel(state, self._max_multilevel_error(solved.allowed))

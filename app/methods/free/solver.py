@@ -67,7 +67,7 @@ class TrackingSolver(LinearSolver):
         residual : float
             Norm of the residual [mm].
         """
-        atol = self._enough(allowed)
+        atol = self._atol_for(allowed)
         if atol is not None and norm <= atol:
             return 0, "", norm
         if self._large:
@@ -87,7 +87,7 @@ class TrackingSolver(LinearSolver):
             return self.operator.displacement(p, u)
         apply_logged(_event, multilevel_influence(self.operator), p, u)
 
-    def rest(self):
+    def free_work(self):
         """Free what only the next contact set needs; the caller recomputes u."""
         self._change_not_in_u = False
         if self._large:

@@ -128,7 +128,7 @@ class PrimalSolver(LinearSolver):
         """Error bound of the residual of `improve` [mm]."""
         return self._cg.uncertainty
 
-    def _enough(self, allowed):
+    def _atol_for(self, allowed):
         return None if self._own_atol else allowed
 
     def destroy(self):

@@ -102,8 +102,8 @@ class PrimalState:
     def interpolate_from(self, coarse, transfer):
         """Interpolate w and p of the coarser grid."""
         self.mean_pressure = coarse.mean_pressure
-        transfer.interpolate_smoothly(coarse.w, self.w)
-        transfer.interpolate_smoothly(coarse.state.p, self.state.values)
+        transfer.interpolate_quintic(coarse.w, self.w)
+        transfer.interpolate_quintic(coarse.state.p, self.state.values)
         self.state.displacement_status = Displacement.STALE
         self._has_pressure = True
 
