@@ -116,7 +116,7 @@ def notes_on(state, problem, contact, roughness):
 
 def doubtful_moduli(material):
     """Notes on moduli that no solid has, as with Pa taken for N/mm2. Not collective."""
-    known = zip(*((material.known or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
+    known = zip(*((material.bodies or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
     elastic = [body for body in known if np.isfinite(body[0])]
     young = [value for value, _ in elastic]
     what, values = (

@@ -99,7 +99,7 @@ class Strategy:
     def _run(self, loading, history, start):
         hierarchy, full = self._hierarchy, None
         for level in hierarchy.levels:
-            level.begin()
+            level.reset_sweeps()
         if hierarchy.target.grid.periodic:
             full = FullContact(hierarchy, self._distances)
             state = self._new_state()

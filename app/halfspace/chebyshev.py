@@ -1,4 +1,4 @@
-"""Interpolation by polynomials: Chebyshev's, of smooth even functions on [0, 1], Lagrange's; steps of iterations."""
+"""Chebyshev and Lagrange interpolation, and Chebyshev step lengths of iterations."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from numpy.polynomial import chebyshev
 
 
 def chebyshev_nodes(count):
-    """Places where a function must be known to be interpolated by so many polynomials. Not collective."""
+    """Return the nodes in [0, 1] that `fit_even_chebyshev` needs for `count` polynomials."""
     return np.cos(np.pi * (np.arange(count) + 0.5) / (2 * count))
 
 
 def even_chebyshev(t, count):
-    """Values of the first even polynomials, shape (*t.shape, count). Not collective."""
+    """Return values of the first even Chebyshev polynomials, shape (*t.shape, count)."""
     return chebyshev.chebvander(2 * np.square(t) - 1, count - 1)  # T_2k(t) = T_k(2 t^2 - 1)
 
 
 def fit_even_chebyshev(values):
-    """Coefficients of the polynomials from values in the nodes, both axes. Not collective."""
+    """Return coefficients in both axes from values at the nodes."""
     first, second = (
         even_chebyshev(chebyshev_nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
         for n in values.shape
@@ -28,10 +28,7 @@ def fit_even_chebyshev(values):
 
 
 def lagrange_weights(at, places):
-    """Weights of the values in some places for the polynomial through them, shape (len(at), len(places)).
-
-    Not collective.
-    """
+    """Return Lagrange weights of the values at `places`, shape (len(at), len(places))."""
     weights = []
     for k, place in enumerate(places):
         rest = np.delete(places, k)
@@ -41,17 +38,16 @@ def lagrange_weights(at, places):
 
 @lru_cache(maxsize=64)
 def chebyshev_steps(steps, low, high):
-    """Lengths of the steps of Richardson's iteration that is best on eigenvalues between `low` and `high`.
+    """Return step lengths of Chebyshev's iteration; a read-only array.
 
-    Not collective; the array is to be read only. In an order by which nothing grows meanwhile, as Leja's: the next one
-    belongs to the eigenvalue that is farthest, by the product of distances, from those before. The first one is the
-    shortest.
+    They are for eigenvalues from `low` to `high`, in Leja order, which keeps intermediate results small. Each step
+    belongs to the eigenvalue with the largest product of distances from those before. The first step is the shortest.
     """
     roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
     order, half = [], (high - low) / 2 or 1.0
     for _ in range(steps):
-        far = np.prod(abs(roots[:, None] - roots[order]) / half, axis=1)
-        order.append(int(np.argmax(far)))
+        distances = np.prod(abs(roots[:, None] - roots[order]) / half, axis=1)
+        order.append(int(np.argmax(distances)))
     lengths = 1 / roots[order]
     lengths.flags.writeable = False
     return lengths

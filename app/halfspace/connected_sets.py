@@ -1,4 +1,4 @@
-"""Sets of cells that hang together by faces, not by corners alone; on a periodic patch across its sides, too."""
+"""Sets of cells connected by sides, also across a periodic boundary."""
 
 from __future__ import annotations
 
@@ -8,38 +8,38 @@ from scipy import ndimage
 from app.halfspace.grid import row_blocks
 from app.parallel.halo import fetch_row_before
 
-_CELLS_AT_ONCE = 1 << 22  # counted together; each time there is a count for each set
+_BLOCK_CELLS = 1 << 22  # Cells counted together; each block makes an array with a count for each set.
 
 
 def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
-    """Tell the sets of some cells apart.
+    """Label connected sets of cells. Collective over `comm`.
 
-    Collective over `comm`. Each rank looks at its own rows; which of their sets are one across ranks, or across the
-    sides of a periodic patch, is found from pairs of numbers: no rank sees all cells.
+    Each rank labels its own rows. Sets that are connected across ranks or across the boundary of a periodic patch are
+    found from pairs of labels, so no rank needs all cells.
 
     Parameters
     ----------
     cells : ndarray of bool, shape (local rows, nx)
     periodic : bool
-        What leaves on one side comes in on the other.
     slabs : Slabs, optional
     comm : mpi4py communicator, optional
-        Ranks that share the rows; default: all are here.
+        Ranks that share the rows; by default this rank has all.
 
     Returns
     -------
     labels : ndarray of int, shape (local rows, nx)
-        0 in other cells, else from 1 on.
+        0 outside the sets, else from 1 on.
     sizes : ndarray of int, shape (sets,)
-        Cells of each; the same on all ranks.
+        Number of cells of each set; the same on all ranks.
     """
-    box = tuple(_span(cells.any(axis=axis)) for axis in (1, 0))
+    box = tuple(_range_of(cells.any(axis=axis)) for axis in (1, 0))
     most = cells.shape[1] * (max(slabs.counts) if slabs else len(cells))  # on any rank: labels have one type
     labels = np.zeros(cells.shape, np.int32 if most < np.iinfo(np.int32).max else np.int64)
-    inside = labels[box]  # others are nowhere
+    inside = labels[box]  # other labels stay 0
     count = ndimage.label(cells[box], output=inside) if inside.size else 0
     counts = comm.allgather(count) if comm else [count]
-    if sum(counts) > np.iinfo(labels.dtype).max:
+    total = sum(counts)
+    if total > np.iinfo(labels.dtype).max:
         labels = labels.astype(np.int64)
         inside = labels[box]
     if first := sum(counts[: comm.rank if comm else 0]):
@@ -49,30 +49,30 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     if periodic and len(labels):
         pairs.append(np.stack([labels[:, 0], labels[:, -1]]))
     pairs = np.hstack(pairs) if pairs else np.zeros((2, 0), np.int64)
-    parts = sum(counts)
     one, other = pairs[:, (pairs > 0).all(axis=0)].astype(np.int64) - 1
-    # As whole numbers: in numpy's comparison of pairs an interrupt becomes a TypeError.
-    pairs = np.stack(np.divmod(np.unique(one * parts + other), max(parts, 1)))
+    # Pairs as single integers: numpy turns an interrupt in a comparison of pairs into a TypeError.
+    pairs = np.stack(np.divmod(np.unique(one * total + other), max(total, 1)))
     pairs = np.hstack(comm.allgather(pairs)) if comm else pairs
-    if not parts:
+    if not total:
         return labels, np.zeros(0, np.int64)
     if not pairs.size:
-        sizes = np.bincount(inside[inside > 0], minlength=parts + 1)[1:]
+        sizes = np.bincount(inside[inside > 0], minlength=total + 1)[1:]
         return labels, comm.allreduce(sizes) if comm else sizes
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(parts, parts))
-    sets, of = connected_components(same, directed=False)
-    joined, sizes = np.concatenate([[0], of + 1]).astype(labels.dtype), np.zeros(sets + 1, np.int64)
-    for rows in row_blocks(*inside.shape, _CELLS_AT_ONCE):
+    graph = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(total, total))
+    sets, set_of_label = connected_components(graph, directed=False)
+    joined = np.concatenate([[0], set_of_label + 1]).astype(labels.dtype)
+    sizes = np.zeros(sets + 1, np.int64)
+    for rows in row_blocks(*inside.shape, _BLOCK_CELLS):
         inside[rows] = joined[inside[rows]]
         sizes += np.bincount(inside[rows].ravel(), minlength=sets + 1)
     sizes = sizes[1:]
     return labels, comm.allreduce(sizes) if comm else sizes
 
 
-def _span(mask):
-    """From the first to the last place where a mask is set."""
+def _range_of(mask):
+    """Return the slice that spans the true values of a mask."""
     places = np.flatnonzero(mask)
     return slice(places[0], places[-1] + 1) if places.size else slice(0)

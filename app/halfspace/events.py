@@ -1,4 +1,4 @@
-"""Events of -log_view in modules that work without PETSc; `operator` replaces them by PETSc's."""
+"""Events for -log_view in modules that work without PETSc; `operator` replaces them."""
 
 from contextlib import nullcontext
 

@@ -1,17 +1,15 @@
-"""Cells of the potential contact area and their distribution over ranks.
+"""Grids of cells on the potential contact area.
 
-A grid has ``nx * ny`` equal rectangular cells, numbered row by row (x fastest); every field is an
-array of shape ``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
+A grid has ``nx * ny`` equal rectangular cells, numbered row by row (x fastest). A field is an array of shape
+``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
 
-Coarsening joins 2 x 2 cells (Sec. 4.2). A direction with an odd number of cells gets one more coarse
-cell that sticks out of the patch by half; its missing children count as cells where contact is
-impossible. This is the same as padding the patch to a size that can be halved, without storing the
-padding. A direction of at most `coarsest` cells is not coarsened any further.
+Coarsening joins 2 x 2 cells (Sec. 4.2). A direction of at most `coarsest` cells is not coarsened. A direction with an
+odd number of cells gets one more coarse cell, half of which is outside the patch; its missing children are inadmissible
+cells. This equals padding the patch, without storing the padding.
 
-A periodic patch cannot stick out. There the coarse cells of an odd direction are a little shorter than two fine ones,
-and as many as else: children and parents are numbered in the same way, and the last coarse cell has one child. The
-coarse grid begins half a fine cell later, so that no coarse cell lies further than that from the middle of its
-children.
+A periodic patch has no outside. There the coarse cells of an odd direction are a little shorter than two fine ones.
+Children and parents are numbered as usual, and the last coarse cell has one child. The coarse grid begins half a fine
+cell later, so that no coarse cell is further than that from the middle of its children.
 """
 
 from __future__ import annotations
@@ -29,14 +27,9 @@ SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
 
 def validate_symbol(periodic):
-    """Name of a symbol: of those in `SYMBOLS`, True for the first of them, False or "" for a free patch, "".
+    """Return the name of a periodic symbol, or "" if free.
 
-    Not collective.
-
-    Raises
-    ------
-    InputError
-        If it is nothing of that.
+    True is the first symbol; False and "" are a free patch. Raises InputError for anything else.
     """
     name = SYMBOLS[0] if periodic is True else periodic or ""
     if name and name not in SYMBOLS:
@@ -46,12 +39,9 @@ def validate_symbol(periodic):
 
 @dataclass(frozen=True)
 class Grid:
-    """Rectangular cells; lengths in mm.
+    """Grid of rectangular cells; lengths in mm.
 
-    Raises
-    ------
-    InputError
-        If a number is no such thing.
+    Raises InputError if a number is invalid.
 
     Attributes
     ----------
@@ -62,8 +52,8 @@ class Grid:
     x0, y0 : float
         Lower left corner of the patch.
     periodic : str
-        Empty: the patch is alone on its half-space. Else it repeats for ever in x and y, and this names the symbol of
-        its influence matrix, see `app.halfspace.periodic_symbol`.
+        Empty for a free patch. Otherwise the patch is periodic in x and y, and this names the symbol of its influence
+        matrix, see `app.halfspace.periodic_symbol`.
     """
 
     nx: int
@@ -92,13 +82,9 @@ class Grid:
 
     @classmethod
     def from_domain(cls, nx, ny, domain, periodic=False):
-        """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells; `periodic`: see `validate_symbol`.
+        """Divide a patch ``(x0, x1, y0, y1)`` into cells.
 
-        Not collective.
-
-        Raises
-        ------
-        InputError
+        `periodic`: see `validate_symbol`. Raises InputError for invalid numbers.
         """
         nx, ny = _cells(nx, ny)
         try:
@@ -131,45 +117,40 @@ class Grid:
         return self.n * self.cell_area
 
     def x(self):
-        """Cell centres in x, shape ``(nx,)`` [mm]. Not collective."""
+        """Return cell centres in x, shape ``(nx,)`` [mm]."""
         return self.x0 + (np.arange(self.nx) + 0.5) * self.dx
 
     def y(self, rows=slice(None)):
-        """Cell centres in y of the given rows [mm]. Not collective."""
+        """Return cell centres in y of some rows [mm]."""
         return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
 
     def refine(self):
-        """Return the grid of the same patch with twice the cells in both directions. Not collective."""
+        """Return the grid with half the cell sizes."""
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
     def coarsening(self, coarsest=4):
-        """Factors ``(fy, fx)`` to the next coarser grid: 2, or 1 for a direction that is not halved. Not collective."""
+        """Return coarsening factors ``(fy, fx)``, each 2 or 1."""
         return tuple(2 if n > coarsest else 1 for n in self.shape)
 
     def coarsen(self, coarsest=4):
-        """Return the next coarser grid, or None if no direction can be halved. Not collective."""
-        fy, fx = self.coarsening(coarsest)
-        if fy == fx == 1:
+        """Return the next coarser grid, or None."""
+        if self.coarsening(coarsest) == (1, 1):
             return None
-        nx, dx, x0 = self._halved(self.nx, self.dx, self.x0) if fx == 2 else (self.nx, self.dx, self.x0)
-        ny, dy, y0 = self._halved(self.ny, self.dy, self.y0) if fy == 2 else (self.ny, self.dy, self.y0)
+
+        def halve(n, d, start):
+            if n <= coarsest:
+                return n, d, start
+            cells = -(-n // 2)
+            return (cells, n * d / cells, start + d / 2) if self.periodic and n % 2 else (cells, 2 * d, start)
+
+        nx, dx, x0 = halve(self.nx, self.dx, self.x0)
+        ny, dy, y0 = halve(self.ny, self.dy, self.y0)
         return replace(self, nx=nx, ny=ny, dx=dx, dy=dy, x0=x0, y0=y0)
 
-    def _halved(self, n, d, start):
-        cells = -(-n // 2)
-        if self.periodic and n % 2:
-            return cells, n * d / cells, start + d / 2
-        return cells, 2 * d, start
-
     def places_in(self, coarse):
-        """Where the centres of cells are in a coarser grid: those of row j at ``a j + b`` rows of it from its first.
+        """Return ``(a, b)`` in y and in x of the cell centres.
 
-        Not collective.
-
-        Returns
-        -------
-        (float, float), (float, float)
-            ``(a, b)`` in y, and in x.
+        The centre of cell j is ``a j + b`` coarse cells from the first coarse centre.
         """
         in_y = (self.dy / coarse.dy, (self.y0 - coarse.y0 + (self.dy - coarse.dy) / 2) / coarse.dy)
         in_x = (self.dx / coarse.dx, (self.x0 - coarse.x0 + (self.dx - coarse.dx) / 2) / coarse.dx)
@@ -177,19 +158,12 @@ class Grid:
 
 
 def plan_grids(grid, coarsest=4, target_only=False):
-    """Plan the grids of a hierarchy, the target first; nothing is allocated. Not collective.
+    """Return the grids of a hierarchy, the target `grid` first.
 
-    Parameters
-    ----------
-    grid : Grid
-        The target.
-    coarsest : int
-        Directions of at most this many cells are not halved.
-    target_only : bool
-        Only the target grid is needed.
+    Directions of at most `coarsest` cells are not halved.
     """
     grids = [grid]
-    most = 1 if target_only else grid.n  # grids; more there cannot be
+    most = 1 if target_only else grid.n  # grids
     if not target_only and grid.coarsen(coarsest) is None:
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
@@ -210,9 +184,6 @@ def _cells(nx, ny):
 
 
 def row_blocks(rows, columns, cells=1 << 16):
-    """Yield slices of some rows together, of about so many cells: no copies of whole fields are needed so.
-
-    Not collective.
-    """
+    """Return slices of rows with about `cells` cells each."""
     step = max(1, cells // max(columns, 1))
     return (slice(start, min(start + step, rows)) for start in range(0, rows, step))

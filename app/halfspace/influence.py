@@ -1,8 +1,8 @@
 """Influence coefficients of an elastic half-space, eqs. (2.4)-(2.6).
 
-``A_IJ = (1 - nu) / (pi G) * integral over cell J of 1/rho``, rho the distance from the centre of cell I.
-On equal cells A depends only on ``|ix - jx|`` and ``|iy - jy|``: everything is known from the *quadrant*
-``K[j, i]``, the displacement i cells to the right of and j cells above a cell under unit pressure.
+``A_IJ = (1 - nu) / (pi G) * integral over cell J of 1/rho``, rho the distance from the centre of cell I. On equal cells
+A depends only on ``|ix - jx|`` and ``|iy - jy|``. The *quadrant* ``K[j, i]`` contains all values: the displacement i
+cells to the right of and j cells above a cell under unit pressure.
 
 ========================  ===========================  ==============
 paper                     here                         unit
@@ -26,13 +26,6 @@ from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
 
-def _real(what, value):
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} {value!r}: needed: a number") from None
-
-
 @dataclass(frozen=True, init=False)
 class Material:
     """Combined elastic constants of the two bodies (Sec. 2.2).
@@ -48,25 +41,25 @@ class Material:
 
     Attributes
     ----------
-    known : mapping
-        What it was made from, if not these two: ``young`` and ``poisson`` of both bodies; or nothing but E*.
+    bodies : mapping or None
+        ``young`` and ``poisson`` of both bodies, if it was made from them; empty if it was made from E* alone.
 
     Notes
     -----
-    Without friction only ``E* = G / (1 - nu)`` counts, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2: `from_contact_modulus`
+    Without friction only ``E* = G / (1 - nu)`` matters, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2: `from_contact_modulus`
     makes the material of G = E* and nu = 0.
     """
 
     shear_modulus: float
     poisson_ratio: float
-    known: Mapping | None = field(default=None, init=False, repr=False, compare=False)
+    bodies: Mapping | None = field(default=None, init=False, repr=False, compare=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None):
         if unnamed or shear_modulus is None or poisson_ratio is None:
-            given = ", ".join(map(str, unnamed))
-            young, combined = (given, given) if len(unnamed) == 2 else ("E, nu", "G, nu")
+            numbers = ", ".join(map(str, unnamed))
+            young, combined = (numbers, numbers) if len(unnamed) == 2 else ("E, nu", "G, nu")
             raise InputError(
-                f"Material({given}): takes keywords only; two equal bodies with Young's modulus and Poisson's ratio: "
+                f"Material({numbers}): takes keywords only; two equal bodies with Young's modulus and Poisson's ratio: "
                 f"Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
                 f"Material.combined({combined})"
             )
@@ -83,12 +76,12 @@ class Material:
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
-        """Make it from G and nu of the pair. Not collective."""
+        """Make the material from G and nu of the pair."""
         return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
 
     @classmethod
     def isotropic(cls, young, poisson):
-        """Make it of two bodies of the same material. Not collective.
+        """Make the pair of two bodies of the same material.
 
         Parameters
         ----------
@@ -108,14 +101,14 @@ class Material:
 
     @classmethod
     def pair(cls, young, poisson):
-        """Make it from Young's moduli and Poisson's ratios of the two bodies. Not collective.
+        """Make the pair from Young's moduli and Poisson's ratios.
 
         Parameters
         ----------
         young : pair of float
             E1, E2 [N/mm2]; inf for a rigid body.
         poisson : pair of float
-            nu1, nu2, each from 0 to 0.5; that of a rigid body does not count.
+            nu1, nu2, each from 0 to 0.5; that of a rigid body is ignored.
 
         Raises
         ------
@@ -142,13 +135,14 @@ class Material:
             raise InputError(f"Poisson's ratios {_listed(poisson)}: needed: two numbers from 0 to 0.5")
         if all(map(math.isinf, young)):
             raise InputError("Young's moduli inf,inf: one body at least must be elastic")
-        soft = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
-        ratio = sum(one * other for one, other in zip(soft, poisson, strict=True)) / sum(soft)
-        return cls(shear_modulus=2 / sum(soft), poisson_ratio=ratio)._knowing(young=young, poisson=poisson)
+        reciprocal = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
+        ratio = sum(one * other for one, other in zip(reciprocal, poisson, strict=True)) / sum(reciprocal)
+        pair = cls(shear_modulus=2 / sum(reciprocal), poisson_ratio=ratio)
+        return pair._made_from(young=young, poisson=poisson)
 
     @classmethod
     def from_contact_modulus(cls, contact_modulus):
-        """Make it from E* alone [N/mm2]. Not collective.
+        """Make the material from E* alone [N/mm2].
 
         Examples
         --------
@@ -158,25 +152,21 @@ class Material:
         contact_modulus = _real("contact modulus", contact_modulus)
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
             raise InputError(f"contact modulus {format_exact(contact_modulus)}: must be positive and finite")
-        return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._knowing()
+        return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._made_from()
 
-    def _knowing(self, **known):
-        object.__setattr__(self, "known", known)
+    def _made_from(self, **bodies):
+        object.__setattr__(self, "bodies", bodies)
         return self
 
     def describe(self):
-        """Moduli for the result file: E*, and those of the pair and the bodies that are known. Not collective."""
-        facts = (
-            {}
-            if self.known == {}
-            else {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
-        )
-        bodies = {name: list(values) for name, values in (self.known or {}).items()}
-        return {**facts, **bodies, "contact_modulus": self.contact_modulus}
+        """Return E* and the moduli it was made from."""
+        pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
+        bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
+        return {**({} if self.bodies == {} else pair), **bodies, "contact_modulus": self.contact_modulus}
 
     @property
     def compliance(self):
-        """(1 - nu) / (pi G), the factor of 1/rho in (2.5) [mm2/N]."""
+        """Factor (1 - nu) / (pi G) of 1/rho in (2.5) [mm2/N]."""
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
 
     @property
@@ -185,25 +175,46 @@ class Material:
         return self.shear_modulus / (1 - self.poisson_ratio)
 
 
+def _real(name, value):
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} {value!r}: must be a number") from None
+
+
 def _listed(numbers):
     return ",".join(map(format_exact, numbers))
 
 
-def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
-    """Influence coefficients at all offsets with non-negative components.
+def quadrant_rows(grid, compliance):
+    """Return ``rows(slice, columns=None)``, which returns rows of `influence_quadrant`.
 
-    Not collective.
+    The quadrant of a periodic grid is computed once and stored, in a quarter of a field.
+    """
+    quadrant = periodic_quadrant(grid, compliance) if grid.periodic else None
+
+    def rows(selected=slice(None), columns=None):
+        offsets, count = np.arange(*selected.indices(grid.ny)), grid.nx if columns is None else columns
+        if quadrant is None:
+            return love_coefficients((grid.dx, grid.dy), compliance, offsets, count)
+        return quadrant[np.ix_(fold_offsets(offsets, grid.ny), fold_offsets(np.arange(count), grid.nx))]
+
+    return rows
+
+
+def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
+    """Return influence coefficients at all offsets with non-negative components.
 
     Parameters
     ----------
     grid : Grid
-        If it is periodic, images are counted in.
+        On a periodic grid the images are included.
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     rows : slice
-        Offsets in y to compute, out of 0 .. ny-1.
+        Offsets in y, out of 0 .. ny-1.
     columns : int, optional
-        Number of offsets in x to compute, from 0 on; default: nx.
+        Number of offsets in x, from 0 on; default: nx.
 
     Returns
     -------
@@ -213,37 +224,21 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
 
 
 def influence_at(grid, rows, columns):
-    """Influence coefficients for unit compliance at any offsets, shape (rows, columns) [mm2]. Not collective.
-
-    `rows`, `columns`: arrays of numbers of cells, 0 or more.
-    """
+    """Return coefficients [mm2] for unit compliance at arrays of offsets >= 0."""
     return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
 
-def quadrant_rows(grid, compliance):
-    """Return ``rows(slice, columns=None)``, which is `influence_quadrant` for who asks often. Not collective.
-
-    On a periodic grid no row comes without all of them: they are computed once, and kept in a quarter of a field.
-    """
-    quadrant = periodic_quadrant(grid, compliance) if grid.periodic else None
-
-    def rows(which=slice(None), columns=None):
-        offsets, count = np.arange(*which.indices(grid.ny)), grid.nx if columns is None else columns
-        if quadrant is None:
-            return love_coefficients((grid.dx, grid.dy), compliance, offsets, count)
-        return quadrant[np.ix_(fold_offsets(offsets, grid.ny), fold_offsets(np.arange(count), grid.nx))]
-
-    return rows
-
-
 def middle_displacement(compliance, lengths):
-    """What pressure 1 on a box displaces its middle by, (2.4); `lengths` in y and x [mm]. Not collective."""
+    """Return the displacement (2.4) in the middle of a loaded box.
+
+    The pressure is 1; the lengths of the box are in y and x [mm].
+    """
     b, a = (length / 2 for length in lengths)
     return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
 
 
 def dense_matrix(grid, compliance):
-    """The influence matrix itself, shape (n, n): for coarsest grids and checks. Not collective."""
+    """Return the influence matrix as an array, shape (n, n)."""
     quadrant = influence_quadrant(grid, compliance)
     j, i = np.arange(grid.ny), np.arange(grid.nx)
     dj, di = np.abs(j[:, None] - j), np.abs(i[:, None] - i)

@@ -1,4 +1,7 @@
-"""The displacement by a uniformly loaded cell, (2.4): Love's closed form near by, a series farther off."""
+"""Displacement by a uniformly loaded cell, (2.4).
+
+Love's closed form is used near the cell, a Taylor series farther away.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +14,22 @@ import numpy as np
 from app.base.numba_cache import njit
 from app.halfspace import events
 
-# The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a
-# Taylor series about the centre of the cell cancels nothing; its terms beyond order 12 sum up to less than 4e-17.
-_CLOSED_FORM_UP_TO = 8.0
+# The closed form subtracts numbers up to rho/cell times larger than their difference. From 8 cells on, a Taylor series
+# about the centre of the cell has no cancellation; its terms beyond order 12 sum up to less than 4e-17.
+_MAX_CLOSED_FORM_DISTANCE = 8.0
 _ORDER = 12
 
 
 @lru_cache(maxsize=64)
 def _taylor_series(dx, dy):
-    """Mean of 1/rho over a cell whose centre is at (x, y); lengths in units of the longer side.
+    """Return the series of 1/rho averaged over a cell.
+
+    The centre of the cell is at (x, y); lengths are in units of the longer side.
 
     Returns
     -------
-    (float, float), (float, float)
-        Sides of the cell, and their squares, both correctly rounded.
+    sides, squares : (float, float)
+        Sides of the cell and their squares, correctly rounded.
     ndarray, shape (_ORDER / 2 + 1, _ORDER / 2 + 1)
         c with ``mean = sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``; order 2n of the series in row n.
     """
@@ -50,7 +55,10 @@ def _taylor_series(dx, dy):
 
 @njit()
 def _edge(distance, i, length):
-    """Integral of 1/rho along an edge, from i - 1/2 to i + 1/2 lengths on a line at a distance from the origin."""
+    """Return the integral of 1/rho along an edge.
+
+    The edge is from i - 1/2 to i + 1/2 lengths on a line at a distance from the origin.
+    """
     low, high = (i - 0.5) * length, (i + 0.5) * length
     if i == 0:
         return 2 * math.asinh(high / abs(distance))
@@ -60,10 +68,10 @@ def _edge(distance, i, length):
 
 @njit(makes_arrays=True, error_model="numpy", fastmath={"contract"})
 def _fill(quadrant, offsets, sides, squares, series, near, far):
-    """Rows `offsets` of the quadrant, (2.4) for a cell under unit pressure: `near` times the integral of 1/rho, or
-    `far` times the mean.
+    """Compute rows of the quadrant, (2.4) under unit pressure.
 
-    The integral is that of ``div(r / rho)``: a sum over edges, their signed distance times the integral of 1/rho.
+    It is `near` times the integral of 1/rho, or `far` times the mean. The integral is a sum over the edges: signed
+    distance times integral of 1/rho, since 1/rho = div(r / rho).
     """
     columns = quadrant.shape[1]
     dx, dy = sides
@@ -75,7 +83,7 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
         south, north = (j - 0.5) * dy, (j + 0.5) * dy
         west = -0.5 * dx * _edge(0.5 * dx, j, dy)
         i = 0
-        while i < columns and x_squared[i] + y_squared < _CLOSED_FORM_UP_TO**2:
+        while i < columns and x_squared[i] + y_squared < _MAX_CLOSED_FORM_DISTANCE**2:
             x = (i + 0.5) * dx
             east = x * _edge(x, j, dy)
             row[i] = near * (east - west + north * _edge(north, i, dx) - south * _edge(south, i, dx))
@@ -98,9 +106,7 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
 
 
 def love_coefficients(cell, compliance, rows, columns):
-    """Influence coefficients of an elastic half-space at offsets `rows` in y and 0 to columns - 1 in x.
-
-    Not collective.
+    """Return influence coefficients of an elastic half-space.
 
     Parameters
     ----------
@@ -109,8 +115,9 @@ def love_coefficients(cell, compliance, rows, columns):
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     rows : ndarray of int
-        Numbers of cells, 0 or more.
+        Offsets in y, 0 or more.
     columns : int
+        Number of offsets in x, from 0 on.
 
     Returns
     -------

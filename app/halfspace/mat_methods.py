@@ -1,6 +1,6 @@
-"""Methods of the influence matrix's Mat that Krylov methods do not need, for programs of users.
+"""Mat methods for programs of users, which Krylov methods do not need.
 
-A Mat is ``a C A C + s I``. The factors a and s belong to the Mat; the operator with its contact set is shared by all.
+A Mat is ``a C A C + s I``. The factors a and s belong to the Mat. All Mats share the operator with its contact set.
 """
 
 from __future__ import annotations
@@ -18,32 +18,31 @@ _FACTORS = "factors"  # attribute of a Mat
 
 
 def scale_and_shift(mat):
-    """Return a and s of a Mat. Not collective."""
+    """Return the factors a and s of a Mat."""
     return (mat and mat.getAttr(_FACTORS)) or (1.0, 0.0)
 
 
-def check_unscaled(mat, who):
-    """Refuse a Mat that was scaled or shifted, for a solver that takes none. Not collective."""
+def check_unscaled(mat, solver):
+    """Raise InputError if a Mat was scaled or shifted."""
     if scale_and_shift(mat) != (1.0, 0.0):
-        raise InputError(f"{who}: needs a Mat that is neither scaled nor shifted")
+        raise InputError(f"{solver}: needs a Mat that is neither scaled nor shifted")
 
 
-def _check_definite(mat):
-    """Tell PETSc whether the Mat is still known to be positive definite. Not collective."""
-    a, s = scale_and_shift(mat)
+def _set_factors(mat, a, s):
+    mat.setAttr(_FACTORS, (a, s))
     mat.setOption(PETSc.Mat.Option.SPD, a > 0 and s >= 0)
     mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
 
 class MatMethods:
-    """Contact sets that change, copies, linear combinations with the identity, and norms. Collective."""
+    """Methods for contact sets, copies, shifts and norms. Collective."""
 
     def assemblyEnd(self, mat, kind):
-        """Take over the contact set that is in the mask now; preconditioners are set up again."""
+        """Use the current mask; preconditioners are set up again."""
         self.mask_changed()
 
     def duplicate(self, mat, _=None):
-        """Return another Mat of the same operator with the same factors."""
+        """Return another Mat of this operator with the same factors."""
         other = self.mat(mat.comm)
         other.setAttr(_FACTORS, scale_and_shift(mat))
         return other
@@ -51,17 +50,15 @@ class MatMethods:
     def scale(self, mat, factor):
         """Multiply the Mat by a number."""
         a, s = scale_and_shift(mat)
-        mat.setAttr(_FACTORS, (factor * a, factor * s))
-        _check_definite(mat)
+        _set_factors(mat, factor * a, factor * s)
 
     def shift(self, mat, summand):
         """Add a multiple of the identity, in and outside C."""
         a, s = scale_and_shift(mat)
-        mat.setAttr(_FACTORS, (a, s + summand))
-        _check_definite(mat)
+        _set_factors(mat, a, s + summand)
 
     def norm(self, mat, kind):
-        """Return the norm of the Mat: NORM_1 or NORM_INFINITY, which are equal, or FROBENIUS."""
+        """Return the norm NORM_1, which equals NORM_INFINITY, or FROBENIUS."""
         squared = kind == PETSc.NormType.FROBENIUS
         if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
             raise ValueError("norm of an influence matrix: must be NORM_1, FROBENIUS or INFINITY")
@@ -76,11 +73,11 @@ class MatMethods:
         return float(-minimum_over(self.comm, [-sums.max(initial=0.0)])[0])
 
     def _row_sums(self, power):
-        """Sums of ``|entry|^power`` over the columns in C, for the rows of this rank."""
+        """Return sums of ``|entry|^power`` over the columns in C."""
         if not self.active:
             return np.zeros(self.local_shape)
         rows, sums = quadrant_rows(self.grid, self.compliance), np.empty(self.local_shape)
         layout = Layout(self.slabs, self.comm, np.float64)
-        entries = Convolution(lambda which: np.abs(rows(which)) ** power, self.grid.shape, layout)
+        entries = Convolution(lambda selected: np.abs(rows(selected)) ** power, self.grid.shape, layout)
         entries.apply(self.mask.astype(float), sums)
         return sums

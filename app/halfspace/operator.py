@@ -1,8 +1,8 @@
-"""The influence matrix on one grid as PETSc sees it: context of a Mat of type python.
+"""Influence matrix of a grid as context of a PETSc Mat.
 
-The Mat is the *masked* operator ``C A C``: rows and columns outside the contact set are zero. The set lives
-in `InfluenceOperator.mask` and is changed in place; nothing is reallocated. Krylov methods that start from a
-vector that vanishes outside C stay there, so they solve the system (2.11) on C.
+The Mat is the *masked* operator ``C A C``: rows and columns outside the contact set are zero. The set is in
+`InfluenceOperator.mask` and is changed in place, so nothing is reallocated. A Krylov method that starts from a vector
+that is zero outside C keeps this property, so it solves the system (2.11) on C.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows,
 from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
 
-_FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
+_FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType; "local" kinds are treated as global ones, see `SOR`
 _ZERO_GUESS = 16
-# Attributes, there when they are made:
+# Cached properties:
 _PRODUCTS = "product", "exact_product", "inverse", "exact_inverse", "screened_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
@@ -38,7 +38,9 @@ for _name in ("Alltoall", "Coeffs", "SpectrumCache"):
 
 
 class InfluenceOperator(MatMethods):
-    """A and C A C on one grid: products, diagonal, Gauss-Seidel sweeps. What PETSc calls is collective.
+    """Operators A and C A C on one grid.
+
+    Methods called by PETSc are collective.
 
     Parameters
     ----------
@@ -46,39 +48,38 @@ class InfluenceOperator(MatMethods):
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     slabs : Slabs, optional
-        Row distribution; default: all here. A rank that is none of theirs has no rows, and takes no part.
+        Row distribution; by default this rank has all rows. A rank beyond `slabs.size` has no rows and takes no part.
     comm : mpi4py communicator, optional
         Ranks that share the rows; None: this rank has all of them, or none.
     dtype : numpy real type
-        Precision of the products (PETSc's vectors are always float64); small grids have a stored matrix in double.
+        Precision of the products; PETSc's vectors are always float64. Small grids have a stored matrix in double.
     exact_product : optional
-        Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
+        Object whose ``apply(p, u)`` verifies solutions, instead of a double precision product on this grid.
     target : InfluenceOperator, optional
-        Of the target grid, if that is another one: its products are at rest while those of this one are computed.
+        Operator of the target grid, if that is another one. Its products are not used while those of this one are.
     spectra : SpectrumCache, optional
-        Of products and preconditioners, to be kept when those are freed.
-
-    Notes
-    -----
-    A product by FFT works in an array that holds anything between products. The largest, of the double precision
-    product of the target grid, is lent to all others (`storage`): from its first byte on to products and
-    preconditioners, of which one works at a time. What the iteration's product, in single precision or on fewer cells,
-    leaves of it holds vectors of the Krylov method (`spare_fields`): during the iteration nobody asks for
-    the double precision product.
+        Cache of spectra of products and preconditioners, for use after these are freed.
 
     Attributes
     ----------
     active : bool
-        Whether this rank is one of those that share the rows.
+        True if this rank is one of those that share the rows.
     coarser_levels : tuple of InfluenceOperator, or None
-        On the coarser grids of a multigrid method, the finest first; None until there are any.
+        On the coarser grids of a multigrid method, the finest first; None until they are made.
     mask : ndarray of bool, shape (local rows, nx)
-        The contact set C, at first all cells. Change it in place and then call `mask_changed`.
+        The contact set C, initially all cells. Change it in place and then call `mask_changed`.
     contact_version : int
-        Contact sets that solvers have been told of, by `mask_changed`. In steps 4.a and 4.b the mask is ahead of it.
+        Number of calls of `mask_changed`. In steps 4.a and 4.b the mask is ahead of it.
     products, sweeps : int
-        Products of the Mat asked for by PETSc, and Gauss-Seidel sweeps: the paper's work units.
-        `product.count` has all products, those inside sweeps and of `displacement` too.
+        Products of the Mat requested by PETSc, and Gauss-Seidel sweeps: the paper's work units. `product.count` has all
+        products, also those inside sweeps and of `displacement`.
+
+    Notes
+    -----
+    A product by FFT works in an array without meaning between products. The largest, of the double precision product of
+    the target grid, is lent to all others (`storage`). Its beginning is used by products and preconditioners, of which
+    one works at a time. The rest, which the iteration's product (single precision, or fewer cells) leaves, has vectors
+    of the Krylov method (`spare_fields`), because the iteration does not use the double precision product.
     """
 
     def __init__(
@@ -98,36 +99,35 @@ class InfluenceOperator(MatMethods):
         self.active = self.slabs.active
         self._dense = grid.n <= DenseProduct.largest and self.slabs.size == 1
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
-        self._target = weakref.ref(
-            self if target is None else target
-        )  # which has this one in its `coarser_levels`
+        # Weak, because the target has this one in its `coarser_levels`.
+        self._target = weakref.ref(self if target is None else target)
         self.coarser_levels = None
         if exact_product is not None:
             self.exact_product = exact_product
         self._verified_elsewhere = exact_product is not None
-        self.multipliers = {}  # by name: the inverse of A and what stands for A, made by who uses them first, or None
+        self.multipliers = {}  # By name: inverses and approximations of A, made on first use, or None.
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.ones(self.local_shape, bool)
         self.products = self.sweeps = 0
-        self._spent = 0.0  # products of objects that are gone
+        self._spent = 0.0  # products of freed objects
         self.contact_version = 0
-        self._energy = None, None  # of a contact set, by its number
+        self._energy = None, None  # key of a contact set, and its energy and cells
 
-    # -- products, made when first asked for ---------------------------------------------------------------
+    # -- products, made on first use -----------------------------------------------------------------------
 
     @property
     def needs_verification(self):
-        """Whether what `product` says must be checked by the exact one. Not collective."""
+        """True if results of `product` must be verified by `exact_product`."""
         return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
-        """Make some products now, named as the attributes. Collective."""
+        """Make products, named as the attributes. Collective."""
         for name in products:
             getattr(self, name)
 
     @cached_property
     def product(self):
-        """The product of this operator. Collective when first asked for."""
+        """Product of this operator. Collective on first use."""
         if not self.active:
             return NoRows()
         if self._dense:
@@ -141,35 +141,35 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def exact_product(self):
-        """A product in double precision. Collective when first asked for."""
+        """Product in double precision. Collective on first use."""
         return self.product if self._dense or not self.active else self._convolution(np.float64)
 
     @property
     def target(self):
-        """Operator of the target grid, or this one; None if that is gone. Not collective."""
+        """Operator of the target grid, or None if it was freed."""
         return self._target()
 
     @property
     def storage(self):
-        """The product in whose working storage other transforms may work, if it has been made. Not collective."""
+        """Product whose working storage other transforms may use, or None."""
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
     def spare_fields(self, *types, others=()):
-        """Fields to be worked on while no exact product is computed, in what `product` leaves of the `storage`.
+        """Return work fields in the unused part of the `storage`.
 
-        Collective when first asked for.
+        Collective on first use.
 
         Parameters
         ----------
         *types : numpy types
         others : sequence of EvenMultiplier
-            Of other grids, that are to leave them alone, too.
+            Multipliers of other grids that must not use these fields, either.
 
         Returns
         -------
         list of ndarray, shape `local_shape`, or None
-            One for each type; they hold anything. None where not enough is left.
+            One for each type, not initialised; None if the remaining storage is too small.
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):
@@ -181,32 +181,32 @@ class InfluenceOperator(MatMethods):
             spare = spare[:left] if left >= 0 else spare
         return fields
 
-    def forget_exact_support(self):
-        """Let an exact product on other cells, too, free what it has found there. Not collective."""
+    def invalidate_exact_product(self):
+        """Free the last result of an exact product on other cells."""
         forget = getattr(vars(self).get("exact_product"), "forget", None)
         if forget is not None:
             forget()
 
     @cached_property
     def exact_inverse(self):
-        """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
+        """Inverse B of a periodic A. Collective on first use."""
         exact = self.exact_product
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
 
     @cached_property
     def inverse(self):
-        """B in the operator's precision. Collective when first asked for."""
+        """B in the operator's precision. Collective on first use."""
         return self.exact_inverse if self.dtype == np.float64 else self.product.inverse()
 
     @cached_property
     def screened_product(self):
-        """A on springs, of a periodic grid, in the operator's precision. Collective when first asked for."""
+        """Product on springs of a periodic grid. Collective on first use."""
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
     @cached_property
     def diagonal(self):
-        """Influence of a cell on itself [mm / (N/mm2)]. Collective when first asked for, on a periodic grid."""
+        """Influence of a cell on itself. Collective on first use."""
         if self.grid.periodic and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
@@ -218,15 +218,15 @@ class InfluenceOperator(MatMethods):
         return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
 
     def _convolution(self, dtype):
-        of, kind, layout = (self.grid, self.compliance), self._kind(dtype), self.layout(dtype)
+        matrix, kind, layout = (self.grid, self.compliance), self._kind(dtype), self.layout(dtype)
         if kind is PeriodicProduct:
-            return kind(partial(influence_symbol, *of), self.grid.shape, layout)
+            return kind(partial(influence_symbol, *matrix), self.grid.shape, layout)
         if kind is BoxProduct:
-            return kind(*of, layout)
-        return kind(quadrant_rows(*of), self.grid.shape, layout)
+            return kind(*matrix, layout)
+        return kind(quadrant_rows(*matrix), self.grid.shape, layout)
 
     def layout(self, dtype=None):
-        """Layout of products and preconditioners, by default in the operator's precision. Not collective."""
+        """Return the layout of products and preconditioners."""
         dtype = self.dtype if dtype is None else dtype
         return Layout(self.slabs, self.comm, dtype, self.storage, self.spectra)
 
@@ -238,19 +238,19 @@ class InfluenceOperator(MatMethods):
         return petsc_comm(self.comm)
 
     def mat(self, comm=None):
-        """Make a Mat with this context, the caller's to destroy. Collective over `comm`, a PETSc communicator.
+        """Return a new Mat with this context. Collective over `comm`.
 
-        `comm` is by default that of the ranks that share the rows.
+        The caller destroys it. `comm` is a PETSc communicator, by default of the ranks that share the rows.
         """
         return symmetric_mat(self, comm or self.petsc_comm)
 
     def mask_changed(self):
-        """Take notice of another contact set; who holds a Mat must tell PETSc. Not collective."""
+        """Register a changed contact set; a Mat must also be assembled."""
         self.contact_version += 1
 
     @contextmanager
     def double_precision(self):
-        """Products and preconditioners made inside the block are in double precision. Collective."""
+        """Use products and preconditioners in double precision inside the block. Collective."""
         if self.dtype == np.float64:
             yield
             return
@@ -265,15 +265,15 @@ class InfluenceOperator(MatMethods):
                 self.product = product
 
     def free_exact_product(self):
-        """Free the exact product. Not collective."""
+        """Free the exact product."""
         self._free("exact_product", multipliers=False)
 
     def free(self):
-        """Free all products, preconditioners and sweeps. Not collective."""
+        """Free all products, preconditioners and sweeps."""
         self._free(*_PRODUCTS, "relaxation")
 
     def _free(self, *made, multipliers=True):
-        """Free some attributes; what they computed stays counted."""
+        """Free attributes; their products stay counted."""
         before = self.equivalent_products
         for name in made:
             vars(self).pop(name, None)
@@ -284,27 +284,30 @@ class InfluenceOperator(MatMethods):
     # -- numpy side --------------------------------------------------------------------------------------
 
     def displacement(self, p, u):
-        """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
+        """Compute u = A p, (2.6) and (2.7), on all cells. Collective."""
         apply_logged(_mult_event, self.product, p, u)
 
     def exact_displacement(self, p, u):
-        """Compute u = A p in double precision whatever that of the other products. Collective."""
+        """Compute u = A p in double precision. Collective."""
         apply_logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
-        """p.Ap for p = 1 on C and 0 elsewhere [mm / (N/mm2)], and the cells of C; one product per set. Collective."""
+        """Return p.Ap for p = 1 on C, and its cells. Collective."""
         cells = sum_over(self.comm, [np.count_nonzero(self.mask)])[0]
-        asked_for = self.contact_version, cells  # until the next number cells only leave
-        if self._energy[0] != asked_for:
+        key = self.contact_version, cells  # Within a version, cells only leave C.
+        if self._energy[0] != key:
             p, u = self.mask.astype(float), np.empty(self.local_shape)
             self.displacement(p, u)
-            self._energy = asked_for, (sum_over(self.comm, [np.vdot(p, u)])[0], cells)
+            self._energy = key, (sum_over(self.comm, [np.vdot(p, u)])[0], cells)
         return self._energy[1]
 
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = (a C A C + s I) x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2."""
+        """Compute y = (a C A C + s I) x.
+
+        It is the left side of (2.11). PCMG computes the defect of Sec. 4.2, 2 from it.
+        """
         self.products += 1
         a, s = scale_and_shift(mat)
         with y as out:
@@ -317,21 +320,22 @@ class InfluenceOperator(MatMethods):
     multTranspose = mult
 
     def getDiagonal(self, mat, diagonal):
-        """Diagonal of the Mat; the same outside C, where it only has to be nonzero."""
+        """Return the diagonal, outside C any nonzero value."""
         a, s = scale_and_shift(mat)
         with diagonal as values:
             values[...] = a * self.diagonal + s
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
-        """Sec. 4.2, 1: damped lexicographic Gauss-Seidel on C, the sequential sweep on any number of ranks.
+        """Sweep by damped lexicographic Gauss-Seidel on C, Sec. 4.2, 1.
 
-        PETSc's "local" sweeps (its default) would make the multigrid method diverge; here they are the global ones.
+        It is the sequential sweep on any number of ranks. With processor-local sweeps, PETSc's default, the multigrid
+        method would diverge, so requests for local sweeps are treated as global ones.
         """
         a, s = scale_and_shift(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
             raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal shift")
         if not self.active:
-            x.stateIncrease()  # as on the others, which alone may not call what is collective
+            x.stateIncrease()  # as on the other ranks, so that they agree on collective calls
             return
         relaxation = self.relaxation
         zero = bool(kind & _ZERO_GUESS)
@@ -357,32 +361,31 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def relaxation(self):
-        """The sweeps on this grid, on a rank that has rows of it. Collective when first asked for."""
+        """Gauss-Seidel sweeps on this grid. Collective on first use."""
         from app.halfspace.gauss_seidel.sweep import GaussSeidel
 
         rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
         return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
 
-    def begin(self):
-        """Let nothing that an earlier solve has done be seen in the next one. Not collective."""
+    def reset_sweeps(self):
+        """Make sweeps independent of earlier solves."""
         if "relaxation" in vars(self):
-            self.relaxation.begin()
+            self.relaxation.reset()
 
     @property
     def equivalent_products(self):
-        """Everything computed here so far, in products on this grid (a sweep by its flops)."""
-        made = vars(self)
-        products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
+        """All work so far, in products on this grid."""
+        cached = vars(self)
+        products = {id(cached[name]): cached[name] for name in _PRODUCTS if name in cached}
         total = self._spent + sum([product.count for product in products.values()])
         points = [multiplier.points for multiplier in self.multipliers.values() if multiplier]
-        total += sum(points) / self._padded
-        if "relaxation" in made:
+        total += sum(points) / self._transformed_cells
+        if "relaxation" in cached:
             total += self.sweeps * self.relaxation.products_per_sweep
         return total
 
     @cached_property
-    def _padded(self):
-        """Cells that a product transforms."""
+    def _transformed_cells(self):
         grid = self.grid
         return grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
 
@@ -391,53 +394,47 @@ class InfluenceOperator(MatMethods):
         if viewer.getType() != PETSc.Viewer.Type.ASCII:
             return
         grid, kind = self.grid, type(self.product).__name__
-        spread = f"{self.slabs.size} slab{'s'[: self.slabs.size > 1]}"
+        slabs = f"{self.slabs.size} slab{'s'[: self.slabs.size > 1]}"
         viewer.printfASCII(
-            f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {spread}\n"
+            f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {slabs}\n"
         )
 
 
 def apply_logged(event, product, *fields):
-    """Compute a product for -log_view, with its flops. Collective over its ranks."""
+    """Apply a product in a -log_view event, with its flops. Collective."""
     with event:
         product.apply(*fields)
         PETSc.Log.logFlops(product.flops)
 
 
 def petsc_comm(comm):
-    """PETSc's communicator of an mpi4py communicator; None: this rank alone. Not collective."""
+    """Return PETSc's communicator of an mpi4py communicator; None: COMM_SELF."""
     return PETSc.COMM_SELF if comm is None else PETSc.Comm(MPI.Intracomm(comm))
 
 
-def get_operator(mat, kind, who):
-    """Return the context of a Mat, for a solver that works on one kind of operator only. Not collective.
-
-    Raises
-    ------
-    InputError
-        If it is another one: of -lcp_type primal or not, or the assembled one of the coarsest grid of -pc_type mg.
-    """
+def get_operator(mat, kind, solver):
+    """Return a Mat's context; raise InputError unless of class `kind`."""
     context = mat.getPythonContext() if mat.getType() == "python" else None
     if not isinstance(context, kind):
-        here = "an assembled matrix" if context is None else f"an {type(context).__name__}"
-        raise InputError(f"{who}: needs an {kind.__name__}; this system has {here}")
+        actual = "an assembled matrix" if context is None else f"an {type(context).__name__}"
+        raise InputError(f"{solver}: needs an {kind.__name__}; this system has {actual}")
     return context
 
 
 def wrap_vec(field, operator):
-    """Make a Vec of a field on an operator's grid, in its memory, for the caller to free. Collective over its ranks.
+    """Return a Vec in the memory of a field. Collective.
 
-    A ValueError if the field is not C-contiguous: the Vec would be a copy.
+    The caller frees it. Raises ValueError if the field is not C-contiguous, because the Vec would be a copy.
     """
     if not field.flags.c_contiguous:
         raise ValueError("a Vec needs a field that is C-contiguous")
-    # All cells, that PETSc need not sum; none where there are none, by a communicator of this rank's own.
+    # The global size saves PETSc a reduction. A rank without rows has a communicator of its own, and size 0.
     size = field.size, operator.grid.n if operator.active else 0
     return PETSc.Vec().createWithArray(field.reshape(-1), size, comm=operator.petsc_comm)
 
 
 def symmetric_mat(context, comm):
-    """Make a Mat of an operator with a `local_shape`, symmetric positive definite. Collective over `comm`."""
+    """Return a symmetric positive definite Mat of an operator. Collective over `comm`."""
     size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)
     mat.setName(f"contact {context.grid.nx} x {context.grid.ny}")

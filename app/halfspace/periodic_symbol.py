@@ -1,15 +1,15 @@
-"""Influence of a patch that repeats for ever in x and y: diagonal in Fourier space.
+"""Influence matrix of a periodic patch, diagonal in Fourier space.
 
-A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. What the matrix makes of the
-wave depends on what a number stands for; ``Grid.periodic`` chooses:
+A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The eigenvalue of the matrix
+depends on the meaning of a cell's value; ``Grid.periodic`` chooses:
 
-- ``spectral``: the values of waves in the cell centres (collocation, as tamaas, ASPHER and ContactMechanics do):
-  ``lambda(q) = 2 / (E* |q|)`` for all waves that the grid can carry.
-- ``love``: constant pressures on cells, (2.4), of the patch and of all its images: what the matrix of the free patch
-  tends to when the images are far away. The two differ by O(cell).
+- ``spectral``: values of waves at the cell centres (collocation, as in tamaas, ASPHER and ContactMechanics).
+  ``lambda(q) = 2 / (E* |q|)`` for all waves on the grid.
+- ``love``: constant pressures on cells, (2.4), of the patch and all its images. The matrix of the free patch tends to
+  this one when the images are far away. The two symbols differ by O(cell).
 
-``lambda(0) = 0``: displacements are counted from their mean, as the mean pressure would displace the half-space without
-bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
+``lambda(0) = 0``: displacements are relative to their mean, because a mean pressure would displace the half-space
+without bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
 """
 
 from __future__ import annotations
@@ -23,69 +23,66 @@ from app.halfspace import events
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.grid import row_blocks
 
-# Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one stays in its cell, and a
-# wider one leaves only the wave itself.
-_SHORTEST, _LONGEST = 0.04, 2.0
-_POINTS = 12  # of quadrature in a panel; they leave only rounding
+# Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one is zero outside its cell, and
+# a wider one leaves only the wave itself.
+_MIN_WIDTH, _MAX_WIDTH = 0.04, 2.0
+_POINTS = 12  # Quadrature points per panel; the error is below rounding.
 
 
 def wave_numbers(grid, columns, rows):
-    """Wave numbers in x and y of the frequencies asked for [1/mm]. Not collective."""
+    """Return wave numbers of frequencies in x and in y [1/mm]."""
     return (2 * np.pi * np.asarray(index) / (n * d) for index, n, d in
             ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy)))  # fmt: skip
 
 
 def influence_symbol(grid, compliance, columns, rows):
-    """Eigenvalues of the periodic influence matrix at some frequencies.
-
-    Not collective.
+    """Return eigenvalues of the periodic influence matrix.
 
     Parameters
     ----------
     grid : Grid
-        A periodic one.
+        It must be periodic.
     compliance : float
         (1 - nu) / (pi G) = 1 / (pi E*) [mm2/N].
     columns, rows : ndarray of int
-        Frequencies in x, from 0 to nx // 2, and in y, from 0 to ny // 2; of ``love`` also floats between them.
+        Frequencies in x, 0 to nx // 2, and in y, 0 to ny // 2; for ``love`` also floats.
 
     Returns
     -------
     ndarray, shape (columns, rows), [mm / (N/mm2)]
         Zero at frequency (0, 0).
     """
-    of_kind = {"spectral": _spectral, "love": _love}[grid.periodic]
+    symbol = {"spectral": _spectral, "love": _love}[grid.periodic]
     with events.coeffs:
-        return 2 * np.pi * compliance * of_kind(grid, np.asarray(columns), np.asarray(rows))
+        return 2 * np.pi * compliance * symbol(grid, np.asarray(columns), np.asarray(rows))
 
 
 def _spectral(grid, columns, rows):
-    """1 / |q|."""
     qx, qy = wave_numbers(grid, columns, rows)
     q = np.hypot(qx[:, None], qy)
     return np.divide(1.0, q, out=np.zeros_like(q), where=q > 0)
 
 
 def _love(grid, columns, rows):
-    """Compute the transform of the integral of 1/rho over a cell and all its images, over 2 pi.
+    """Return the transform of (2.4) with all images.
 
-    It is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves that look alike in cell centres. Here
-    ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a product of one sum
-    in x and one in y. From two cells on, only the wave itself is left, whose integral is known.
+    Divided by 2 pi it is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves with equal values at the
+    cell centres. Here ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a
+    product of sums in x and in y. From two cells on, only the wave itself is left, whose integral is known.
     """
     lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
     x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))
     total = np.empty((x.size, y.size))
-    for some in row_blocks(x.size, lengths.size):
-        in_x = weights * _line_sums(x[some], lengths / grid.dx)
-        left = in_x.any(axis=0)  # Most lengths are too long for most waves in x if cells are long in y.
-        for others in row_blocks(y.size, lengths.size):
-            in_y = _line_sums(y[others], lengths[left] / grid.dy)
-            total[some, others] = in_x[:, left] @ in_y.T
+    for columns in row_blocks(x.size, lengths.size):
+        in_x = weights * _line_sums(x[columns], lengths / grid.dx)
+        nonzero = in_x.any(axis=0)  # Most lengths are too long for most waves in x if cells are long in y.
+        for rows in row_blocks(y.size, lengths.size):
+            in_y = _line_sums(y[rows], lengths[nonzero] / grid.dy)
+            total[columns, rows] = in_x[:, nonzero] @ in_y.T
     q = np.hypot(x[:, None] / grid.dx, y / grid.dy)
     wave = np.sinc(x / (2 * np.pi))[:, None] * np.sinc(y / (2 * np.pi))
     total += np.divide(
-        wave * erfc(_LONGEST * max(grid.dx, grid.dy) * q), q, out=np.zeros_like(q), where=q > 0
+        wave * erfc(_MAX_WIDTH * max(grid.dx, grid.dy) * q), q, out=np.zeros_like(q), where=q > 0
     )
     total[np.ix_(x == 0, y == 0)] = 0.0
     return total
@@ -93,12 +90,12 @@ def _love(grid, columns, rows):
 
 @lru_cache(maxsize=64)
 def _quadrature(short, long):
-    """Return lengths s and weights of the integral from 0 to `_LONGEST` long sides, times 2 / sqrt(pi).
+    """Return lengths s and weights up to `_MAX_WIDTH` long sides.
 
-    Gauss's quadrature is used on panels that double at most. The first panel has one point: there the integrand is 1
-    to rounding.
+    The weights include the factor 2 / sqrt(pi). Each panel of Gauss's quadrature is at most twice as long as the one
+    before. The first has one point, because there the integrand is 1 to rounding.
     """
-    first, last = _SHORTEST * short, _LONGEST * long
+    first, last = _MIN_WIDTH * short, _MAX_WIDTH * long
     panels = int(np.ceil(np.log2(last / first)))
     edges = np.append(first * (last / first) ** (np.arange(panels) / panels), last)
     places, weights = np.polynomial.legendre.leggauss(_POINTS)
@@ -108,22 +105,13 @@ def _quadrature(short, long):
 
 
 def _line_sums(phases, lengths):
-    """Sum ``sinc(q / 2) exp(-lengths^2 q^2)`` over all q that look like a wave in the centres of cells of side 1.
+    """Sum ``sinc(q / 2) exp(-lengths^2 q^2)`` over aliased waves, shape (phases, lengths).
 
-    For short lengths the same function is summed in x: a Gaussian integrated over cells near by.
-
-    Parameters
-    ----------
-    phases : ndarray
-        Phases of the waves from cell to cell, from 0 to pi.
-    lengths : ndarray
-
-    Returns
-    -------
-    ndarray, shape (phases, lengths)
+    The waves have equal values at the centres of cells of side 1. Their phase from cell to cell is from 0 to pi. For
+    short lengths the same function is summed in x: a Gaussian integrated over neighbouring cells.
     """
     sums, short = np.zeros((phases.size, lengths.size)), lengths < 0.5
-    long = ~short & (lengths * phases.min(initial=np.pi) < 6.5)  # Longer ones leave nothing of any wave.
+    long = ~short & (lengths * phases.min(initial=np.pi) < 6.5)  # For longer ones every term is 0.
     cells = np.arange(7)
     edges = erfc((np.arange(8)[:, None] - 0.5) / (2 * lengths[short]))
     sums[:, short] = np.cos(np.outer(phases, cells)) * np.where(cells, 1, 0.5) @ -np.diff(edges, axis=0)
@@ -134,12 +122,9 @@ def _line_sums(phases, lengths):
 
 
 def periodic_quadrant(grid, compliance):
-    """Influence coefficients of a periodic grid at offsets up to half a period. Not collective.
+    """Return coefficients at offsets up to half a period.
 
-    Returns
-    -------
-    ndarray, shape (ny // 2 + 1, nx // 2 + 1), [mm / (N/mm2)]
-        The inverse transform of the symbol, in O(n log n).
+    The inverse transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
     """
     symbol = influence_symbol(grid, compliance, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     in_y = transform_even(symbol, grid.ny)
@@ -147,5 +132,5 @@ def periodic_quadrant(grid, compliance):
 
 
 def fold_offsets(offsets, n):
-    """Offsets up to half a period that offsets from 0 on are alike to. Not collective."""
+    """Return the equivalent offsets up to half a period of n."""
     return np.minimum(offsets % n, -offsets % n)

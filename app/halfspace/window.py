@@ -1,7 +1,9 @@
-"""A rectangle of cells of a grid, as a grid of its own, and the way of fields there and back.
+"""Windows of a grid, and the transfer of fields.
 
-Pressure outside the contact area is zero and the displacement there is of no interest while contact is elsewhere: all
-work can be done on a window around the contact area. Only in the end somebody has to look outside.
+A window is a rectangle of cells, used as a grid.
+
+Pressure outside the contact area is zero, and the displacement there does not matter during the iteration. So all work
+can be done on a window around the contact area. Only the final verification needs the cells outside.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from app.parallel.reductions import minimum_over, nonzero_span
 
 @dataclass(frozen=True)
 class Window:
-    """Rows ``y0 <= j < y1`` and columns ``x0 <= i < x1`` of a grid."""
+    """Rectangle of rows y0 to y1 - 1 and columns x0 to x1 - 1."""
 
     y0: int
     y1: int
@@ -31,7 +33,7 @@ class Window:
         return (self.y1 - self.y0) * (self.x1 - self.x0)
 
     def grid(self, whole):
-        """Return these cells of the grid `whole` as a grid. Not collective."""
+        """Return these cells of the grid `whole` as a grid."""
         return Grid(
             self.x1 - self.x0,
             self.y1 - self.y0,
@@ -42,35 +44,33 @@ class Window:
         )
 
     def refine(self, factors, grid):
-        """Return the children of these cells, as far as they are on the finer `grid`. Not collective."""
+        """Return the children of these cells on the finer `grid`."""
         fy, fx = factors
         return Window(self.y0 * fy, min(self.y1 * fy, grid.ny), self.x0 * fx, min(self.x1 * fx, grid.nx))
 
     def coarsen(self, factors):
-        """Return the cells of the coarser grid that have children here. Not collective."""
+        """Return the coarse cells that have children here."""
         fy, fx = factors
         return Window(self.y0 // fy, -(-self.y1 // fy), self.x0 // fx, -(-self.x1 // fx))
 
     def join(self, other):
-        """Return the smallest window around this and another one. Not collective."""
+        """Return the smallest window around this and another one."""
         return Window(
             min(self.y0, other.y0), max(self.y1, other.y1), min(self.x0, other.x0), max(self.x1, other.x1)
         )
 
     def relative_to(self, other):
-        """Return the same cells counted from the first of `other`. Not collective."""
+        """Return the same cells, counted from the first of `other`."""
         return Window(self.y0 - other.y0, self.y1 - other.y0, self.x0 - other.x0, self.x1 - other.x0)
 
 
 def whole_window(grid):
-    """Window of all cells of a grid. Not collective."""
+    """Return the window of all cells of a grid."""
     return Window(0, grid.ny, 0, grid.nx)
 
 
 def bounding_boxes(masks, slabs, comm):
-    """Window of all cells that are set in each of some masks, None if there are none.
-
-    Collective; one reduction.
+    """Return windows around the cells of each mask. Collective.
 
     Parameters
     ----------
@@ -81,17 +81,16 @@ def bounding_boxes(masks, slabs, comm):
 
     Returns
     -------
-    list of Window or None
+    list of Window, or of None for masks without cells
     """
-    return [
-        window_from_bounds(box) for box in minimum_over(comm, [local_bounds(mask, slabs) for mask in masks])
-    ]
+    minima = minimum_over(comm, [local_bounds(mask, slabs) for mask in masks])
+    return [window_from_bounds(bounds) for bounds in minima]
 
 
 def local_bounds(mask, slabs):
-    """Return first row and column with a cell that is set here, last ones negative; infinite if none. Not collective.
+    """Return first row and column of a mask, and minus the last.
 
-    Whose minima over the ranks tell `window_from_bounds`.
+    They are infinite if it has no cells here.
     """
     first = slabs.rows.start
     y0, y1, x0, x1 = _extent(mask)
@@ -99,14 +98,14 @@ def local_bounds(mask, slabs):
 
 
 def window_from_bounds(minima):
-    """Return the window that four minima tell of, or None. Not collective."""
+    """Return the window from minima of `local_bounds` over the ranks, or None."""
     y0, x0, y1, x1 = minima
     return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
 
 
 @njit()
 def _extent(mask):
-    """First row and column of what is set, and one past the last of each; zeros if nothing is."""
+    """Return first and end rows and columns of a mask."""
     y0, y1, x0, x1 = 0, 0, mask.shape[1], 0
     for j in range(mask.shape[0]):
         first, last = nonzero_span(mask[j])
@@ -117,7 +116,7 @@ def _extent(mask):
 
 
 class Scatter:
-    """Moves fields from the rows of a grid to those of a window of it, each with slabs and ranks of their own.
+    """Transfer of fields between a grid and a window.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ class Scatter:
     outer, inner : Slabs
         Rows of the grid and of the window.
     comm : mpi4py communicator or None
-        All ranks; None: this one alone.
+        All ranks; None: this rank has all rows.
     """
 
     def __init__(self, window, outer, inner, comm):
@@ -140,7 +139,7 @@ class Scatter:
         self._place = slice(first, first + self._reverse.rows), self._columns
 
     def forward(self, field, out=None):
-        """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
+        """Return a copy of a field on the window. Collective."""
         part = self._forward(field[:, self._columns], out)
         if out is None:
             return part.copy() if self._forward.unchanged else part
@@ -149,7 +148,10 @@ class Scatter:
         return out
 
     def reverse(self, part, field, storage=None):
-        """Put a field on the window into one on the grid, in place; `storage` is bytes for its way. Collective."""
+        """Copy a field on the window into a field. Collective.
+
+        `storage`: bytes for the rows on their way.
+        """
         rows, columns = self._reverse.rows, part.shape[1]
         out = None if storage is None else storage[: rows * columns * part.itemsize].view(part.dtype)
         field[self._place] = self._reverse(part, None if out is None else out.reshape(rows, columns))

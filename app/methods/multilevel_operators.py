@@ -91,7 +91,7 @@ def _create_inverse(grid, compliance, layout, near, periods, mean):
 
     def coarsest(shape, layout):
         inverse = EvenMultiplier(shape, periods, layout)
-        inverse.use(layout.spectra, len(near), partial(inverse.set_spectrum, symbol))
+        inverse.load_or_make(len(near), partial(inverse.set_spectrum, symbol))
         return inverse
 
     if near:
@@ -120,7 +120,7 @@ def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
 
     def coarsest(shape, layout):
         product = EvenMultiplier(shape, tuple(map(transform_length, shape)), layout)
-        product.use(layout.spectra, ("influence", len(near)), partial(product.set_kernel, kernel, *shape))
+        product.load_or_make(("influence", len(near)), partial(product.set_kernel, kernel, *shape))
         return product
 
     return MultilevelOperator(grid.shape, near, coarsest, layout, other)

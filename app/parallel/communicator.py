@@ -5,7 +5,6 @@ Every message between ranks goes through a `Communicator`. Which ranks share a g
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -18,7 +17,10 @@ from app.base.petsc import log_messages, log_reduction, to_input_error
 
 @dataclass
 class Traffic:
-    """Messages that a rank has sent; parts of an all-to-all that stay on the rank do not count."""
+    """Messages that a rank has sent.
+
+    Parts of an all-to-all that stay on the rank do not count.
+    """
 
     messages: int = 0  # point to point, and in all-to-alls
     message_bytes: int = 0
@@ -101,19 +103,19 @@ class Communicator(MPI.Intracomm):
         return super().Isend(rows, dest, tag)
 
     def bcast_or_raise(self, value=None):
-        """Broadcast a value from rank 0; a `_Failure` raises on the other ranks. Collective."""
+        """Broadcast from rank 0; raise a broadcast failure. Collective."""
         value = self.bcast(value)
         if isinstance(value, _Failure) and self.rank > 0:
             raise (InputError if value.refused else OtherRankError)(value.message)
         return value
 
     def exchange_barrier(self):
-        """Wait for all ranks after a shared-memory exchange; counted as an all-to-all. Collective."""
+        """Wait for all ranks; counted as an all-to-all. Collective."""
         self.traffic.all_to_alls += 1
         self.Barrier()
 
     def Alltoallv(self, sent, received):
-        """Count and exchange ``[array, counts]`` or ``[array, (counts, displacements)]``; own parts should be empty."""
+        """Count and exchange data; own parts should be empty. Collective."""
         array, counts = sent
         counts = counts[0] if isinstance(counts, tuple) else counts
         self.traffic.all_to_alls += 1
@@ -154,18 +156,24 @@ class _Failure:
         self.message = str(error) if self.refused else f"on another rank: {format_error(error)}"
 
 
-@contextmanager
-def propagate_errors(comm):
-    """Propagate an error in the block to the ranks of `comm` that wait in `bcast_or_raise`.
+class propagate_errors:
+    """Context manager that propagates an error to waiting ranks.
+
+    They wait in `bcast_or_raise`.
 
     Parameters
     ----------
     comm : Communicator or None
         This rank is its rank 0. None: no rank waits.
     """
-    try:
-        yield
-    except BaseException as error:
-        if comm is not None:
-            comm.bcast_or_raise(_Failure(error))
-        raise
+
+    def __init__(self, comm):
+        self._comm = comm
+
+    def __enter__(self):
+        """Enter the block."""
+
+    def __exit__(self, _, error, __):
+        """Broadcast an error."""
+        if error is not None and self._comm is not None:
+            self._comm.bcast_or_raise(_Failure(error))

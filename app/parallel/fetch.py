@@ -8,7 +8,7 @@ from app.parallel.slabs import none_if_single
 
 
 class Fetch:
-    """Exchange that brings each rank the rows it wants, in one message per pair of ranks.
+    """Exchange of rows with one message per pair of ranks.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Fetch:
         self.unchanged |= not (self.rows or have.local)
 
     def _plan(self, first, last):
-        """Add the rows ``first <= j < last`` that each rank wants, two arrays, to the messages."""
+        """Plan messages for rows ``first <= j < last`` per rank."""
         ny, rank = self.have.ny, self.have.rank
         starts, ends = self.have.bounds(len(first))
         some = last > first
@@ -56,7 +56,7 @@ class Fetch:
         self.rows += max(int(last[rank] - first[rank]), 0)
 
     def _plan_serial(self, first, last):
-        """Do the same on a rank that has all rows, without arrays, because it is done often."""
+        """Plan on a single rank, without arrays: it is called often."""
         ny = self.have.ny
         for shift in range(first // ny * ny, last, ny) if last > first else ():
             a, b = max(first, shift), min(last, shift + ny)
@@ -65,7 +65,7 @@ class Fetch:
         self.rows += max(last - first, 0)
 
     def __call__(self, field, out=None):
-        """Fetch the wanted rows of a field; only ranks that exchange rows communicate. Collective.
+        """Fetch the wanted rows of a field. Collective.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class Fetch:
 
 
 def _overlaps(low, high, first, last):
-    """Yield index, start and end of the overlaps of intervals ``low <= j < high``, two arrays, with one interval."""
+    """Yield index, start and end of overlaps with an interval."""
     low, high = np.maximum(low, first), np.minimum(high, last)
     for index in np.flatnonzero(low < high):
         yield int(index), int(low[index]), int(high[index])

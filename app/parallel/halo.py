@@ -1,4 +1,4 @@
-"""Ghost rows of a slab: rows of neighbouring ranks, on a periodic grid also from the other end of the patch."""
+"""Ghost rows of a slab, from other ranks or over the period."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from app.parallel.fetch import Fetch
 
 
 class _GhostRows:
-    """Exchange of the rows before and after those of this rank: two pairs (first, last) of arrays, see `Fetch`."""
+    """Exchange of rows before and after a slab, see `Fetch`."""
 
     def __init__(self, slabs, before, after, comm):
         self._fetch = Fetch(slabs, [before, after], comm)
@@ -54,7 +54,7 @@ class Halo(_GhostRows):
 
 
 class CoarseHalo(_GhostRows):
-    """Exchange of the coarse rows on other ranks between which the fine rows of this rank are interpolated.
+    """Exchange of coarse rows needed to interpolate fine rows.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class CoarseHalo(_GhostRows):
 
 
 def fetch_row_before(field, periodic, slabs, comm, beyond):
-    """Return the row before the first one of this rank, shape (nx,). Collective.
+    """Return the row before those of this rank. Collective.
 
     On a periodic patch the row before the first is the last; otherwise it is filled with `beyond`.
 

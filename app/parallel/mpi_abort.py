@@ -35,7 +35,7 @@ def shutdown_comm(comm):
 
 
 def barrier_with_timeout(comm):
-    """Return whether all ranks of a shutdown communicator call this within `TIMEOUT`. Collective."""
+    """Return whether all ranks call this within `TIMEOUT`. Collective."""
     request = comm.Ibarrier()
     deadline = time.monotonic() + TIMEOUT
     while time.monotonic() < deadline:
@@ -75,7 +75,7 @@ def abort_on_exception(comm):
 
 
 class AbortGroup:
-    """Ranks that an uncaught exception aborts until `destroy`. Collective when first made for `comm`."""
+    """Ranks that an uncaught exception aborts. Collective."""
 
     def __init__(self, comm):
         self.comm = shutdown_comm(comm)
@@ -90,7 +90,7 @@ class AbortGroup:
 
 
 def _abort_after(previous):
-    """Return a `sys.excepthook` that calls the previous one and then aborts the ranks that wait for this one."""
+    """Return a `sys.excepthook` that also aborts waiting ranks."""
 
     def hook(kind, error, trace):
         previous(kind, error, trace)

@@ -13,7 +13,7 @@ from app.parallel.slabs import Slabs
 
 
 class RankGroups:
-    """All ranks of a solver, and the first few of them for each small grid.
+    """Ranks of a solver, and those that share each grid.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ class RankGroups:
         return count_ranks(grid, self.size, self.cells)
 
     def slabs(self, grid, size=None):
-        """Return the slabs of a grid on the first `size` ranks; by default on `count_for` of them."""
+        """Return slabs on the first `size` (`count_for`) ranks."""
         size = size or self.count_for(grid)
         return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
 
     def distribute(self, grid, size=None):
-        """Distribute a grid as `slabs` does; collective over its ranks if they share no grid yet.
+        """Return slabs and communicator of a grid. Collective over its ranks.
 
         Returns
         -------
@@ -51,7 +51,7 @@ class RankGroups:
         return slabs, self.comm if slabs.size == self.size else self._subcomm(slabs.size, range(slabs.size))
 
     def idle_comm(self, size):
-        """Return a communicator of rank 0 and the ranks that have no part in a grid of `size` ranks.
+        """Return a communicator of rank 0 and the ranks from `size` on.
 
         None if there are no such ranks, and on the others of the first ranks. Collective over its ranks when first
         called for `size`.
@@ -72,16 +72,16 @@ class RankGroups:
 
 
 def count_ranks(grid, size, cells):
-    """Return how many of `size` ranks share a grid: all, or a power of two.
+    """Return how many of `size` ranks share a grid.
 
-    Each has a row, and at least `cells` cells. Coarser grids and windows never have more ranks.
+    All do, or a power of two. Each has a row and at least `cells` cells. Coarser grids never have more ranks.
     """
     most = min(grid.n // cells, grid.ny)
     return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
 
 
 def slab_alignment(ny, size):
-    """Return the largest power of two that slabs can start at multiples of while staying balanced.
+    """Return the largest alignment of balanced slabs, a power of two.
 
     Slabs of a grid and of the next coarser one then mostly match.
     """

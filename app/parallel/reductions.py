@@ -65,7 +65,10 @@ def add_masked(row, mask, out):
 
 @njit_reassoc
 def stencil_sum(above, here, below, i, x, y, diagonal):
-    """Apply a 3 x 3 stencil without its centre to cell i; rows have a ghost cell on either side."""
+    """Apply a 3 x 3 stencil without its centre to cell i.
+
+    Rows have a ghost cell on either side.
+    """
     return (
         x * (here[i] + here[i + 2])
         + y * (above[i + 1] + below[i + 1])
@@ -75,7 +78,7 @@ def stencil_sum(above, here, below, i, x, y, diagonal):
 
 @njit()
 def copy_slab_row(t, field, before, after, out):
-    """Copy row t of the ghost rows before a slab, its own rows, and the ghost rows after it."""
+    """Copy row t of a slab with ghost rows before and after."""
     j = t - len(before)
     if j < 0:
         copy_row(before[t], out)
@@ -87,14 +90,14 @@ def copy_slab_row(t, field, before, after, out):
 
 @njit()
 def wrap_ends(row, nx, width):
-    """Fill `width` ghost cells at both ends of a row of nx cells by periodic continuation."""
+    """Fill ghost cells at both ends of a periodic row."""
     for i in range(width):  # from inside: with nx < width, ghost cells are copied on
         row[width - 1 - i], row[width + nx + i] = row[width - 1 - i + nx], row[width + i]
 
 
 @njit()
 def nonzero_span(row):
-    """Return the first index where a mask is set and the last one plus 1; 0, 0 if it is set nowhere."""
+    """Return first and end index of a mask; 0, 0 if empty."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1
@@ -135,7 +138,7 @@ def minimum_over(comm, values):
 
 
 def sums_and_minima(comm, sums, lowest):
-    """Return sums of some numbers and minima of others, by one reduction. Collective; `comm` may be None."""
+    """Return sums and minima by one reduction. Collective."""
     sums, lowest = np.array(sums, float), np.array(lowest, float)
     if comm is None:
         return sums, lowest

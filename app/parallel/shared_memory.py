@@ -18,7 +18,7 @@ from app.base.mpi import MPI
 
 
 class Storage:
-    """Bytes of this rank, and of all ranks if they share memory. Collective over `comm`.
+    """Work array, of all ranks if they share memory. Collective.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ class Storage:
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
 
     def suits(self, sizes):
-        """Return whether each rank has at least so many bytes; the same on all ranks."""
+        """Return whether each rank has at least so many bytes."""
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 
 def _map_shared(comm, size):
-    """Map `size` zero bytes that all ranks share; None if they may not, or are on several nodes. Collective."""
+    """Return `size` bytes that all ranks share, or None. Collective."""
     if not (getattr(comm, "shares_memory", False) and size and comm.single_node):
         return None
     file, mapped, path, name = -1, None, None, None

@@ -11,7 +11,7 @@ def none_if_single(comm):
 
 
 class Slabs:
-    """Table of the rows of a grid that each rank owns; the same on all ranks.
+    """Rows of a grid that each rank owns.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ class Slabs:
 
     @classmethod
     def over(cls, comm, ny):
-        """Distribute the rows over the ranks of a communicator; None: this rank has all."""
+        """Distribute rows over the ranks of a communicator."""
         return cls(ny) if comm is None else cls(ny, comm.size, comm.rank)
 
     @classmethod
     def starting(cls, starts, rank):
-        """Make slabs from the first rows of all ranks, followed by the number of rows."""
+        """Make slabs from the first rows of all ranks, and ny."""
         slabs = cls.__new__(cls)
         slabs._set(starts, rank)
         return slabs
@@ -63,22 +63,22 @@ class Slabs:
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """Return first rows and end rows of `ranks` ranks, two arrays; ranks from `size` on have no rows."""
+        """Return first rows and end rows of `ranks` ranks."""
         edges = np.full(ranks + 1, self.ny)
         shared = min(ranks, self.size) + 1
         edges[:shared] = self.starts[:shared]
         return edges[:-1], edges[1:]
 
     def coarsen(self, factor):
-        """Return slabs of the coarse rows made of `factor` rows each; a coarse row is with its first child."""
+        """Return slabs of coarse rows, each with its first child."""
         return (
             self if factor == 1 else self.starting([-(-start // factor) for start in self.starts], self.rank)
         )
 
     def surround(self):
-        """Return slabs of the coarse rows made of two rows each, with one more before and after the grid.
+        """Return slabs of coarse rows that extend beyond the grid.
 
-        A coarse row is with its first child; rows after the grid are on the last rank.
+        Coarse rows are made of two rows, with one more before and after. Each is with its first child.
         """
         rows = self.ny // 2 + 2
         starts = [rows if start == self.ny else -(-start // 2) + bool(start) for start in self.starts]

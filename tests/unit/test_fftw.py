@@ -36,7 +36,7 @@ def test_what_is_known_need_not_be_learned_and_gives_the_same_digits(process):
     before, there = transformed(first, 210)
     np.testing.assert_allclose(there, np.fft.fft(before), atol=1e-4)
     assert first.learned
-    first.keep()
+    first.save_wisdom()
     second = process()
     assert np.array_equal(transformed(second, 210)[1], there)
     assert not second.learned
@@ -45,10 +45,10 @@ def test_what_is_known_need_not_be_learned_and_gives_the_same_digits(process):
 def test_processes_add_to_what_others_know(process):
     one, other = process(), process()
     transformed(one, 210)
-    one.keep()
+    one.save_wisdom()
     other.call("forget_wisdom")
     transformed(other, 330)
-    other.keep()
+    other.save_wisdom()
     third = process()
     transformed(third, 210)
     transformed(third, 330)
@@ -59,14 +59,14 @@ def test_processes_add_to_what_others_know(process):
 def test_what_cannot_be_used_is_learned_anew(process, tmp_path, text):
     first = process()
     transformed(first, 210)
-    first.keep()
+    first.save_wisdom()
     file = tmp_path / "fftwf.wisdom"
     file.write_text(file.read_text()[:200] if text is None else text)
     second = process()
     before, there = transformed(second, 210)
     np.testing.assert_allclose(there, np.fft.fft(before), atol=1e-4)
     assert second.learned
-    second.keep()
+    second.save_wisdom()
     third = process()
     transformed(third, 210)
     assert not third.learned
@@ -75,16 +75,16 @@ def test_what_cannot_be_used_is_learned_anew(process, tmp_path, text):
 def test_too_much_is_forgotten(process, tmp_path, monkeypatch):
     first = process()
     transformed(first, 210)
-    first.keep()
-    monkeypatch.setattr(fftw, "_LARGEST", 10)
+    first.save_wisdom()
+    monkeypatch.setattr(fftw, "_MAX_WISDOM", 10)
     second = process()
     transformed(second, 330)
-    second.keep()
+    second.save_wisdom()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_not_there_is_not_made(process, tmp_path):
     library = process(tmp_path / "none")
     transformed(library, 210)
-    library.keep()
+    library.save_wisdom()
     assert list(tmp_path.iterdir()) == []

@@ -88,7 +88,10 @@ def test_what_the_series_leaves_out_is_below_round_off():
         return sum(comb(n, k) * 0.25**n / ((2 * k + 1) * (2 * (n - k) + 1)) for k in range(n + 1))
 
     first = coefficients._ORDER // 2 + 1
-    assert sum(mean(n) / coefficients._CLOSED_FORM_UP_TO ** (2 * n) for n in range(first, first + 40)) < 4e-17
+    assert (
+        sum(mean(n) / coefficients._MAX_CLOSED_FORM_DISTANCE ** (2 * n) for n in range(first, first + 40))
+        < 4e-17
+    )
 
 
 def test_own_displacement_of_a_square():

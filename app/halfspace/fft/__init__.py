@@ -1,1 +1,1 @@
-"""Multiplication by even functions in Fourier space, distributed: lengths, strips, transpose, multiplier."""
+"""Multiplication by even functions in Fourier space, distributed over ranks."""

@@ -1,19 +1,18 @@
-"""Lengths of transforms that are quick, and long enough for a product without wrap-around."""
+"""Lengths of fast transforms."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from math import ceil
 
 from scipy.fft import next_fast_len
 
 
 @lru_cache(maxsize=256)
 def fast_length(n, even=False):
-    """Length of at least n at which a transform and what goes with it take little time. Not collective.
+    """Return a length >= n at which a product is fast.
 
-    Per point FFTW needs (without measuring) half the time at powers of two, 0.8 of it at odd multiples of large
-    ones; the rest of a product, as much again, does not care. Memory counts too, so that little is not bought dearly.
+    Per point, FFTW's estimated plans take half the time at powers of two, and 0.8 of it at odd multiples of large
+    powers. The rest of a product takes as long again at any length. Memory has a cost, too.
     """
 
     def cost(length):
@@ -30,10 +29,5 @@ def fast_length(n, even=False):
 
 
 def transform_length(n):
-    """Even length >= 2 n - 1 for a product on n cells. Not collective."""
+    """Return a fast even length >= 2 n - 1."""
     return fast_length(max(2 * n - 1, 2), even=True)
-
-
-def lengths_with_margin(shape, margin):
-    """Quick lengths of at least a shape and shares of it more, in y and x. Not collective."""
-    return tuple(fast_length(n + ceil(share * n)) for n, share in zip(shape, margin, strict=True))

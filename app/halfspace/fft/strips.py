@@ -1,17 +1,16 @@
-"""Compiled loops on the way from real rows to complex columns and back: pairs of rows, strips of columns.
+"""Compiled loops between real rows and complex columns.
 
-- *Pairs.* Two real rows a, b are transformed as one complex row a + i b, which costs half of two real transforms by
+- *Pairs.* Two real rows a, b are transformed as one complex row a + i b, at half the cost of two real transforms by
   FFTW. An odd last row is paired with itself.
-- *Strips.* Transformed rows are stored as strips of 16 columns: a row fills a part of every strip, columns are made of
-  a whole one, and both ways memory is gone through in order. Strips that belong together are one flat array; the last
-  may be narrower.
-- *Columns.* Those of one strip are gathered as rows of a small array, where they are transformed, and scattered back.
+- *Strips.* Transformed rows are stored as strips of 16 columns. A row is a part of every strip, columns are a whole
+  strip, and both ways memory is accessed in order. Strips are consecutive in one flat array; the last may be narrower.
+- *Columns.* The columns of a strip are gathered as rows of a small array, transformed there, and scattered back.
 
-A product is `rows_to_strips`, `convolve_columns`, `strips_to_rows`, with FFTW called from inside: on small grids every
-call from Python counts.
+A product is `rows_to_strips`, `convolve_columns`, `strips_to_rows`. They call FFTW from compiled code, because on small
+grids every call from Python counts.
 
-Unsigned indices are not tested for being negative, complex numbers put together from real products not for NaN, and a
-loop over a row in a function of its own is not lost in others: only so do these loops become vector instructions.
+LLVM vectorises these loops only if indices are unsigned (not tested for being negative), complex numbers are made of
+real products (not tested for NaN), and the loop over a row is a function of its own.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from app.halfspace.fft.fftw import execute
 from app.parallel.reductions import any_nonzero
 
 STRIP = 16  # columns
-ROWS = 2 * STRIP  # at once: two real rows are a sequence
+ROWS = 2 * STRIP  # transformed together: two real rows are one sequence
 
 
 @njit()
@@ -33,19 +32,19 @@ def _pair_row(a, b, row):
 
 
 @njit()
-def _pair_row_on(a, b, of_a, of_b, row):
+def _pair_masked_row(a, b, mask_a, mask_b, row):
     for k in range(a.size):
-        row[k] = complex(a[k] if of_a[k] else 0, b[k] if of_b[k] else 0)
+        row[k] = complex(a[k] if mask_a[k] else 0, b[k] if mask_b[k] else 0)
 
 
 @njit()
 def _pair(p, mask, pairs):
-    """pairs[m, :nx] = p[2 m] + i p[2 m + 1], on C if there is a mask; zero beyond."""
+    """Compute pairs[m] = p[2 m] + i p[2 m + 1]."""
     last = p.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
         if mask.size:
-            _pair_row_on(p[j], p[l], mask[j], mask[l], pairs[m])
+            _pair_masked_row(p[j], p[l], mask[j], mask[l], pairs[m])
         else:
             _pair_row(p[j], p[l], pairs[m])
         pairs[m, p.shape[1] :] = 0
@@ -59,10 +58,10 @@ def _unpair_row(row, a, b):
 
 
 @njit()
-def _unpair_row_on(row, of_a, of_b, a, b):
+def _unpair_masked_row(row, mask_a, mask_b, a, b):
     for k in range(a.size):
-        a[k] = row[k].real if of_a[k] else 0
-        b[k] = row[k].imag if of_b[k] else 0
+        a[k] = row[k].real if mask_a[k] else 0
+        b[k] = row[k].imag if mask_b[k] else 0
 
 
 @njit()
@@ -72,14 +71,14 @@ def _unpair(pairs, mask, out):
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
         if mask.size:
-            _unpair_row_on(pairs[m], mask[j], mask[l], out[j], out[l])
+            _unpair_masked_row(pairs[m], mask[j], mask[l], out[j], out[l])
         else:
             _unpair_row(pairs[m], out[j], out[l])
 
 
 @njit()
 def _split(both, first, a, b):
-    """Transforms a, b of two real rows from that of their pair, at frequency `first` and on."""
+    """Split the transform of a pair of rows."""
     length, start, half = np.uint64(both.size), np.uint64(first), both.real.dtype.type(0.5)
     for c in range(np.uint64(first == 0), np.uint64(a.size)):
         x, y = both[start + c], both[length - start - c]
@@ -110,7 +109,7 @@ def _copy_strip(source, i, target, k):
 
 @njit()
 def put_rows(rows, strips, height, start):
-    """Make `rows` the rows of the strips, which are `height` rows high, from row `start` on."""
+    """Store rows from row `start` on in strips of `height` rows."""
     whole = rows.shape[1] // STRIP * STRIP
     for strip in range(0, whole, STRIP):
         at = height * strip + start * STRIP
@@ -138,7 +137,7 @@ def _take_rows(strips, height, start, rows):
 
 @njit()
 def _store_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Put those of `count` real rows, of pairs', into the strips from row `start` on, from frequency `first` on."""
+    """Store transforms of `count` rows, from frequency `first` on."""
     if not height:
         return
     columns = strips.size // height
@@ -162,7 +161,7 @@ def _fetch_pairs(transforms, length, first, count, scratch, strips, height, star
 
 @njit()
 def _clear_rows(strips, height, start, count):
-    """Set rows `start`, ... of the strips to zero."""
+    """Set `count` rows of the strips to zero."""
     if not height:
         return
     columns = strips.size // height
@@ -172,7 +171,7 @@ def _clear_rows(strips, height, start, count):
 
 
 def strip_view(strips, height, first, last):
-    """Columns ``first <= c < last``, a whole strip, as a view (rows, columns)."""
+    """Return a strip of columns as a view (rows, columns)."""
     return strips[height * first : height * last].reshape(height, last - first)
 
 
@@ -190,7 +189,7 @@ def _scatter_row(columns, at, row):
 
 @njit()
 def _gather_columns(strip, columns, start):
-    """columns[c, start + r] = strip[r, c]."""
+    """Compute columns[c, start + r] = strip[r, c]."""
     width = strip.shape[1]
     for r in range(strip.shape[0]):
         if width == STRIP:
@@ -238,8 +237,8 @@ def _divide(column, factor, scale):
 
 
 @njit()
-def _some(p, mask, rows, start, stop):
-    """Whether some rows are wanted: as `rows` says, or the mask, or what is not zero."""
+def _any_active(p, mask, rows, start, stop):
+    """Return whether `rows`, or else the mask or p, has nonzero rows."""
     if rows.size:
         return rows[start:stop].any()
     return any_nonzero(mask[start:stop]) if mask.size else any_nonzero(p[start:stop])
@@ -249,21 +248,22 @@ def _some(p, mask, rows, start, stop):
 def rows_to_strips(
     p, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward
 ):
-    """Transform the rows of p, on C if there is a mask, into the strips of each part of the columns between `edges`.
+    """Transform the rows of p into strips.
 
-    `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. `pairs`,
-    `transforms`: room for pairs of rows and for their transforms, of a `length`. The last batch may be of `few` rows.
+    The columns between two `edges` are consecutive strips. With a mask, p is taken on C. `rows`: the nonzero rows, if
+    known. An absent mask or `rows`
+    has size 0. `pairs`, `transforms`, `scratch` are work arrays. The last batch may have fewer rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
         stop = min(start + ROWS, height)
-        some = _some(p, mask, rows, start, stop)
-        if some:
+        active = _any_active(p, mask, rows, start, stop)
+        if active:
             _pair(p[start:stop], mask[start:stop], pairs)
             execute(fftw, forward if stop - start == ROWS else few_forward)
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
-            if some:
+            if active:
                 _store_pairs(transforms, length, edges[k], stop - start, scratch, part, height, start)
             else:
                 _clear_rows(part, height, start, stop - start)
@@ -273,7 +273,7 @@ def rows_to_strips(
 def strips_to_rows(
     out, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, backward, few_backward
 ):
-    """Transform back into the rows of `out`: on C, if there is a mask, 0 elsewhere; or only those of `rows`."""
+    """Transform back into `out`, 0 outside C; or only into `rows`."""
     height = out.shape[0]
     for start in range(0, height, ROWS):
         stop = min(start + ROWS, height)
@@ -308,26 +308,25 @@ def convolve_columns(
     few_there,
     few_back,
 ):
-    """Convolve columns in y, in place: a strip at a time, put together from the rows of all ranks.
+    """Convolve columns in y, in place, one strip at a time.
 
     Parameters
     ----------
     own : ndarray of complex
-        Strips of the rows here.
+        Strips of the rows of this rank.
     received : ndarray of complex
-        Those of the others, of rank q from ``places[q]`` on.
+        Strips of the other ranks, those of rank q from ``places[q]`` on.
     places, heights : ndarray of int, shape (ranks,)
-        How many rows each has.
+        Offsets in `received`, and number of rows of each rank.
     rank : int
-        This one's number.
     length : int
-        Of the columns.
+        Length of the columns.
     column, transforms, parts : ndarray
-        Room for a strip of columns, and for their transforms; these as reals. Rows may be longer.
+        Work arrays for a strip of columns, for its transforms, and the latter as reals; rows may be longer.
     spectrum : ndarray, shape (columns, half a period and one)
-        To multiply by.
+        Factors.
     scale : float
-        If it is not 0, divide by the spectrum instead, and multiply by this.
+        If not 0, divide by the spectrum and multiply by this.
     fftw, there, back, few_there, few_back : int
         Addresses of FFTW's ``execute``, and of the plans from `column` to `transforms` and back: of a whole strip, and
         of the last one.

@@ -1,7 +1,7 @@
-"""The all-to-all between slabs of rows and columns dealt to the ranks, a group of columns at a time.
+"""Distributed transpose between slabs of rows and dealt columns.
 
-Ranks that share memory (`app.parallel.shared_memory`) send nothing: each works on its columns where the others
-keep them.
+It is done for one group of columns at a time. Ranks that share memory (`app.parallel.shared_memory`) send nothing: each
+works on its columns where the other ranks store them.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ import numpy as np
 from app.halfspace import events
 from app.halfspace.fft.strips import STRIP
 
-_GROUP_BYTES = 1 << 22  # what a rank sends at once, at most about
+_GROUP_BYTES = 1 << 22  # sent by a rank at once, approximately
 
 
 def deal_columns(columns, row_counts, comm):
-    """Split columns into groups, each dealt to all ranks; the same in all precisions. Not collective.
+    """Split columns into groups, each dealt to all ranks.
+
+    Groups are the same in all precisions.
 
     Parameters
     ----------
@@ -25,7 +27,6 @@ def deal_columns(columns, row_counts, comm):
     row_counts : sequence of int
         Rows of each rank.
     comm : mpi4py communicator or None
-        The ranks; None: this one alone.
 
     Returns
     -------
@@ -34,51 +35,51 @@ def deal_columns(columns, row_counts, comm):
     if comm is None:
         return [ColumnGroup(0, columns, 1, 0, row_counts)]
     column = max(row_counts) * np.dtype(complex).itemsize
-    batches = comm.size * STRIP  # all ranks busy, with no batch half empty
+    batches = comm.size * STRIP  # so that all ranks have full batches
     width = max(1, _GROUP_BYTES // (column * batches)) * batches
     edges = [*range(0, columns, width), columns]
     return [ColumnGroup(a, b, comm.size, comm.rank, row_counts) for a, b in itertools.pairwise(edges)]
 
 
 class ColumnGroup:
-    """Columns [start, stop) dealt to `size` ranks, and the all-to-all that deals them.
+    """Columns [start, stop) dealt to ranks, and their all-to-all.
 
-    On either side lie the strips of one rank after those of the other. What a rank would send to itself stays there.
+    On both sides, strips are ordered by rank. Data for the rank itself are not moved.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):
         per_rank = [(stop - start) // size + (r < (stop - start) % size) for r in range(size)]
         self.edges = [int(edge) for edge in start + np.concatenate([[0], np.cumsum(per_rank)])]
-        self.mine = slice(self.edges[rank], self.edges[rank + 1])
+        self.mine = slice(self.edges[rank], self.edges[rank + 1])  # columns of this rank
+        self.count = per_rank[rank]
         row_edges = np.concatenate([[0], np.cumsum(row_counts)])
         self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
-        self._columns, self._rows, self.rank = per_rank[rank], row_counts[rank], rank
-        starts = self._rows * (np.array(self.edges[:-1]) - start)
+        self._rows, self.rank = row_counts[rank], rank
         sent = np.array(per_rank) * self._rows
-        got = np.array(row_counts) * self._columns
-        sent[rank] = got[rank] = 0
-        self._by_column = sent, starts
-        self._by_row = got, np.concatenate([[0], np.cumsum(got)[:-1]])
+        received = np.array(row_counts) * self.count
+        sent[rank] = received[rank] = 0
+        self._by_column = sent, self._rows * (np.array(self.edges[:-1]) - start)
+        self._by_row = received, np.concatenate([[0], np.cumsum(received)[:-1]])
         self.heights, self.places = np.array(row_counts), self._by_row[1]
-        self.to_receive = int(got.sum())
+        self.to_receive = int(received.sum())
 
     def part(self, transformed):
-        """What is dealt, in the array of all groups."""
+        """Return the part of this group in the array of all groups."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):
-        """What this rank has of its own columns."""
+        """Return the rows of this rank in its own columns."""
         first = self._rows * (self.mine.start - self.edges[0])
-        return part[first : first + self._rows * self._columns]
+        return part[first : first + self._rows * self.count]
 
     def pieces(self, transformed):
-        """First column of each rank, one past its last, and the strips that are sent to it."""
+        """Return first column, end column and strips to send for each rank."""
         return [
             (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
         ]
 
     def deal(self, comm, part, received):
-        """Get the columns of this rank: the strips with the rows of rank q, for each rank q. Collective."""
+        """Return the columns of this rank, strips by rank. Collective."""
         own = self.own(part)
         if comm is None:
             return [own]
@@ -90,18 +91,18 @@ class ColumnGroup:
         ]
 
     def fetch(self, comm, part, received):
-        """Receive what others have of the columns of this rank. Collective."""
+        """Receive the columns of this rank from the others. Collective."""
         with events.alltoall:
             comm.Alltoallv([part, self._by_column], [received, self._by_row])
 
-    def give_back(self, comm, part, received):
-        """Send back what `fetch` got. Collective."""
+    def send_back(self, comm, part, received):
+        """Send back the columns that `fetch` received. Collective."""
         with events.alltoall:
             comm.Alltoallv([received, self._by_row], [part, self._by_column])
 
 
 class Exchange:
-    """The columns of this rank, in between rows of a product and rows again. Of one rank, which has all rows.
+    """Access to the columns between two transposes, on one rank.
 
     Collective.
 
@@ -114,7 +115,7 @@ class Exchange:
     Attributes
     ----------
     memory : int
-        Bytes beside those of the rows.
+        Bytes in addition to those of the rows.
     """
 
     memory = 0
@@ -132,15 +133,15 @@ class Exchange:
         return own, group.places
 
     def each(self):
-        """Iterate over what `app.halfspace.fft.strips.convolve_columns` works on, of each group, to the end.
+        """Iterate over the arguments of `strips.convolve_columns` of each group.
 
-        Columns are at hand until the next ones are asked for; then their rows are back where they were.
+        The iteration must be completed: columns are sent back when the next ones are requested.
         """
         return self._columns
 
 
 class SentExchange(Exchange):
-    """Columns are sent, and sent back."""
+    """Exchange by messages."""
 
     def __init__(self, groups, transformed, comm):
         self._comm = comm
@@ -156,11 +157,11 @@ class SentExchange(Exchange):
         for columns, group, part in zip(self._columns, self._groups, self._parts, strict=True):
             group.fetch(self._comm, part, self._received)
             yield columns
-            group.give_back(self._comm, part, self._received)
+            group.send_back(self._comm, part, self._received)
 
 
 class SharedExchange(Exchange):
-    """Columns stay in the memory of all ranks; these wait for each other before and after."""
+    """Exchange in shared memory, between two barriers."""
 
     def __init__(self, groups, transformed, comm, storage):
         self._comm = comm

@@ -69,7 +69,7 @@ class KernelInX:
         self.reach = np.maximum.accumulate(reach[::-1])[::-1]
 
     def rows(self, first, last):
-        """Transforms of rows first <= j < last, shape (last - first, F); zero beyond the grid. Not collective."""
+        """Transforms of rows first <= j < last, shape (last - first, F); zero beyond the grid."""
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))
         for start in range(first, min(last, self._ny), _ROWS_AT_ONCE):

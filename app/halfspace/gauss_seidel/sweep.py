@@ -78,14 +78,14 @@ class GaussSeidel:
         self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def begin(self):
-        """Forget how wide contact has been: it rounds differently. Not collective."""
+        """Forget how wide contact has been: it rounds differently."""
         self._width = 0
 
     @property
     def products_per_sweep(self):
         """Operations of the sweeps so far, on average, divided by those of a full product with A.
 
-        Not collective. Counted by a model that depends on the contact sets only: 2.5 N log2 N for a real
+        Counted by a model that depends on the contact sets only: 2.5 N log2 N for a real
         transform, twice that for a complex one, 2 for a multiplication and an addition. In a row a contact
         cell is charged half a segment.
         """

@@ -66,7 +66,7 @@ class Waves:
         yield 1j * p * ny * s * odd_y
 
     def plane(self, depth):
-        """Components on a horizontal plane, shape (6, ny, nx). Not collective."""
+        """Components on a horizontal plane, shape (6, ny, nx)."""
         return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
 
     def _phase_y(self, y):
@@ -75,7 +75,7 @@ class Waves:
         return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth goes neither way
 
     def row(self, depth, x, y):
-        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny). Not collective."""
+        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny)."""
         grid = self.grid
         if y is not None:
             phase = self._phase_y(y)
@@ -90,7 +90,7 @@ class Waves:
         return twice * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
 
     def point(self, depth, x, y):
-        """Components in a point, shape (6,). Not collective."""
+        """Components in a point, shape (6,)."""
         in_x, in_y = self._phase_x(x), self._phase_y(y)
         return np.array([(in_y @ w @ in_x).real for w in self._waves(depth)])
 
@@ -109,7 +109,7 @@ class Cells:
         self.extent = nx * grid.dx, ny * grid.dy
 
     def plane(self, depth):
-        """Components on a horizontal plane, shape (6, ny, nx). Not collective."""
+        """Components on a horizontal plane, shape (6, ny, nx)."""
         grid, (rows, columns) = self.grid, self._loaded.shape
         # Offsets from the last loaded cell to the first of the patch, up to those from the first to the last.
         lengths = grid.ny + rows - 1, grid.nx + columns - 1
@@ -129,7 +129,7 @@ class Cells:
         return out
 
     def row(self, depth, x, y):
-        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny). Not collective."""
+        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny)."""
         if y is not None:
             return self._along(depth, self._loaded, y - self._y, 1)
         return self._along(depth, self._loaded.T, x - self._x, 0)
@@ -160,7 +160,7 @@ class Cells:
         return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
 
     def point(self, depth, x, y):
-        """Components in a point, shape (6,). Not collective."""
+        """Components in a point, shape (6,)."""
         edges = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
         return _at_point(self._loaded, *edges, depth, self.nu)
 

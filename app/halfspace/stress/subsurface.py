@@ -51,13 +51,13 @@ class StressMaximum:
 
 
 def von_mises(stress):
-    """Equivalent stress of von Mises of components (6, ...) [N/mm2]. Not collective."""
+    """Equivalent stress of von Mises of components (6, ...) [N/mm2]."""
     xx, yy, zz, xy, xz, yz = stress
     return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + xz**2 + yz**2))
 
 
 def max_shear(stress):
-    """Largest shear stress of components (6, ...), half of what principal ones differ [N/mm2]. Not collective."""
+    """Largest shear stress of components (6, ...), half of what principal ones differ [N/mm2]."""
     xx, yy, zz, xy, xz, yz = stress
     tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
     principal = np.linalg.eigvalsh(tensors)

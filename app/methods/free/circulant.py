@@ -44,7 +44,7 @@ def _create_periodic_inverse(grid, compliance, layout):
         return 1 / np.where(values > 0, values, longest)
 
     inverse = EvenMultiplier(grid.shape, grid.shape, layout)
-    inverse.use(layout.spectra, "inverse", partial(inverse.set_spectrum, symbol))
+    inverse.load_or_make("inverse", partial(inverse.set_spectrum, symbol))
     return inverse
 
 

@@ -71,7 +71,7 @@ class TrackingSolver(LinearSolver):
         if atol is not None and norm <= atol:
             return 0, "", norm
         if self._large:
-            self.operator.forget_exact_support()
+            self.operator.invalidate_exact_product()
         self.ksp.setInitialGuessNonzero(True)
         cg = self._cg
         cg.displacement, cg.shift, cg.first_norm, cg.multiply = state.u, state.depth, norm, self._multiply

@@ -69,7 +69,7 @@ class WindowCache(SolverCache):
     def close(self, operator):
         """Count the products of a window, and free it unless it is cached. Collective over its ranks."""
         self._hierarchy.count_window(operator)
-        operator.spectra.forget()
+        operator.spectra.drop_unused()
         if operator in self._windows.values():
             operator.free_exact_product()
         else:
