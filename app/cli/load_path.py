@@ -206,7 +206,7 @@ class _Book:
                 f"-resume: nothing to go on from: {self._path} has no steps, or went when the path was finished; "
                 f"step 1 of {len(wanted.numbers)} comes first"
             )
-        dropped = self._journal.dropped
+        dropped = self._journal.discarded
         if steps := sum(key.isdigit() for key in dropped):
             advice = "; -resume goes on after them" if dropped.get("path") == what else ""
             warn(

@@ -114,7 +114,7 @@ class Request:
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = given.split_by_source(given.texts.keys() - taken)
         _refuse_method(self.options)
-        known, unknown = _unknown(given.typed(), own.names)
+        known, unknown = _unknown(given.explicit_names(), own.names)
         if meant := [name for name in unknown if find_similar_name(name, known)]:
             raise InputError(describe_unknown_options(meant, known))
         self.texts = {name: given.texts[name] for name in given.texts.keys() & taken}
@@ -138,7 +138,7 @@ def suggest_names(given):
     try:
         yield
     except InputError as error:
-        known, unknown = _unknown(given.typed())
+        known, unknown = _unknown(given.explicit_names())
         own = given.texts.get("problem") == "python"  # which may have any
         meant = [
             name

@@ -88,7 +88,7 @@ def start(argv):
         PETSc.Options().setValue(name, text or None)
     if "log_view" in given.petsc_options and not PETSc.Log.isActive():
         PETSc.Log.begin()
-    for line in given.warnings:
+    for line in given.overridden():
         warn(line)
     return given
 

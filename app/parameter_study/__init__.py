@@ -1,1 +1,1 @@
-"""What sweeps are made of: runs of the program in processes of their own, and what they came to. Not collective."""
+"""Parameter studies: many runs of a program, one table."""

@@ -1,4 +1,4 @@
-"""What is finished, on disk. Not collective."""
+"""Checkpoint of finished runs or steps on disk."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from app.base.errors import InputError
 
 
 class Journal:
-    """Outcomes of finished runs in a file of JSON lines, so that an interrupted sweep can go on.
+    """Outcomes in a locked file of JSON lines.
 
     Parameters
     ----------
     path : Path
     resume : bool
-        Keep what is there already; else start anew: what is there goes when the first outcome comes.
+        Keep earlier outcomes; else `add` removes them when it is first called.
 
     Attributes
     ----------
     outcomes : dict
         Key -> outcome.
-    dropped : dict
-        The same of what is not kept.
+    discarded : dict
+        Earlier outcomes that are not kept.
 
     Raises
     ------
     InputError
-        If another process is writing it.
+        If the file cannot be written or another process has locked it.
     """
 
     def __init__(self, path, resume=False):
@@ -42,26 +42,25 @@ class Journal:
         except OSError:
             self._file.close()
             raise InputError(f"{path}: another process is writing it") from None
-        self.outcomes, self.dropped = {}, {}
+        self.outcomes, self.discarded = {}, {}
         self._file.seek(0)
         for line in self._file:
-            try:
+            # Skip lines cut off by a kill, and what is no journal.
+            with suppress(ValueError, LookupError, AttributeError, TypeError):
                 entry = json.loads(line)
                 self.outcomes[entry.pop("key")] = entry
-            except (ValueError, LookupError, AttributeError, TypeError):
-                continue  # cut off when the process was killed, or nothing of ours
         if not resume:
-            self.outcomes, self.dropped = {}, self.outcomes
+            self.outcomes, self.discarded = {}, self.outcomes
         self._file.write("\n")  # ends a line that was cut off
-        self._begins = not resume
+        self._truncate = not resume
 
     def add(self, key, outcome):
-        """Record an outcome; it is on its way to the disk when this returns. InputError if it cannot be written."""
+        """Record an outcome, flushed to the system; raise InputError on failure."""
         try:
-            if self._begins:
+            if self._truncate:
                 self._file.truncate(0)
-                self._begins = False
-            json.dump({"key": key, **outcome}, self._file, default=_plain)
+                self._truncate = False
+            json.dump({"key": key, **outcome}, self._file, default=lambda value: value.tolist())  # of numpy
             self._file.write("\n")
             self._file.flush()
         except OSError as error:
@@ -69,10 +68,6 @@ class Journal:
         self.outcomes[key] = outcome
 
     def close(self):
-        """Close the file and let others write it."""
-        with suppress(OSError):  # of what `add` has complained of
+        """Close and unlock the file."""
+        with suppress(OSError):  # `add` has reported it
             self._file.close()
-
-
-def _plain(value):
-    return value.tolist()  # numpy scalars and arrays

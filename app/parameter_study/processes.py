@@ -1,4 +1,4 @@
-"""Runs as processes of their own, under mpiexec if need be. Not collective."""
+"""Runs as separate processes, with mpiexec for several ranks."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from contextlib import suppress
 
 from app.parameter_study.run import ROOT
 
-# Ranks of several runs must not be bound to the same cores.
+# Ranks of simultaneous runs must not be bound to the same cores.
 _OPEN_MPI = {
     "OMPI_MCA_hwloc_base_binding_policy": "none",
     "PRTE_MCA_hwloc_default_binding_policy": "none",  # Open MPI 5
 }
-_GLANCE = 0.5  # s between looks at the event that stops a process
-# A run without mpiexec needs no daemon of Open MPI. At the end of each run, version 4 would then remove a folder that
-# all runs share; version 5 removes each run's own only.
-_ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
+# A run without mpiexec needs no daemon of Open MPI. Its version 4 would remove a folder that all runs share.
+_SINGLE_RANK = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
+_POLL_INTERVAL = 0.5  # s, between looks at the stop event
+_KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 
 
 def run_command(command, timeout=None, stop=None):
-    """Run a command in a process group of its own, so that Ctrl-C reaches only the caller.
+    """Run a command in a process group of its own.
 
     Parameters
     ----------
@@ -33,28 +33,27 @@ def run_command(command, timeout=None, stop=None):
     timeout : float, optional
         [s]
     stop : threading.Event, optional
-        Ends the process when it is set, by another thread.
+        Setting it ends the process.
 
     Returns
     -------
     status : int
-        Exit status; minus the signal that ended it.
+        Exit status; minus the number of a signal that ended it.
     errors : str
-        What it said on standard error.
+        Standard error.
 
     Raises
     ------
     subprocess.TimeoutExpired
-        After `timeout` seconds; the process is gone then.
+        After `timeout`; the process has ended.
     InterruptedError
-        If it was stopped.
+        If `stop` was set.
     """
     environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
-    if command[0] != "mpiexec":
-        environment |= _ALONE
+    environment |= _SINGLE_RANK if command[0] != "mpiexec" else {}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     deadline = time.monotonic() + (timeout or math.inf)
-    # A file, not a pipe: a daemon that outlives the process would keep a pipe open.
+    # A file, because a daemon that outlives the process would keep a pipe open.
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, env=environment,
@@ -64,72 +63,60 @@ def run_command(command, timeout=None, stop=None):
             while process.poll() is None:
                 if stop is not None and stop.is_set():
                     raise InterruptedError("stopped")
-                if (left := deadline - time.monotonic()) <= 0:
+                if (remaining := deadline - time.monotonic()) <= 0:
                     raise subprocess.TimeoutExpired(command, timeout)
                 with suppress(subprocess.TimeoutExpired):
-                    process.wait(min(left, _GLANCE))
-        except BaseException:  # the time limit, Ctrl-C
-            _end(process)
+                    process.wait(min(remaining, _POLL_INTERVAL))
+        except BaseException:
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                with suppress(ProcessLookupError, subprocess.TimeoutExpired):
+                    os.killpg(process.pid, number)
+                    process.wait(_KILL_DELAY)
+                    break
             raise
         errors.seek(0)
         return process.returncode, errors.read()
 
 
-def _end(process):
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        try:
-            os.killpg(process.pid, number)
-            process.wait(3)
-            return
-        except ProcessLookupError:
-            return
-        except subprocess.TimeoutExpired:
-            continue
-
-
 def perform(run, output, stop=None, ranks=1, timeout=None):
-    """Call the program of a run and collect its outcome; call from any thread.
+    """Run the program of a run and return its outcome.
 
     Parameters
     ----------
     run : Run
     output : Path
-        File the program is to write.
+        Result file of the program.
     stop, timeout
-        See `call`.
+        As for `run_command`.
     ranks : int
 
     Returns
     -------
     dict
-        `exit_status`, `message` (empty, warnings, or what went wrong), and what ``run.collect`` returns.
+        `exit_status`, `message` (warnings or error), and what ``run.collect`` returns.
     """
-    command = [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]
-    if ranks > 1:
-        command = ["mpiexec", "-n", str(ranks), *command]
+    command = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
+    command += [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]
     output.unlink(missing_ok=True)
     try:
         status, errors = run_command(command, timeout, stop)
     except subprocess.TimeoutExpired:
         return {"exit_status": 124, "message": f"stopped after {timeout:g} s"}
     lines = [line.strip() for line in errors.splitlines() if line.strip()]
+    if status < 0:
+        names = {known.value: known.name for known in signal.Signals}  # real-time signals have none
+        return {"exit_status": status, "message": f"ended by {names.get(-status, f'signal {-status}')}"}
+    if status not in (0, 3) or not output.is_file():
+        errors = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
+        return {"exit_status": status, "message": errors[-1]}
     outcome = {"exit_status": status, "message": " | ".join(x for x in lines if x.startswith("warning: "))}
-    if status in (0, 3) and output.is_file():
-        try:
-            outcome |= run.collect(output)
-        except (ValueError, OSError) as error:
-            outcome["message"] = str(error)
-        if status == 3:
-            why = outcome.get("reason") or "not converged"
-            if outcome.get("converged"):  # it says nothing of what came before
-                why = "a step of the path is not solved, or -refine_max was reached first"
-            outcome["message"] = ". ".join(filter(None, (why, outcome["message"])))
-    else:
-        told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
-        outcome["message"] = told[-1] if status >= 0 else f"ended by {_name_of_signal(-status)}"
+    try:
+        outcome |= run.collect(output)
+    except (ValueError, OSError) as error:
+        outcome["message"] = str(error)
+    if status == 3:
+        reason = outcome.get("reason") or "not converged"
+        if outcome.get("converged"):  # the last step or grid is
+            reason = "a step of the path is not solved, or -refine_max was reached first"
+        outcome["message"] = ". ".join(filter(None, (reason, outcome["message"])))
     return outcome
-
-
-def _name_of_signal(number):
-    known = {known.value: known.name for known in signal.Signals}
-    return known.get(number, f"signal {number}")  # those of real time have no names

@@ -1,4 +1,4 @@
-"""A run, what its outcome depends on, and what is kept of its result. Not collective."""
+"""One run of a parameter study: command line, inputs and collected numbers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import hashlib
 import json
 import os
 import re
+import stat
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from math import nan
@@ -27,7 +29,7 @@ _WORK = (
     "converged", "active_set_iterations", "inner_iterations", "work_units", "operator_applications", "residual",
     "solve_seconds",
 )  # fmt: skip
-WHERE_KNOWN = (  # those of grids by nested iteration only; the stiffness if it is asked for
+WHERE_KNOWN = (  # columns only if a run has them
     "indentation", "contact_area", "mean_contact_pressure", "stiffness", "contact_patches", "largest_patch",
     "persson_fraction", "rms_height", "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error",
     "max_pressure_error", "contact_area_error",
@@ -37,11 +39,10 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 
 
 def collect_result(path):
-    """Numbers of a result file for a row: those of `OUTCOME` that it knows, and `reason`, name -> value.
+    """Return the numbers of a result file for a row.
 
-    The checks are `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`,
-    max |p e| / (max p max |h|): computed from the fields, whatever solver wrote them. Of a load path `steps` has what
-    its table says of each.
+    They are those of `OUTCOME` and `reason`; a load path has its rows in `steps`. The fields give `largest_penetration`
+    [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
     """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
@@ -53,13 +54,13 @@ def collect_result(path):
         **{name: value for name in WHERE_KNOWN if (value := result.attributes.get(name, nan)) == value},
         "largest_penetration": float(-e.min(initial=0.0)),
         "smallest_pressure": float(result.pressure.min(initial=0.0)),
-        "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN
-        **({"steps": _steps(result.path)} if result.path else {}),
+        "complementarity": float(product / scale) if scale != 0 else 0.0,
+        **({"steps": _list_steps(result.path)} if result.path else {}),
     }
 
 
-def _steps(table):
-    """Rows of a load path, as far as a table of runs has their columns."""
+def _list_steps(table):
+    """Return the rows of a load path with the columns of `OUTCOME`."""
     table = {ATTRIBUTE_NAMES.get(name, name): column.tolist() for name, column in table.items()}
     table["converged"] = [bool(solved) for solved in table.get("converged", ())]
     names = [name for name in table if name in ("step", *OUTCOME) and len(table[name])]
@@ -69,20 +70,20 @@ def _steps(table):
 
 @dataclass(frozen=True)
 class Run:
-    """One call of a program.
+    """A call of a program.
 
     Parameters
     ----------
     files : tuple of str
-        Option files, in order.
+        Option files.
     options : mapping of str to str
-        Name (without dash) -> text; empty text for a bare option.
+        Name without dash -> text, empty without a value.
     labels : mapping
-        What the table says about this run: column -> value.
+        Columns that identify the run in the table.
     module : str
-        Program, started by ``python -m``; writes the file that its option ``-output`` names.
+        Program for ``python -m``; it has an option ``-output``.
     collect : callable
-        Path of that file -> mapping of what to keep of it (JSON types).
+        Path of the output -> mapping of JSON types.
     """
 
     files: tuple[str, ...] = ()
@@ -99,68 +100,61 @@ class Run:
         return words
 
     def inputs(self):
-        """Return the names of its option files, and of what else may be a file; some may not exist.
+        """Return names of possible input files.
 
-        What files and variables name counts that PETSc reads unasked, too.
+        Among them are PETSc's start files, and what these and its variables name. Some may not exist.
         """
         home = Path(os.environ.get("HOME", "."), ".petscrc")
         files = [str(home), ".petscrc", "petscrc", *self.files]
         values = [file for value in self.options.values() for file in list_named_files(str(value))]
-        return [*files, *values, *_named_in(files, _environment())]
+        return [*files, *values, *_find_named_files(files, _petsc_variables())]
 
     def key(self, ranks=1):
-        """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
-        contents = [_digest(file) for file in self.inputs()]
-        program = [self.module, self.collect.__qualname__, _program_digest()]
-        what = [program, self.arguments(), contents, ranks, _environment()]
-        return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
+        """Return a hash of options, files, program and number of ranks."""
+        files = [_hash_if_file(file) for file in self.inputs()]
+        program = [self.module, self.collect.__qualname__, _hash_program()]
+        facts = [program, self.arguments(), files, ranks, _petsc_variables()]
+        return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
 
 
-def _environment():
+def _petsc_variables():
     return [os.environ.get(name, "") for name in ("PETSC_OPTIONS", "PETSC_OPTIONS_YAML")]
 
 
-def _named_in(option_files, texts):
-    """Names of files that option files, and those they include, and other texts of options may hold."""
-    found, texts, unread = [], list(texts), list(option_files)
+def _find_named_files(option_files, texts):
+    """Return the existing files that options name."""
+    named, texts, unread = [], list(texts), list(option_files)
     while texts or unread:
-        for line in (texts.pop() if texts else _text_of(unread.pop())).splitlines():
+        if not texts:
+            with suppress(OSError, UnicodeDecodeError):
+                texts.append(Path(unread.pop()).read_text(encoding="utf-8"))
+            continue
+        for line in texts.pop().splitlines():
             line = line.partition("#")[0]
             words = [*re.findall(r'"[^"]*"|[^\s"]+', line), line.partition(":")[2].strip()]
-            names = [
-                name
-                for word in words
-                for name in list_named_files(os.path.expandvars(word.strip("\"'[]{},")))
-            ]
-            new = [name for name in names if name not in found and os.path.isfile(name)]  # noqa: PTH113
-            found += new
+            words = [os.path.expandvars(word.strip("\"'[]{},")) for word in words]
+            names = dict.fromkeys(name for word in words for name in list_named_files(word))
+            new = [name for name in names if name not in named and os.path.isfile(name)]  # noqa: PTH113
+            named += new
             if "-options_file" in line.lower() or "!include" in line:
                 unread += new
-    return found
+    return named
 
 
-def _text_of(path):
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""
-
-
-def _digest(path):
-    """Digest of a file; None if there is none of this name."""
-    try:
+def _hash_if_file(path):
+    with suppress(OSError, ValueError):  # too long a name, or not readable
         state = os.stat(path)  # noqa: PTH116
-        return _digest_of(path, state.st_size, state.st_mtime_ns) if Path(path).is_file() else None
-    except (OSError, ValueError):  # a name too long for a file, or nothing we may read
-        return None
+        if stat.S_ISREG(state.st_mode):
+            return _hash_once(path, state.st_size, state.st_mtime_ns)
+    return None
 
 
 @cache
-def _digest_of(path, *state):
+def _hash_once(path, *state):
     return hash_file(path)
 
 
 @cache
-def _program_digest():
+def _hash_program():
     sources = [*(ROOT / "app").rglob("*.py"), *FILES.glob("*.opts")]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

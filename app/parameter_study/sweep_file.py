@@ -1,4 +1,4 @@
-"""Sweep files, as `app.sweep` describes them: which combinations of option values are to be run. Not collective."""
+"""Sweep files: the combinations of option values to run; see `app.cli.sweep`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.options.option_table import find_option_file, number
 from app.parameter_study.run import Run
 
 LEFT_OUT = "~"
-MOST_RUNS = 100_000  # before `exclude`
+MAX_RUNS = 100_000  # before `exclude`
 _KEYS = ("description", "option_files", "options", "zip", "exclude")
 _RESERVED = {
     "output": "each run has its own",
@@ -25,7 +25,7 @@ _RESERVED = {
 
 
 class _Loader(yaml.BaseLoader):
-    """Leaves every scalar the text it is, as on a command line, and does not overlook a key given twice."""
+    """YAML loader that keeps scalars as text and rejects duplicate keys."""
 
     def construct_mapping(self, node, deep=False):
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -45,12 +45,12 @@ def read_sweep(path):
     Returns
     -------
     list of Run
-        One per combination, the last list of the file varying fastest; labels are the varied options.
+        One for each combination, the last list varying fastest; labels are the varied options.
 
     Raises
     ------
     InputError
-        If it cannot be read or says something that is not allowed.
+        If it cannot be read or its contents are not allowed.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -64,24 +64,31 @@ def read_sweep(path):
 
 
 def _combine(content):
-    """Runs of all combinations of the axes, each a list of alternatives: labels, option files, options."""
-    _mapping(content, "the file", _KEYS)
-    files = _sequence(content.get("option_files") or [], "option_files")
-    axes, seen = [_files(entry) for entry in files], set()
-    for name, values in _mapping(content.get("options") or {}, "options").items():
-        values = _values(name, values, seen)
-        axes.append(_settings({name: values}, len(values) > 1))
-    for group in _sequence(content.get("zip") or [], "zip"):
-        lists = {name: _values(name, values, seen) for name, values in _mapping(group, "zip").items()}
+    """Return a run for each combination of the axes.
+
+    An axis is a list of alternatives: labels, option files, options.
+    """
+    _check_mapping(content, "the file", _KEYS)
+    files = _check_list(content.get("option_files") or [], "option_files")
+    axes, seen = [_file_axis(entry) for entry in files], set()
+    for name, values in _check_mapping(content.get("options") or {}, "options").items():
+        values = _read_values(name, values, seen)
+        axes.append(_option_axis({name: values}, len(values) > 1))
+    for group in _check_list(content.get("zip") or [], "zip"):
+        lists = {
+            name: _read_values(name, values, seen) for name, values in _check_mapping(group, "zip").items()
+        }
         if len({len(values) for values in lists.values()}) != 1:
-            told = ", ".join(f"{name} {len(values)}" for name, values in lists.items()) or "nothing"
-            raise InputError(f"zip: lists of a group must be equally long; these have: {told}")
-        axes.append(_settings(lists, True))
+            lengths = ", ".join(f"{name} {len(values)}" for name, values in lists.items()) or "nothing"
+            raise InputError(f"zip: lists of a group must be equally long; these have: {lengths}")
+        axes.append(_option_axis(lists, True))
     if not seen and not files:
         raise InputError("neither option_files nor options are given")
-    excluded = [_excluded(entry, seen) for entry in _sequence(content.get("exclude") or [], "exclude")]
-    if (count := math.prod(map(len, axes))) > MOST_RUNS:
-        raise InputError(f"{count} combinations; at most {MOST_RUNS} are allowed")
+    excluded = [
+        _read_exclusion(entry, seen) for entry in _check_list(content.get("exclude") or [], "exclude")
+    ]
+    if (count := math.prod(map(len, axes))) > MAX_RUNS:
+        raise InputError(f"{count} combinations; at most {MAX_RUNS} are allowed")
     runs = [_merge(combination) for combination in itertools.product(*axes)]
     runs = [run for run in runs if not any(_matches(run, entry) for entry in excluded)]
     if not runs:
@@ -89,10 +96,10 @@ def _combine(content):
     return runs
 
 
-def _files(entry):
-    """Alternatives of an option file, or of a list of them."""
+def _file_axis(entry):
+    """Return the axis of one or several option files."""
     entries = entry if isinstance(entry, list) else [entry]
-    names = [find_option_file(_scalar(name, "option_files")) for name in entries]
+    names = [find_option_file(_check_scalar(name, "option_files")) for name in entries]
     if not names:
         raise InputError("option_files: the list is empty")
     for name in names:
@@ -105,23 +112,24 @@ def _files(entry):
     return [({"option_files": label}, [name], {}) for label, name in zip(labels, names, strict=True)]
 
 
-def _settings(lists, label):
-    """Alternatives of some options whose values are gone through together."""
+def _option_axis(lists, label):
+    """Return the axis of options whose values vary together."""
     axis = []
     for values in zip(*lists.values(), strict=True):
-        given = {name: value for name, value in zip(lists, values, strict=True) if value != LEFT_OUT}
-        axis.append(({name: _number(given.get(name)) for name in lists} if label else {}, [], given))
+        options = {name: value for name, value in zip(lists, values, strict=True) if value != LEFT_OUT}
+        labels = {name: _parse_number(options.get(name)) for name in lists} if label else {}
+        axis.append((labels, [], options))
     return axis
 
 
-def _excluded(entry, seen):
-    """Name of an option -> values, combinations with all of which are left out."""
-    for name in _mapping(entry, "exclude"):
+def _read_exclusion(entry, seen):
+    """Return option -> values of an entry of ``exclude``."""
+    for name in _check_mapping(entry, "exclude"):
         if name not in seen:
             raise InputError(f"exclude: {name} is not among the options")
     if not entry:
         raise InputError("exclude: an entry must name an option")
-    return {name: _listed(values, f"exclude, {name}") for name, values in entry.items()}
+    return {name: _list_values(values, f"exclude, {name}") for name, values in entry.items()}
 
 
 def _merge(combination):
@@ -137,12 +145,12 @@ def _merge(combination):
 
 def _matches(run, entry):
     return all(
-        any(_number(run.options.get(name, LEFT_OUT)) == _number(value) for value in values)
+        any(_parse_number(run.options.get(name, LEFT_OUT)) == _parse_number(value) for value in values)
         for name, values in entry.items()
     )
 
 
-def _mapping(value, where, allowed=None):
+def _check_mapping(value, where, allowed=None):
     if not isinstance(value, dict):
         raise InputError(f"{where}: must be a mapping, name: value")
     for name in value:
@@ -151,32 +159,32 @@ def _mapping(value, where, allowed=None):
     return value
 
 
-def _sequence(value, where):
+def _check_list(value, where):
     if not isinstance(value, list):
         raise InputError(f"{where}: must be a list")
     return value
 
 
-def _listed(value, where):
-    """Return the value, or the values of a list, as a list; a list in the list is one value with commas."""
+def _list_values(value, where):
+    """Return a list of texts; inner lists become one text with commas."""
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(f"{where}: the list is empty")
     return [
-        ",".join(_scalar(part, where) for part in item)
+        ",".join(_check_scalar(part, where) for part in item)
         if isinstance(item, list) and item
-        else _scalar(item, where)
+        else _check_scalar(item, where)
         for item in values
     ]
 
 
-def _scalar(value, where):
+def _check_scalar(value, where):
     if not isinstance(value, str):
         raise InputError(f"{where}: {json.dumps(value)}: must be a number or text")
     return value
 
 
-def _values(name, values, seen):
+def _read_values(name, values, seen):
     if not re.fullmatch(r"[A-Za-z]\w*", name):
         raise InputError(f"option {name}: a name without dash and blanks is needed")
     if name.lower() in _RESERVED:
@@ -184,11 +192,11 @@ def _values(name, values, seen):
     if name.lower() in map(str.lower, seen):
         raise InputError(f"option {name}: is given twice")
     seen.add(name)
-    return _listed(values, f"option {name}")
+    return _list_values(values, f"option {name}")
 
 
-def _number(value):
-    """Return the text as a number if it is one."""
+def _parse_number(value):
+    """Return the number that a text is, else the text."""
     for kind in (int, float):
         try:
             return number(value, kind)

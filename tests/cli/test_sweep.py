@@ -485,7 +485,7 @@ def test_journal_survives_a_line_that_was_cut_off(tmp_path):
     assert list(outcomes) == ["a", "c"]
     assert outcomes["a"]["load"] == 1.5 and np.isnan(outcomes["a"]["residual"])
     anew = Journal(path)
-    assert not anew.outcomes and list(anew.dropped) == ["a", "c"]
+    assert not anew.outcomes and list(anew.discarded) == ["a", "c"]
     anew.add("d", {})
     anew.close()
     assert list(Journal(path, resume=True).outcomes) == ["d"]
@@ -509,7 +509,7 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
     status, errors = run_command([sys.executable, "-c", "import os; os.abort()"])
     assert (status, errors) == (-signal.SIGABRT, "")
     for number, name in ((signal.SIGABRT, "SIGABRT"), (signal.SIGRTMIN + 6, f"signal {signal.SIGRTMIN + 6}")):
-        with mock.patch.object(processes, "call", return_value=(-number, "")):
+        with mock.patch.object(processes, "run_command", return_value=(-number, "")):
             assert perform(Run(), tmp_path / "a.h5")["message"] == f"ended by {name}"
     stop = threading.Event()
     stop.set()

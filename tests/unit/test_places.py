@@ -54,7 +54,7 @@ def test_later_places_override_earlier_ones(read, files):
     files(file__opts="-d 4\n-e 4\n")
     found = read("-options_file file.opts -e 5", a="1", d="1", e="1")
     assert found.texts == {"a": "1", "d": "4", "e": "5"}
-    assert found.typed() == {"d", "e"} and found.database_options == {"e": "5"}
+    assert found.explicit_names() == {"d", "e"} and found.database_options == {"e": "5"}
     assert read("-e 5 -options_file file.opts").texts == {"d": "4", "e": "4"}  # as in PETSc
 
 
@@ -180,7 +180,7 @@ def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
         ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
         ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
         ("-log_view :nowhere/log\n", "-log_view :nowhere/log: there is no folder nowhere"),
-        ("x" * (option_sources.LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
+        ("x" * (option_sources.MAX_FILE_BYTES + 1), "option file a.opts: is larger than 16 MiB"),
         (3 * "-options_file c0.opts\n", ".opts: more than 100 files are included; allowed: 100"),
         (10**5 * "x" + "\n", f"line 1: {42 * 'x'}...{15 * 'x'}"),
     ],
@@ -332,10 +332,10 @@ def test_what_a_later_file_takes_back_is_told(read, files):
     given = read("-Grid 9 -ksp_rtol 1 -load 5 -options_file a.opts")
     resolve_alternatives(given)
     assert given.texts == {"grid": "8", "ksp_rtol": "1", "load": "5"}
-    assert given.warnings == ["-grid 9: a.opts comes later and says 8"]
+    assert list(given.overridden()) == ["-grid 9: a.opts comes later and says 8"]
     given = read("-grid 9 -options_file a.opts -grid 9 -approach 2")
     resolve_alternatives(given)
-    assert given.warnings == []
+    assert list(given.overridden()) == []
 
 
 def test_files_and_words_are_told_apart(read, files):
