@@ -1,11 +1,11 @@
-"""Analytic solutions of contact problems; depends on nothing else in the project but its errors.
+"""Analytic solutions of contact problems.
 
-Each name brings its module when it is first asked for: their special functions take long to load.
+Names are imported when first used: their special functions load slowly.
 """
 
 from importlib import import_module
 
-_PLACES = {
+_MODULES = {
     "AxisymmetricContact": "axisymmetric",
     "Bisinusoidal": "periodic",
     "Cone": "axisymmetric",
@@ -17,15 +17,14 @@ _PLACES = {
     "Westergaard": "periodic",
     "full_contact_pressure": "periodic",
 }
-__all__ = list(_PLACES)
+__all__ = list(_MODULES)
 
 
 def __getattr__(name):
-    if name not in _PLACES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
-    globals()[name] = found  # is here from now on
-    return found
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    return value
 
 
 def __dir__():

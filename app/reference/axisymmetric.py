@@ -18,7 +18,7 @@ from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
-    """Contact in a circle: the shape depends on r = sqrt(x^2 + y^2) only."""
+    """Contact in a circle, of a shape that depends on r = sqrt(x^2 + y^2) only."""
 
     @property
     def b(self):
@@ -27,7 +27,7 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm]: that of a flat punch of radius a."""
+        """Derivative of the load with respect to the approach [N/mm], as of a flat punch."""
         return 2 * self.e_star * self.a
 
     @abstractmethod
@@ -39,11 +39,11 @@ class AxisymmetricContact(NormalContact):
         """Return the surface displacement at r >= a > 0."""
 
     def undeformed_distance(self, x, y):
-        """Return the distance of the undeformed surfaces at zero approach [mm]; NaN: contact impossible."""
+        """See `NormalContact.undeformed_distance`."""
         return self._shape(np.hypot(x, y))
 
     def displacement(self, x, y):
-        """Return the normal surface displacement [mm], inside and outside the contact area."""
+        """See `NormalContact.displacement`."""
         r = np.hypot(x, y)
         if self.a == 0:
             return np.zeros_like(r)
@@ -60,31 +60,14 @@ class Sphere(AxisymmetricContact):
     ----------
     radius : float
         Relative radius of curvature [mm].
-    e_star : float
-        Contact modulus [N/mm2].
-    approach : float
-        Approach [mm]; no contact if not positive.
-
-    Raises
-    ------
-    InputError
-        If the radius or the modulus is not positive or a value not finite.
+    e_star, approach : float
+        See `NormalContact`.
     """
 
     radius: float
     e_star: float
     approach: float
     load_exponent = 1.5
-
-    @classmethod
-    def from_approach(cls, radius, e_star, approach):
-        """Return the contact at `approach` [mm]."""
-        return cls(radius, e_star, approach)
-
-    @classmethod
-    def from_load(cls, radius, e_star, load):
-        """Return the contact under `load` [N]; InputError if it is negative."""
-        return cls(radius, e_star, 1.0).at_load(load)
 
     @property
     def a(self):
@@ -102,7 +85,7 @@ class Sphere(AxisymmetricContact):
         return 1.5 * self.mean_pressure
 
     def pressure(self, x, y):
-        """Return the contact pressure at points [N/mm2]."""
+        """See `NormalContact.pressure`."""
         return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 
     def _shape(self, r):
@@ -125,31 +108,14 @@ class FlatCircularPunch(AxisymmetricContact):
     ----------
     radius : float
         Radius of the punch and, at positive approach, of the contact area [mm].
-    e_star : float
-        Contact modulus [N/mm2].
-    approach : float
-        Approach [mm]; no contact if not positive.
-
-    Raises
-    ------
-    InputError
-        If the radius or the modulus is not positive or a value not finite.
+    e_star, approach : float
+        See `NormalContact`.
     """
 
     radius: float
     e_star: float
     approach: float
     load_exponent = 1.0
-
-    @classmethod
-    def from_approach(cls, radius, e_star, approach):
-        """Return the contact at `approach` [mm]."""
-        return cls(radius, e_star, approach)
-
-    @classmethod
-    def from_load(cls, radius, e_star, load):
-        """Return the contact under `load` [N]; InputError if it is negative."""
-        return cls(radius, e_star, 1.0).at_load(load)
 
     @property
     def a(self):
@@ -167,7 +133,7 @@ class FlatCircularPunch(AxisymmetricContact):
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
-        """Return the contact pressure at points [N/mm2]."""
+        """See `NormalContact.pressure`."""
         s = self._radius2(x, y)
         inside = s < 1
         return np.where(inside, self.mean_pressure / 2 / np.sqrt(1 - np.where(inside, s, 0)), 0)
@@ -187,31 +153,14 @@ class Cone(AxisymmetricContact):
     ----------
     slope : float
         Tangent of the angle between the cone and the half-space.
-    e_star : float
-        Contact modulus [N/mm2].
-    approach : float
-        Approach [mm]; no contact if not positive.
-
-    Raises
-    ------
-    InputError
-        If the slope or the modulus is not positive or a value not finite.
+    e_star, approach : float
+        See `NormalContact`.
     """
 
     slope: float
     e_star: float
     approach: float
     load_exponent = 2.0
-
-    @classmethod
-    def from_approach(cls, slope, e_star, approach):
-        """Return the contact at `approach` [mm]."""
-        return cls(slope, e_star, approach)
-
-    @classmethod
-    def from_load(cls, slope, e_star, load):
-        """Return the contact under `load` [N]; InputError if it is negative."""
-        return cls(slope, e_star, 1.0).at_load(load)
 
     @property
     def a(self):
@@ -229,7 +178,7 @@ class Cone(AxisymmetricContact):
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
-        """Return the contact pressure at points [N/mm2]."""
+        """See `NormalContact.pressure`."""
         with np.errstate(divide="ignore"):  # the tip
             return self.mean_pressure * np.arccosh(np.maximum(1 / np.sqrt(self._radius2(x, y)), 1))
 

@@ -1,4 +1,4 @@
-"""What all analytic solutions have in common. No call in this package is collective."""
+"""Interface of analytic solutions."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from app.base.errors import InputError, format_exact
 
 
 def require_numbers(**values):
-    """Raise InputError for the first of `values` that is no real number."""
+    """Raise InputError for the first value that is no real number."""
     for name, value in values.items():
-        if not isinstance(value, float | Real):  # Real alone asks long
+        if not isinstance(value, float | Real):  # Real alone is slow
             raise InputError(f"{name} {value!r}: must be a number")
 
 
 def require_positive(**values):
-    """Raise InputError for the first of `values` that is not positive and finite."""
+    """Raise InputError for the first value that is not positive and finite."""
     require_numbers(**values)
     for name, value in values.items():
         if not 0 < value < math.inf:
@@ -31,8 +31,8 @@ def require_positive(**values):
 class NormalContact(ABC):
     """Frictionless contact with an elastic half-space, in an ellipse about the origin.
 
-    A subclass is a frozen dataclass of its geometry, `e_star` and `approach`; everything else follows
-    from these. Coordinates broadcast; without contact (approach <= 0) pressure and displacement are zero.
+    A subclass is a frozen dataclass of its geometry, `e_star` and `approach`. Coordinates broadcast. Without contact
+    (approach <= 0) pressure and displacement are zero.
 
     Attributes
     ----------
@@ -50,6 +50,11 @@ class NormalContact(ABC):
         Load over contact area [N/mm2], and that area [mm2].
     stiffness : float
         d load / d approach [N/mm].
+
+    Raises
+    ------
+    InputError
+        If a geometric parameter or the modulus is not positive, or a value not finite.
     """
 
     e_star: float
@@ -60,6 +65,19 @@ class NormalContact(ABC):
         require_positive(**{f.name: getattr(self, f.name) for f in fields(self) if f.name != "approach"})
         if not math.isfinite(self.approach):
             raise InputError(f"approach {format_exact(self.approach)}: must be finite")
+
+    @classmethod
+    def from_approach(cls, *parameters, **named):
+        """Return the contact for the geometry, E* and ``approach`` [mm]."""
+        return cls(*parameters, **named)
+
+    @classmethod
+    def from_load(cls, *parameters, **named):
+        """Return the contact for the geometry, E* and ``load`` [N], at least 0."""
+        names = [f.name for f in fields(cls) if f.name != "approach"]
+        values = dict(zip([*names, "load"], parameters, strict=False)) | named
+        load = values.pop("load")
+        return cls(**values, approach=1.0).at_load(load)
 
     def at_load(self, load):
         """Return the same bodies pressed together by `load` [N], at least 0."""
@@ -114,7 +132,7 @@ class NormalContact(ABC):
         return (np.asarray(x) / self.a) ** 2 + (np.asarray(y) / self.b) ** 2
 
     def in_contact(self, x, y):
-        """Return whether points lie inside the contact area; its rim does not."""
+        """Return whether points lie inside the contact area, not on its rim."""
         return self._radius2(x, y) < 1
 
     @abstractmethod
@@ -123,12 +141,12 @@ class NormalContact(ABC):
 
     @abstractmethod
     def undeformed_distance(self, x, y):
-        """Return the distance of the undeformed surfaces at zero approach [mm]; NaN: contact impossible."""
+        """Return the undeformed distance at zero approach [mm]; NaN: contact is impossible."""
 
     @abstractmethod
     def displacement(self, x, y):
-        """Return the normal surface displacement u of both bodies together [mm], inside and outside."""
+        """Return the normal surface displacement u of both bodies together [mm]."""
 
     def gap(self, x, y):
-        """Return the distance of the deformed surfaces, e = h + u [mm]; zero in contact but for round-off."""
+        """Return the distance of the deformed surfaces, e = h + u [mm]; zero in contact up to rounding."""
         return self.undeformed_distance(x, y) - self.approach + self.displacement(x, y)

@@ -1,4 +1,4 @@
-"""Elliptic contact of smooth bodies (Hertz 1882), in Carlson's symmetric elliptic integrals.
+"""Elliptic contact of smooth bodies (Hertz 1882), by Carlson's elliptic integrals.
 
 The pressure p_max sqrt(1 - x^2/a^2 - y^2/b^2) displaces the surface by
 
@@ -25,14 +25,14 @@ from scipy.special import elliprd, elliprf
 from app.base.errors import InputError, format_exact
 from app.reference.base import NormalContact
 
-_MOST = 300.0  # logarithm of rx / ry, whose square is a number
+MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
 
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
-    """Return b/a of the contact ellipse of bodies with relative radii of curvature `rx`, `ry` > 0."""
+    """Return b/a of the contact ellipse for relative radii of curvature `rx`, `ry` > 0."""
     log_radii = math.log(rx) - math.log(ry)
-    if abs(log_radii) > _MOST:
+    if abs(log_radii) > MAX_LOG_RATIO:
         raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must be less unlike")
 
     def excess(log_k):
@@ -49,21 +49,14 @@ def axis_ratio(rx, ry):
 
 @dataclass(frozen=True)
 class EllipticHertz(NormalContact):
-    """Two paraboloids with parallel principal axes: undeformed distance x^2/(2 rx) + y^2/(2 ry).
+    """Paraboloids with parallel axes: undeformed distance x^2/(2 rx) + y^2/(2 ry).
 
     Parameters
     ----------
     rx, ry : float
         Principal relative radii of curvature [mm], in any order of size.
-    e_star : float
-        Contact modulus [N/mm2].
-    approach : float
-        Approach [mm]; no contact if not positive.
-
-    Raises
-    ------
-    InputError
-        If a radius or the modulus is not positive or a value not finite.
+    e_star, approach : float
+        See `NormalContact`.
     """
 
     rx: float
@@ -72,23 +65,13 @@ class EllipticHertz(NormalContact):
     approach: float
     load_exponent = 1.5
 
-    @classmethod
-    def from_approach(cls, rx, ry, e_star, approach):
-        """Return the contact at `approach` [mm]."""
-        return cls(rx, ry, e_star, approach)
-
-    @classmethod
-    def from_load(cls, rx, ry, e_star, load):
-        """Return the contact under `load` [N]; InputError if it is negative."""
-        return cls(rx, ry, e_star, 1.0).at_load(load)
-
     @cached_property
     def _ratio(self):
         return axis_ratio(self.rx, self.ry)
 
     @cached_property
     def _rf(self):
-        """R_F of the ellipse with a = 1, the approach in units of p_max b / E*."""
+        """R_F of the ellipse with a = 1: the approach over p_max b / E*."""
         return float(elliprf(1.0, self._ratio**2, 0.0))
 
     @cached_property
@@ -118,15 +101,15 @@ class EllipticHertz(NormalContact):
         return math.pi * self.e_star * self.a / self._rf
 
     def pressure(self, x, y):
-        """Return the contact pressure at points [N/mm2]."""
+        """See `NormalContact.pressure`."""
         return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 
     def undeformed_distance(self, x, y):
-        """Return the distance of the undeformed surfaces at zero approach [mm]."""
+        """See `NormalContact.undeformed_distance`."""
         return np.asarray(x) ** 2 / (2 * self.rx) + np.asarray(y) ** 2 / (2 * self.ry)
 
     def displacement(self, x, y):
-        """Return the normal surface displacement [mm], inside and outside the contact area."""
+        """See `NormalContact.displacement`."""
         if self.a == 0:
             return np.zeros(np.broadcast(x, y).shape)
         # Lengths in units of a.

@@ -1,4 +1,4 @@
-"""Bodies that repeat for ever: a wave in one direction, waves in two, and full contact of any surface.
+"""Periodic contact: waves in one or two directions, and full contact of any surface.
 
 A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. Displacements are counted
 from their mean, so that mean(gap) = mean(undeformed distance) - approach. `mean_pressure` is the load over the area of
@@ -26,9 +26,9 @@ from app.reference.hertz import EllipticHertz
 
 
 def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
-    """Pressure that flattens a periodic surface: ``p_q = -E* |q| h_q / 2``.
+    """Return the pressure that flattens a periodic surface, ``p_q = -E* |q| h_q / 2``.
 
-    It is the answer if it is positive everywhere: for mean pressures above the largest tension at mean pressure 0.
+    It is the solution if it is positive everywhere.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
 
 @dataclass(frozen=True)
 class WavyContact(ABC):
-    """What waves in one direction and in two have in common; summits at the origin.
+    """Contact of waves in one or two directions, with a summit at the origin.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class WavyContact(ABC):
     @property
     @abstractmethod
     def full_contact_at(self):
-        """Mean pressure p* from which on the bodies touch everywhere, then also the amplitude of p [N/mm2]."""
+        """Least mean pressure p* of full contact, and the amplitude of p then [N/mm2]."""
 
     @property
     def is_full(self):
@@ -105,7 +105,7 @@ class WavyContact(ABC):
         return self.amplitude * (1 - self._wave(x, y))
 
     def full_pressure(self, x, y):
-        """Return the pressure at points if the bodies were glued together everywhere [N/mm2]."""
+        """Return the pressure of full contact, tension included, at points [N/mm2]."""
         return self.mean_pressure + self.full_contact_at * self._wave(x, y)
 
 
@@ -116,10 +116,11 @@ class Westergaard(WavyContact):
     With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that of full contact::
 
         p = 2 p* cos(psi) sqrt(s^2 - sin(psi)^2)                                          in contact,
-        e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    beside it:
+        e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    outside
 
-    real part of, and integral over x of the imaginary part of, p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)),
-    which is analytic in the half-space. From dE/ds = 4 a s log(s), its mean, follows the mean gap E.
+    These are the real part, and the integral over x of the imaginary part, of
+    p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)), which is analytic in the half-space. The mean gap E follows
+    from dE/ds = 4 a s log(s).
     """
 
     def _wave(self, x, y):
@@ -127,7 +128,7 @@ class Westergaard(WavyContact):
 
     @property
     def full_contact_at(self):
-        """See `WavyContact`: pi E* a / L."""
+        """Least mean pressure of full contact, pi E* a / L [N/mm2]."""
         return math.pi * self.e_star * self.amplitude / self.wavelength
 
     @property
@@ -153,11 +154,11 @@ class Westergaard(WavyContact):
 
     @property
     def approach(self):
-        """Depth the bodies would overlap undeformed [mm], displacements counted from their mean; 0 without contact."""
+        """Undeformed overlap [mm], displacements counted from their mean; 0 without contact."""
         return self.amplitude - self.mean_gap
 
     def _sines(self, x, y):
-        """Return |sin(psi)|, cos(psi)^2 and the square of the first less s^2, without cancellation at the rim."""
+        """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2 without cancellation at the rim."""
         psi = np.pi / self.wavelength * np.broadcast_arrays(np.asarray(x, float), y)[0]
         rim = math.pi / self.wavelength * self.half_width
         return np.abs(np.sin(psi)), np.cos(psi) ** 2, np.sin(psi - rim) * np.sin(psi + rim)
@@ -188,8 +189,8 @@ class Westergaard(WavyContact):
 class Bisinusoidal(WavyContact):
     """Waves in x and y: distance a (1 - cos(2 pi x / L) cos(2 pi y / L)), two summits in L x L.
 
-    Full contact is exact; between first touch and full contact only the ends are known in closed form: Hertz's contact
-    on every summit, and pressurised penny-shaped cracks about every hollow.
+    Full contact is exact. Before it, only two limits are known in closed form: Hertz's contact on every summit for
+    light loads, and pressurised penny-shaped cracks about every hollow near full contact.
     """
 
     def _wave(self, x, y):
@@ -198,12 +199,12 @@ class Bisinusoidal(WavyContact):
 
     @property
     def full_contact_at(self):
-        """See `WavyContact`: sqrt(2) pi E* a / L."""
+        """Least mean pressure of full contact, sqrt(2) pi E* a / L [N/mm2]."""
         return math.sqrt(2) * math.pi * self.e_star * self.amplitude / self.wavelength
 
     @cached_property
     def on_a_summit(self):
-        """Hertz's contact (`EllipticHertz`) that carries the load of one summit: the end of light loads."""
+        """Hertz's contact of one summit (`EllipticHertz`), for light loads."""
         radius = self.wavelength**2 / (4 * math.pi**2 * self.amplitude)
         load = max(self.mean_pressure, 0.0) * self.wavelength**2 / 2
         return EllipticHertz.from_load(radius, radius, self.e_star, load)
@@ -230,7 +231,7 @@ class Bisinusoidal(WavyContact):
     def heavy_mean_gap(self):
         """Mean distance of the deformed surfaces near full contact [mm].
 
-        Of the gaps (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), k = 2 pi / L.
+        The gaps are (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), k = 2 pi / L.
         """
         k = 2 * math.pi / self.wavelength
         deepest = 8 * self.full_contact_at * k**2 / (9 * math.pi * self.e_star)

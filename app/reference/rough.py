@@ -6,14 +6,14 @@ import numpy as np
 
 
 def persson_fraction(relative):
-    """Persson, J. Chem. Phys. 115 (2001) 3840: contact fraction at any p'. Not collective."""
+    """Return Persson's contact fraction, J. Chem. Phys. 115 (2001) 3840, at any p'."""
     from scipy.special import erf
 
     return erf(np.sqrt(2) * np.asarray(relative, float))
 
 
 def persson_pressure(fraction):
-    """The p' of which `persson_fraction` is this. Not collective.
+    """Return p' for a contact fraction: the inverse of `persson_fraction`.
 
     Examples
     --------
@@ -26,6 +26,6 @@ def persson_pressure(fraction):
 
 
 def bush_gibson_thomas_fraction(relative):
-    """Bush, Gibson, Thomas, Wear 35 (1975) 87: contact fraction at small p'; NaN above 1. Not collective."""
+    """Return the contact fraction of Bush, Gibson, Thomas, Wear 35 (1975) 87, at small p'; NaN above 1."""
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)
