@@ -11,10 +11,7 @@ from app.options.option_table import LARGEST
 def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):
     """Return a copy as float64, NaN for masked entries.
 
-    Raises
-    ------
-    InputError
-        Also for texts, complex numbers and None, which numpy would convert.
+    Raises InputError also for texts, complex numbers and None, which numpy would convert.
     """
     try:
         array = np.asanyarray(values)
@@ -26,13 +23,7 @@ def real_numbers(what, values, needed="an array of real numbers, or a function o
 
 
 def lattice(x, y, origin):
-    """Return columns x and rows y of a lattice, shapes (nx,) and (ny,), from an origin [mm].
-
-    Raises
-    ------
-    InputError
-        If they have other shapes, such as those of all points.
-    """
+    """Return columns x (nx,) and rows y (ny,) of a lattice, from an origin [mm]."""
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):
         shapes = f"shapes {x.shape} and {y.shape}"
@@ -41,17 +32,7 @@ def lattice(x, y, origin):
 
 
 def check_size(what, values, first_row=0):
-    """Raise InputError for infinite numbers and those whose square overflows.
-
-    Parameters
-    ----------
-    what : str
-        For the message.
-    values : ndarray, shape (rows, nx)
-        NaN is allowed.
-    first_row : int
-        Number of the first row.
-    """
+    """Raise InputError for infinite numbers and those whose square overflows, not for NaN."""
     large = np.abs(values) > LARGEST
     if large.any():
         j, i = np.argwhere(large)[0]

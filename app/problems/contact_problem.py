@@ -17,19 +17,12 @@ from app.problems.shapes import Plane
 
 
 def is_measured(surface):
-    """Return whether a surface was measured, and so has its own cells and units."""
+    """Return whether a surface was measured."""
     return getattr(surface, "measured", False)
 
 
 class _SampledOrFunction:
-    """An array of all cells, or a function of x and y, as a shape or a surface.
-
-    Parameters
-    ----------
-    what : str
-        "gap" or "surface", for messages.
-    values : array_like or callable
-    """
+    """An array, or a function of x and y, as a "gap" or a "surface"."""
 
     name = "given"
 
@@ -38,7 +31,7 @@ class _SampledOrFunction:
         self._values = real_numbers(what, values) if self.sampled else values
 
     def check_grid(self, grid):
-        """Raise if an array has another shape than the grid, or too large values."""
+        """Raise if an array has another shape or too large values."""
         if not self.sampled:
             return
         if self._values.shape != grid.shape:
@@ -179,7 +172,7 @@ class ContactProblem(Problem):
 
     @property
     def sampled(self):
-        """Whether coarse grids average the gap, see `Problem`."""
+        """True if coarse grids average the gap, see `Problem`."""
         return any(part.sampled for part in self._parts)
 
     @property
@@ -202,7 +195,7 @@ class ContactProblem(Problem):
         return distance
 
     def reference(self, approach):
-        """Return the analytic solution of a smooth problem on a free patch, or None."""
+        """See `Problem.reference`; for smooth problems on a free patch."""
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
         if not smooth or not hasattr(self.shape, "analytic"):
             return None

@@ -40,7 +40,7 @@ class Problem:
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance at zero approach in the cell centres of some rows.
+        """Return the undeformed distance in the cell centres of some rows.
 
         Returns
         -------
@@ -60,11 +60,11 @@ class Problem:
 
     @property
     def refinable(self):
-        """Whether the shape is defined on finer grids than the problem's own."""
+        """True if the shape is defined on finer grids, too."""
         return not self.sampled
 
     def on(self, grid):
-        """Return the same problem on another grid of the same patch, if it is `refinable`."""
+        """Return a `refinable` problem on another grid of the same patch."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
@@ -84,12 +84,9 @@ class Problem:
 
 
 def evaluate_shape(problem, grid, rows):
-    """Return `Problem.shape_on` as a float64 array of its own, NaN in masked cells.
+    """Return `Problem.shape_on` as a copy in float64, NaN in masked cells.
 
-    Raises
-    ------
-    InputError
-        If the problem returns anything but distances of this shape.
+    Raises InputError if the problem returns anything but distances of this shape.
     """
     expected = len(range(*rows.indices(grid.ny))), grid.nx
     if not expected[0]:

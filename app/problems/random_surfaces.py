@@ -1,4 +1,4 @@
-"""Random rough surfaces: sums of waves fixed by a seed, evaluated on any grid.
+"""Random rough surfaces: sums of waves fixed by a seed.
 
 All ranks sample the same function. Coarse grids sample `WavySurface` in their own cell centres (Sec. 5.2), and average
 `SelfAffineSurface`.
@@ -45,7 +45,7 @@ def _check_pair(name, pair, needed, above=-np.inf):
 
 
 def _product(left, right):
-    """Return a matrix product whose elements do not depend on the other rows and columns, to the bit.
+    """Return a matrix product of which each element is the same in any block.
 
     The rounding of BLAS depends on the shape. Here each term is one rounded product, added in order.
     """
@@ -64,13 +64,13 @@ class _Function:
     sampled = False
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return heights in the cell centres of some rows of a grid, (rows, nx) [mm]."""
+        """Return heights in the cell centres of some rows, (rows, nx) [mm]."""
         return self.height(grid.x(), grid.y(rows))
 
 
 @dataclass(frozen=True)
 class WavySurface(_Function):
-    """Sum of M x N products of cosines with random amplitudes and phases, (6.1), (6.2); see References.
+    """The paper's surface: M x N products of cosines, (6.1) and (6.2).
 
     The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
 
@@ -194,7 +194,7 @@ class WavySurface(_Function):
 
 
 def _samples_per_period(coordinates, period):
-    """Return the number of samples in a period if coordinates divide it equally, up to rounding, else None."""
+    """Return the number of samples in a period, None if they do not divide it."""
     if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
         return None
     n = round(period * (len(coordinates) - 1) / (coordinates[-1] - coordinates[0]))
@@ -206,7 +206,7 @@ def _samples_per_period(coordinates, period):
 
 
 def _synthesise(coefficients, first, coordinates, period):
-    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0, in every x of `coordinates`."""
+    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0."""
     k = first + np.arange(len(coefficients))
     n = _samples_per_period(coordinates, period)
     if n is None:
@@ -329,7 +329,7 @@ class SelfAffineSurface(_Function):
         return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
 
     def check_grid(self, grid):
-        """Raise if a grid does not resolve the shortest wave, or is longer than the period."""
+        """Raise if a grid is too coarse or longer than the period."""
         check_cut_off(grid, self.shortest_wavelength)
         self._check_span(grid.x(), grid.y())
 
@@ -351,7 +351,7 @@ class SelfAffineSurface(_Function):
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
-        """Yield columns k_x, their power spectrum up to a factor, and q [1/mm], shapes (2 K_y + 1, columns)."""
+        """Yield columns k_x, their unscaled power spectrum and q [1/mm]."""
         kx, ky = self.wave_numbers
         for start in range(0, len(kx), STRIP):
             columns = slice(start, start + STRIP)
@@ -366,16 +366,16 @@ class SelfAffineSurface(_Function):
 
     @property
     def amplitudes(self):
-        """Amplitudes a_k [mm], shape (2 K_y + 1, K_x + 1), not stored."""
+        """Amplitudes a_k [mm], shape (2 K_y + 1, K_x + 1)."""
         return self._factor * np.sqrt(np.hstack([power for _, power, _ in self._strips()]))
 
     @property
     def coefficients(self):
-        """Complex amplitudes ``a_k exp(i phi_k)`` [mm], shape (2 K_y + 1, K_x + 1), not stored."""
+        """Complex amplitudes ``a_k exp(i phi_k)`` [mm], rows k_y, columns k_x."""
         return self.amplitudes * np.exp(2j * np.pi * self._draws())
 
     def _draws(self):
-        """Return phases over 2 pi, shape (2 K_y + 1, K_x + 1)."""
+        """Return the phases over 2 pi, rows k_y, columns k_x."""
         rng = np.random.default_rng(self.seed)
         largest_x, largest_y = (k[-1] for k in self.wave_numbers)
         # Square rings max(|k_x|, |k_y|) = s of 4 s vectors are drawn in full: phases do not depend on the cut-off.

@@ -1,4 +1,4 @@
-"""Base shapes: undeformed distances of smooth bodies, apex or axis at the origin.
+"""Base shapes: smooth bodies, apex or axis at the origin.
 
 =================  ======================================  =======================================
 shape              undeformed distance                     analytic solution
@@ -18,7 +18,7 @@ raises for a grid that does not fit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from numbers import Real
 
 import numpy as np
@@ -28,6 +28,7 @@ from app.base.errors import InputError, format_distinct, format_exact
 from app.reference.base import require_positive
 
 
+@dataclass(frozen=True)
 class Shape:
     """Base of shapes that are functions of x and y."""
 
@@ -35,12 +36,12 @@ class Shape:
     _solution = None  # class of `app.reference`, and its parameters
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance in the cell centres of some rows, (rows, nx) [mm]."""
+        """See `Problem.shape_on`."""
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
     def analytic(self, contact_modulus, approach=None, load=None):
-        """Return the analytic solution on a half-space of this E*, by approach or load, or None."""
+        """Return the analytic solution for this E*, by approach or load, or None."""
         if self._solution is None:
             return None
         kind, *parameters = self._solution
@@ -50,7 +51,8 @@ class Shape:
 
     def describe(self):
         """Return numbers for the result file, by the names of the options."""
-        return {}
+        sizes = {f"{self.name}_{f.name}": getattr(self, f.name) for f in fields(self)}
+        return {name: size for name, size in sizes.items() if math.isfinite(size)}
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ class Sphere(Paraboloid):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder along y [mm], by default beyond the patch; contact is impossible past its sharp ends."""
+    """A cylinder along y [mm]; contact is impossible past its ends, if any."""
 
     radius: float
     length: float = math.inf
@@ -186,17 +188,12 @@ class Cylinder(Shape):
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Raise for a strip that is not in plane strain, or a patch beside the cylinder."""
+        """Raise for a strip or a patch without a cell under the cylinder."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
                 f"length of the cylinder {format_exact(self.length)}: no cell centre of the patch lies under it"
             )
-
-    def describe(self):
-        """See `Shape.describe`."""
-        ends = {"cylinder_length": self.length} if math.isfinite(self.length) else {}
-        return {"cylinder_radius": self.radius, **ends}
 
 
 @dataclass(frozen=True)
@@ -224,20 +221,10 @@ class Cone(Shape):
     def _solution(self):
         return reference.Cone, self.slope
 
-    def describe(self):
-        """See `Shape.describe`."""
-        return {"cone_angle": self.angle}
-
 
 @dataclass(frozen=True)
 class FlatPunch(Shape):
-    """A rigid flat-ended circular punch centred at the origin (Sec. 5.2); contact is impossible outside.
-
-    Parameters
-    ----------
-    diameter : float
-        [mm]
-    """
+    """A rigid flat-ended circular punch [mm] (Sec. 5.2); contact is impossible outside."""
 
     diameter: float
 
@@ -261,13 +248,9 @@ class FlatPunch(Shape):
     def _solution(self):
         return reference.FlatCircularPunch, self.diameter / 2
 
-    def describe(self):
-        """See `Shape.describe`."""
-        return {"punch_diameter": self.diameter}
-
 
 def check_strip(grid):
-    """Raise InputError for a free patch one cell wide, which is not in plane strain."""
+    """Raise InputError for a free patch one cell wide."""
     if min(grid.nx, grid.ny) == 1 and not grid.periodic:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: a patch one cell wide is a strip pressed on that width only, no line contact; "

@@ -1,4 +1,4 @@
-"""Statistics of heights in the cells of a grid: moments, slopes, power spectrum, normal plot.
+"""Statistics of heights: moments, slopes, power spectrum, normal plot.
 
 Heights are taken about their mean. The Fourier transform of heights z on n_y x n_x cells is
 ``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)``, so that
@@ -100,7 +100,7 @@ def _check_cells(height, least, **sizes):
 
 
 def roughness(height, dx, dy):
-    """Return the moments of height and slope.
+    """Return the `Roughness` of heights.
 
     Slopes are central differences across the faces between neighbouring cells, which multiply a wave q in x by
     sin(q dx / 2) / (q dx / 2).
@@ -111,15 +111,6 @@ def roughness(height, dx, dy):
         At least 2 x 2.
     dx, dy : float
         Size of a cell [mm].
-
-    Returns
-    -------
-    Roughness
-
-    Raises
-    ------
-    InputError
-        If there are fewer cells, or sizes or heights are invalid.
     """
     height = _check_cells(height, 2, dx=dx, dy=dy)
     deviation = height - height.mean()
@@ -134,7 +125,7 @@ def roughness(height, dx, dy):
 
 
 def radial_spectrum(height, dx, dy, window=False):
-    """Return the radially averaged power spectral density.
+    """Return the `RadialSpectrum` of heights.
 
     Rings are as wide as the coarser spacing of the wave vectors. They end below the smaller Nyquist wave number,
     beyond which they would not be closed.
@@ -148,15 +139,6 @@ def radial_spectrum(height, dx, dy, window=False):
     window : bool
         Whether to multiply by a Hann window of mean square 1, for patches that are not periodic: their edges would
         add to the spectrum.
-
-    Returns
-    -------
-    RadialSpectrum
-
-    Raises
-    ------
-    InputError
-        If there are fewer cells, or sizes or heights are invalid.
     """
     height = _check_cells(height, 4, dx=dx, dy=dy)
     height = height - height.mean()
@@ -177,21 +159,12 @@ def radial_spectrum(height, dx, dy, window=False):
 
 
 def normal_plot(height):
-    """Return sorted heights and normal quantiles, Fig. 12(d).
+    """Return the `NormalPlot` of heights, Fig. 12(d).
 
     Parameters
     ----------
     height : ndarray, any shape, [mm]
         At least 2 values.
-
-    Returns
-    -------
-    NormalPlot
-
-    Raises
-    ------
-    InputError
-        If there are fewer heights, or they are invalid.
     """
     height = np.sort(_check_finite(height), axis=None)
     if height.size < 2:

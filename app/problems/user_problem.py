@@ -1,4 +1,4 @@
-"""User-defined problems, by name: a class or a function in a Python module.
+"""User-defined problems: a class or a function in a Python module.
 
 A function is that of `app.problems.contact_problem.ContactProblem`: it takes arrays x and y of cell centres
 [mm] and returns the undeformed distance [mm], NaN where contact is impossible::
@@ -41,11 +41,6 @@ def load(name):
     """Import the function or class ``package.module.Name`` or ``path/to/file.py:Name``.
 
     Every rank imports for itself. Modules are also searched in the current folder.
-
-    Raises
-    ------
-    InputError
-        If there is no such module or name, or importing it fails.
     """
     path, in_file, attribute = name.rpartition(":")
     if not in_file:
@@ -66,24 +61,7 @@ def load(name):
 def create(name, grid, material, texts):
     """Create the problem of a name, see `load`.
 
-    Parameters
-    ----------
-    name : str
-    grid : app.halfspace.grid.Grid
-    material : app.halfspace.influence.Material
-    texts : mapping of str to str
-        All options, the problem's own among them.
-
-    Returns
-    -------
-    problem : Problem
-    options : app.options.option_table.OptionReader
-        Of the problem's own options.
-
-    Raises
-    ------
-    InputError
-        If that fails.
+    `texts` are all options as texts. The reader of the problem's own options is returned with it.
     """
     factory = load(name)
     options = OptionReader(getattr(factory, "OPTIONS", ()), texts)
@@ -131,7 +109,7 @@ def _import_file(path):
 
 
 def _call(name, function, *arguments):
-    """Call code of the user; raise InputError with the place of an error in it."""
+    """Call code of the user; raise InputError that locates its error."""
     try:
         return function(*arguments)
     except InputError as error:

@@ -18,7 +18,7 @@ from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
-    """Contact in a circle, of a shape that depends on r = sqrt(x^2 + y^2) only."""
+    """Contact in a circle, of a shape of r = sqrt(x^2 + y^2)."""
 
     @property
     def b(self):
@@ -27,7 +27,7 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm], as of a flat punch."""
+        """Derivative of the load with respect to the approach [N/mm]."""
         return 2 * self.e_star * self.a
 
     @abstractmethod
@@ -102,7 +102,9 @@ class Sphere(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class FlatCircularPunch(AxisymmetricContact):
-    """Rigid flat-ended cylinder; the pressure has an integrable singularity at the rim.
+    """Rigid flat-ended cylinder.
+
+    The pressure has an integrable singularity at the rim.
 
     Parameters
     ----------
@@ -147,7 +149,9 @@ class FlatCircularPunch(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class Cone(AxisymmetricContact):
-    """Cone of undeformed distance slope * r; the pressure has a logarithmic singularity at the tip.
+    """Cone, of undeformed distance slope * r.
+
+    The pressure has a logarithmic singularity at the tip.
 
     Parameters
     ----------

@@ -31,7 +31,8 @@ def require_positive(**values):
 class NormalContact(ABC):
     """Frictionless contact with an elastic half-space, in an ellipse about the origin.
 
-    A subclass is a frozen dataclass of its geometry, `e_star` and `approach`. Coordinates broadcast. Without contact
+    A subclass is a frozen dataclass of its geometry, `e_star` and `approach`, with properties `a`, `b`, `load`,
+    `max_pressure` and `stiffness`. Coordinates broadcast. Without contact
     (approach <= 0) pressure and displacement are zero.
 
     Attributes
@@ -73,7 +74,7 @@ class NormalContact(ABC):
 
     @classmethod
     def from_load(cls, *parameters, **named):
-        """Return the contact for the geometry, E* and ``load`` [N], at least 0."""
+        """Return the contact for the geometry, E* and ``load`` [N]."""
         names = [f.name for f in fields(cls) if f.name != "approach"]
         values = dict(zip([*names, "load"], parameters, strict=False)) | named
         load = values.pop("load")
@@ -89,31 +90,6 @@ class NormalContact(ABC):
     @property
     def _depth(self):
         return max(self.approach, 0.0)
-
-    @property
-    @abstractmethod
-    def a(self):
-        """Semi-axis of the contact area along x [mm]."""
-
-    @property
-    @abstractmethod
-    def b(self):
-        """Semi-axis of the contact area along y [mm]."""
-
-    @property
-    @abstractmethod
-    def load(self):
-        """Normal force [N]."""
-
-    @property
-    @abstractmethod
-    def max_pressure(self):
-        """Supremum of the pressure [N/mm2]."""
-
-    @property
-    @abstractmethod
-    def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm]."""
 
     @property
     def contact_area(self):
@@ -137,7 +113,7 @@ class NormalContact(ABC):
 
     @abstractmethod
     def pressure(self, x, y):
-        """Return the contact pressure p at points [N/mm2]; zero outside the contact area."""
+        """Return the contact pressure p at points [N/mm2]."""
 
     @abstractmethod
     def undeformed_distance(self, x, y):
@@ -148,5 +124,5 @@ class NormalContact(ABC):
         """Return the normal surface displacement u of both bodies together [mm]."""
 
     def gap(self, x, y):
-        """Return the distance of the deformed surfaces, e = h + u [mm]; zero in contact up to rounding."""
+        """Return the distance of the deformed surfaces, e = h + u [mm]."""
         return self.undeformed_distance(x, y) - self.approach + self.displacement(x, y)

@@ -30,7 +30,7 @@ MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
-    """Return b/a of the contact ellipse for relative radii of curvature `rx`, `ry` > 0."""
+    """Return b/a of the contact ellipse for radii `rx`, `ry` > 0."""
     log_radii = math.log(rx) - math.log(ry)
     if abs(log_radii) > MAX_LOG_RATIO:
         raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must be less unlike")
@@ -71,7 +71,7 @@ class EllipticHertz(NormalContact):
 
     @cached_property
     def _rf(self):
-        """R_F of the ellipse with a = 1: the approach over p_max b / E*."""
+        """R_F for a = 1: the approach over p_max b / E*."""
         return float(elliprf(1.0, self._ratio**2, 0.0))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Periodic contact: waves in one or two directions, and full contact of any surface.
+"""Periodic contact of waves, and full contact of any surface.
 
 A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. Displacements are counted
 from their mean, so that mean(gap) = mean(undeformed distance) - approach. `mean_pressure` is the load over the area of
@@ -26,7 +26,7 @@ from app.reference.hertz import EllipticHertz
 
 
 def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
-    """Return the pressure that flattens a periodic surface, ``p_q = -E* |q| h_q / 2``.
+    """Return the pressure ``p_q = -E* |q| h_q / 2`` that flattens a surface.
 
     It is the solution if it is positive everywhere.
 
@@ -52,7 +52,7 @@ def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
 
 @dataclass(frozen=True)
 class WavyContact(ABC):
-    """Contact of waves in one or two directions, with a summit at the origin.
+    """Periodic contact of waves, with a summit at the origin.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ class WavyContact(ABC):
     @property
     @abstractmethod
     def full_contact_at(self):
-        """Least mean pressure p* of full contact, and the amplitude of p then [N/mm2]."""
+        """Least mean pressure p* of full contact [N/mm2]."""
 
     @property
     def is_full(self):
-        """Whether the bodies touch everywhere."""
+        """True if the bodies touch everywhere."""
         return self.mean_pressure >= self.full_contact_at
 
     @property
@@ -111,7 +111,7 @@ class WavyContact(ABC):
 
 @dataclass(frozen=True)
 class Westergaard(WavyContact):
-    """Waves in x alone: distance ``a (1 - cos(2 pi x / L))``, bearing on strips ``|x| < b``.
+    """Waves in x: distance ``a (1 - cos(2 pi x / L))``, contact at ``|x| < b``.
 
     With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that of full contact::
 
@@ -133,7 +133,7 @@ class Westergaard(WavyContact):
 
     @property
     def half_width(self):
-        """Half-width b of a contact strip [mm]; half a period in full contact."""
+        """Half-width b of a contact strip [mm]."""
         return self.wavelength / math.pi * math.asin(math.sqrt(self._share))
 
     @property
@@ -164,7 +164,7 @@ class Westergaard(WavyContact):
         return np.abs(np.sin(psi)), np.cos(psi) ** 2, np.sin(psi - rim) * np.sin(psi + rim)
 
     def pressure(self, x, y):
-        """Return the contact pressure p at points [N/mm2]; zero outside the contact area."""
+        """Return the contact pressure p at points [N/mm2]."""
         if self.is_full:
             return self.full_pressure(x, y)
         _, cosine2, outside = self._sines(x, y)
@@ -181,16 +181,16 @@ class Westergaard(WavyContact):
         return 2 * self.amplitude * (t * root - s**2 * np.arcsinh(root / s))
 
     def displacement(self, x, y):
-        """Return the normal surface displacement u of both bodies together, of mean 0 [mm]."""
+        """Return the surface displacement u of both bodies together, of mean 0 [mm]."""
         return self.gap(x, y) - self.undeformed_distance(x, y) + self.approach
 
 
 @dataclass(frozen=True)
 class Bisinusoidal(WavyContact):
-    """Waves in x and y: distance a (1 - cos(2 pi x / L) cos(2 pi y / L)), two summits in L x L.
+    """Waves in x and y: distance a (1 - cos(2 pi x/L) cos(2 pi y/L)).
 
-    Full contact is exact. Before it, only two limits are known in closed form: Hertz's contact on every summit for
-    light loads, and pressurised penny-shaped cracks about every hollow near full contact.
+    Two summits lie in L x L. Full contact is exact. Before it, only two limits are known in closed form: Hertz's
+    contact on every summit for light loads, and pressurised penny-shaped cracks about every hollow near full contact.
     """
 
     def _wave(self, x, y):
@@ -199,7 +199,7 @@ class Bisinusoidal(WavyContact):
 
     @property
     def full_contact_at(self):
-        """Least mean pressure of full contact, sqrt(2) pi E* a / L [N/mm2]."""
+        """Least mean pressure of full contact, sqrt(2) pi E* a/L [N/mm2]."""
         return math.sqrt(2) * math.pi * self.e_star * self.amplitude / self.wavelength
 
     @cached_property
@@ -211,20 +211,21 @@ class Bisinusoidal(WavyContact):
 
     @property
     def light_contact_fraction(self):
-        """Share of the surface in contact for light loads, pi (3 pbar / (8 pi p*))^(2/3)."""
+        """Contact fraction for light loads, pi (3 pbar / (8 pi p*))^(2/3)."""
         return 2 * self.on_a_summit.contact_area / self.wavelength**2
 
     @property
     def hollow_radius(self):
-        """Radius c of the gap about a hollow near full contact, (2 pi c / L)^2 = 3 (1 - pbar / p*) [mm].
+        """Radius c of the gap about a hollow near full contact [mm].
 
-        The tension p* - pbar - p* (2 pi r / L)^2 / 2 of full contact opens a crack without singularity at its rim.
+        (2 pi c / L)^2 = 3 (1 - pbar / p*): the tension p* - pbar - p* (2 pi r / L)^2 / 2 of full contact opens a crack
+        without singularity at its rim.
         """
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 
     @property
     def heavy_contact_fraction(self):
-        """Share of the surface in contact near full contact, 1 - 3 / (2 pi) (1 - pbar / p*)."""
+        """Contact fraction near full contact, 1 - 3/(2 pi) (1 - pbar/p*)."""
         return 1 - 2 * math.pi * (self.hollow_radius / self.wavelength) ** 2
 
     @property

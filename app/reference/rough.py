@@ -1,4 +1,4 @@
-"""Theories of the contact fraction of rough surfaces, at p' = mean pressure / (E* rms slope)."""
+"""Contact fraction of rough surfaces at p' = mean pressure / (E* rms slope)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def persson_fraction(relative):
-    """Return Persson's contact fraction, J. Chem. Phys. 115 (2001) 3840, at any p'."""
+    """Return Persson's contact fraction (J. Chem. Phys. 115 (2001) 3840)."""
     from scipy.special import erf
 
     return erf(np.sqrt(2) * np.asarray(relative, float))
@@ -26,6 +26,9 @@ def persson_pressure(fraction):
 
 
 def bush_gibson_thomas_fraction(relative):
-    """Return the contact fraction of Bush, Gibson, Thomas, Wear 35 (1975) 87, at small p'; NaN above 1."""
+    """Return the contact fraction of Bush, Gibson, Thomas at small p'; NaN above 1.
+
+    Wear 35 (1975) 87.
+    """
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)

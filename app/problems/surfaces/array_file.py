@@ -30,29 +30,13 @@ _CONVERT = "python -m app.convert FILE -o surface.h5 reads what instruments writ
 
 
 class UnknownFormat(InputError):
-    """The file may be in the format of an instrument.
-
-    Attributes
-    ----------
-    is_text : bool
-    """
+    """The file may be in the format of an instrument; `is_text` as of `UnknownText`."""
 
     is_text = True
 
 
 class StoredArray:
-    """An array (ny, nx) in memory or in a file, of which some rows are read at a time.
-
-    Parameters
-    ----------
-    file : str
-    array : ndarray or h5py.Dataset
-
-    Raises
-    ------
-    InputError
-        If it is not a 2-D array of real numbers.
-    """
+    """A 2-D array of real numbers in memory or in a file, read by rows."""
 
     what = "array"  # for messages
 
@@ -65,7 +49,7 @@ class StoredArray:
             )
 
     def __getstate__(self):
-        """Replace a dataset of an open file, which cannot be pickled, by its array."""
+        """Replace a dataset, which cannot be pickled, by its array."""
         return {**self.__dict__, "_array": np.asarray(self._array)}
 
     @property
@@ -80,7 +64,7 @@ class StoredArray:
 
 
 class FileContent(NamedTuple):
-    """The array of a file, its HDF5 attributes, or comments and ESRI head of a text."""
+    """Array of a file; HDF5 attributes; comments and ESRI head of a text."""
 
     array: object
     attributes: dict
@@ -90,24 +74,11 @@ class FileContent(NamedTuple):
 
 
 def read_array(name, what, skip=0, channel=""):
-    """Read ``.npy``, ``.npz``, ``.h5``, ``.hdf5``, or text with a row of cells per line.
+    """Read a `FileContent` from ``.npy``, ``.npz``, ``.h5``, ``.hdf5``, or text.
 
-    An ``.npy`` file or HDF5 dataset is opened; its rows are read when asked for. Texts may be compressed (``.gz``).
-
-    Parameters
-    ----------
-    name : str or Path
-        File name, with ``:/dataset`` behind it if an HDF5 or .npz file holds more than one 2-D dataset.
-    what : str
-        "surface file", which may have heads and marks of missing points, or "gap file".
-    skip : int
-        Lines at the head of a text to leave out.
-    channel : str
-        Name or number, from 0, of a channel of a text that has several, one below the other.
-
-    Returns
-    -------
-    FileContent
+    ``:/dataset`` behind the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read later. Texts
+    may be compressed (``.gz``). `what` is "surface file", which may have heads and marks of missing points, or "gap
+    file". For `skip` and `channel` see `read_surface`.
 
     Raises
     ------

@@ -14,23 +14,17 @@ MAX_WAVE_STEP = (
 
 
 def fill_missing(heights, around=(False, False)):
-    """Return heights for missing points: less the best plane, means of their neighbours.
+    """Return heights for the missing points, row by row.
 
-    Neighbours are those up, down, left and right that lie on the map. So a plane is continued, and filled heights lie
-    between the other ones less the plane. A wave around a period has a best plane, too, which is kept if the ends of
-    the period meet much better so.
+    Less the best plane, each is the mean of its neighbours up, down, left and right on the map, which may wrap around
+    in x and in y. So a plane is continued. A wave around a period has a best plane, too; it is not subtracted if the
+    ends of the period meet much better so.
 
     Parameters
     ----------
     heights : ndarray, shape (ny, nx)
         NaN where missing, not everywhere.
     around : pair of bool
-        Whether the map continues at its other side, in x and in y.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Heights of the missing points, row by row.
 
     Examples
     --------
@@ -50,7 +44,7 @@ def fill_missing(heights, around=(False, False)):
 
 
 def _is_wave(columns, slope):
-    """Return whether columns meet around the period much better than they do less a plane."""
+    """Return whether columns meet around the period better than less a plane."""
     columns = columns[:, ~np.isnan(columns).all(axis=0)]
     known, n, i = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])
     first, last = known.argmax(axis=0), n - 1 - known[::-1].argmax(axis=0)

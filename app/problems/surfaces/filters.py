@@ -1,4 +1,4 @@
-"""Areal Gaussian filters of measured heights, ISO 16610-61: the S-filter and L-filter of ISO 25178.
+"""Areal Gaussian filters of measured heights (ISO 16610-61 and 25178).
 
 The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi). Of a wave of
 length l the share 2^-(c/l)^2 passes, half of one of length c. On a free patch they weigh the points of a least squares
@@ -21,7 +21,7 @@ MIN_SPREAD = 1e-10  # of weighted points, in squared widths; less is rounding of
 
 
 def check_order(s_filter, l_filter):
-    """Raise if nesting indices are no lengths, or leave nothing between them."""
+    """Raise if nesting indices are invalid or leave nothing between them."""
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
             raise InputError(
@@ -36,24 +36,9 @@ def check_order(s_filter, l_filter):
 
 
 def check_cells(file, s_filter, l_filter, shape, cell):
-    """Raise if cells do not resolve nesting indices, or the patch is shorter.
+    """Raise InputError if cells or patch do not resolve nesting indices [mm].
 
-    Nothing is filtered across a side that is one cell wide.
-
-    Parameters
-    ----------
-    file : str
-        For the message.
-    s_filter, l_filter : float or None
-        [mm].
-    shape : tuple of int
-        ny, nx.
-    cell : tuple of float or None
-        dx, dy [mm], if known.
-
-    Raises
-    ------
-    InputError
+    `shape` is (ny, nx), `cell` (dx, dy) [mm], if known. Nothing is filtered across a side that is one cell wide.
     """
     if s_filter is l_filter is None:
         return
@@ -78,25 +63,8 @@ def check_cells(file, s_filter, l_filter, shape, cell):
 def band_pass(heights, s_filter, l_filter, cell, periodic=False):
     """Remove waves shorter than the S-filter's and longer than the L-filter's.
 
-    Parameters
-    ----------
-    heights : ndarray, shape (ny, nx)
-        Overwritten; NaN: missing, which has no weight and stays.
-    s_filter, l_filter : float or None
-        Nesting indices, in the unit of `cell`, of which half passes; None: not filtered.
-    cell : tuple of float
-        dx, dy.
-    periodic : bool
-        Whether the heights wrap around.
-
-    Returns
-    -------
-    ndarray, shape (ny, nx)
-
-    Raises
-    ------
-    ValueError
-        If there is too little memory.
+    Heights of shape (ny, nx) are overwritten; NaN has no weight and stays. The nesting indices have the unit of
+    `cell`, (dx, dy); None: not filtered. Heights wrap around if `periodic`.
 
     Examples
     --------
@@ -114,7 +82,7 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 
 
 def _low_pass(heights, index, cell, periodic):
-    """Smooth the heights in place: sums over rows first, then over some columns at a time."""
+    """Smooth the heights in place, along rows, then along columns."""
     missing = np.isnan(heights)
     middle = np.mean(heights, where=~missing)  # large offsets would cost digits
     heights -= middle
@@ -138,7 +106,7 @@ def _low_pass(heights, index, cell, periodic):
     for start in range(0, nx, width):
 
         def moment(rows, i, j, columns=slice(start, start + width)):
-            """Return sums over columns, with powers i and j of the distances in x and y."""
+            """Return sums over columns, with powers of the distances."""
             values = rows[i][:, columns]
             return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
 
@@ -149,7 +117,7 @@ def _low_pass(heights, index, cell, periodic):
 
 
 def _fit(moment, weights, sums, periodic):
-    """Return weighted means, or the values of the best planes at the points, from moments."""
+    """Return weighted means or, on free patches, values of weighted best planes."""
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points
         mean = moment(sums, 0, 0) / weight

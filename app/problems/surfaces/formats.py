@@ -7,19 +7,9 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """A file format.
+    """A file format, found by its suffixes or, if that is unknown or a text's, its first bytes.
 
-    Attributes
-    ----------
-    kind : str
-        ``npy``, ``npz``, ``hdf5`` or ``text``: read here. ``instrument``: read by `app.convert` with
-        SurfaceTopography. ``other``: not read.
-    suffixes : tuple of str
-        In lower case.
-    beginning : bytes
-        First bytes of the content. They decide where the suffix is unknown or that of a text.
-    description : str
-        For messages, with advice.
+    Formats of instruments are read by `app.convert` with SurfaceTopography, other ones not at all.
     """
 
     kind: str
@@ -72,7 +62,7 @@ def split_suffix(path):
 
 
 def detect_format(path, skip=0):
-    """Return the `Format` of a file by its name and, unless lines are skipped, its first bytes."""
+    """Return the `Format` of a file by its name and first bytes."""
     suffix, packed = split_suffix(path)
     by_name = next((known for known in FORMATS if suffix in known.suffixes), UNKNOWN)
     if packed and by_name.kind in (*ARRAY_KINDS, "instrument"):

@@ -1,4 +1,4 @@
-"""Height maps: heights in rows and columns, with what their source states about them."""
+"""Height maps: heights, units, spacing and orientation."""
 
 from __future__ import annotations
 
@@ -46,27 +46,16 @@ def turn_spacing(spacing, orient):
 
 
 class HeightMap(StoredArray):
-    """Heights and what their source states.
+    """Heights, turned one after the other by some of `TURNS`, and what their source states.
 
-    Parameters
+    Attributes
     ----------
-    file : str
-        ``(array)`` if it is none.
-    array : ndarray or h5py.Dataset
-        Heights as in the source.
-    orient : sequence of str
-        Some of `TURNS`, done one after the other.
     spacing : pair of float or None
-        dx, dy before the turns.
+        dx, dy; after the turns, but before them as an argument.
     unit, lateral : str or None
         Of the heights, and of the spacing if that differs.
     other_unit : str or None
         Unit of the values, if it is no length.
-
-    Attributes
-    ----------
-    spacing
-        After the turns.
     """
 
     what = "surface file"
@@ -79,12 +68,7 @@ class HeightMap(StoredArray):
             self._array = turn(self.rows(), orient)
 
     def check_crop(self, crop):
-        """Return the columns i0 to i1 - 1 and rows j0 to j1 - 1 of a crop; None is all.
-
-        Raises
-        ------
-        InputError
-        """
+        """Return a crop as four integers, the whole map for None."""
         ny, nx = self.shape
         try:
             i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
@@ -99,7 +83,7 @@ class HeightMap(StoredArray):
         return crop
 
     def cropped_rows(self, crop, start, stop):
-        """Return the rows start to stop - 1 of a crop, in the source's unit."""
+        """Return some rows of a crop, in the source's unit."""
         i0, i1, j0, _ = crop
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
@@ -109,23 +93,10 @@ class HeightMap(StoredArray):
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
     def settle(self, unit=None, height_unit=None, spacing=None, override=False, options=OPTIONS):
-        """Settle units and spacing by the source and by options.
+        """Settle units and spacing by the source and by options of `read_surface`.
 
-        Parameters
-        ----------
-        unit, height_unit : str or None
-            Of heights and spacing, and of the heights alone.
-        spacing : pair of float or None
-            dx, dy before the turns [mm].
-        override : bool
-            Discard what the source states where the others replace it.
-        options : sequence of str
-            Names of these for messages.
-
-        Raises
-        ------
-        InputError
-            If a unit is stated nowhere or in two ways, a spacing in two ways, or `override` has no effect.
+        `options` are their names for messages. Raises InputError if a unit is stated nowhere or in two ways, a spacing
+        in two ways, or `override` has no effect.
         """
         (of_unit, of_height, of_spacing, of_override), where = options, f"surface file {self.file}"
         wanted, mend, allowed = (
@@ -183,21 +154,9 @@ class HeightMap(StoredArray):
 
 
 def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
-    """Return the `HeightMap` of a file or an array.
+    """Return the `HeightMap` of a file or an array, see `read_surface`.
 
-    Parameters
-    ----------
-    path : str or Path, or array_like, shape (ny, nx)
-    skip, channel
-        As of `read_array`.
-    orient : sequence of str
-        Some of `TURNS`; by default ``flip_y`` of an ESRI grid, whose rows go from north to south.
-    coordinates : bool
-        Whether coordinates among the numbers of a text are allowed.
-
-    Raises
-    ------
-    InputError
+    With `coordinates` the numbers of a text may include coordinates.
     """
     channel = "" if channel is None else str(channel)
     if not isinstance(path, str | os.PathLike):
@@ -241,7 +200,7 @@ def _check_esri(where, shape, nrows, ncols):
 
 
 def _read_stated(where, content):
-    """Return unit, spacing, its unit, and another unit of the values, as a file states them."""
+    """Return units and spacing as stated in a file."""
 
     def length(key):
         if key not in content.attributes:
@@ -269,7 +228,7 @@ def _read_stated(where, content):
 
 
 def _positive_pair(values):
-    """Return two positive numbers as floats, or None if they are something else."""
+    """Return two positive numbers as floats, or None."""
     try:
         one, other = map(float, values)
     except (TypeError, ValueError):
@@ -278,7 +237,7 @@ def _positive_pair(values):
 
 
 def _check_heights(where, array, kind, orient):
-    """Raise if the numbers of a text are a list of some kind, or coordinates at the rim."""
+    """Raise if the numbers of a text are a list or coordinates."""
     lines, numbers = array.shape
     ny, nx = lines, numbers
     if orient.count("transpose") % 2:
@@ -304,7 +263,7 @@ def _check_heights(where, array, kind, orient):
 
 
 def _begins_with_coordinates(rows):
-    """Return whether the first row, but its corner, has equal steps, other than those of the next rows.
+    """Return whether the first row, except its corner, has steps of coordinates.
 
     Rows where nearly all points are missing are left out.
     """

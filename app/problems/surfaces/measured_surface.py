@@ -194,12 +194,12 @@ class Surface:
         )
 
     def cell(self, grid=None):
-        """Return the size dx, dy of a cell of the file [mm], given the surface's grid."""
+        """Return the size dx, dy of a cell of the file [mm]."""
         grid = grid or self.grid()
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
     def rms_slope(self, grid=None):
-        """Return the root mean square of the file's gradient, about the best plane."""
+        """Return the rms slope in the file, about the best plane."""
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
     def understood(self, grid=None):
@@ -227,7 +227,7 @@ class Surface:
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
-        """Raise if a grid has other cells than the surface, or is not periodic as its filters are."""
+        """Raise if a grid has other cells or another period than the surface."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -285,13 +285,13 @@ class Surface:
         return add_polynomial(means, tilt, start, self.shape[0])
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return `heights` for the surface's own grid, filled around a period if it has one."""
+        """Return `heights` for the surface's own grid, filled around its period."""
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
         return self.heights(rows, (bool(grid.periodic),) * 2)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled points in the cells of some rows, shape (rows, nx), or None."""
+        """Return the share of filled points in each cell, or None."""
         if not len(self._filled[0]):
             return None
         start, stop, _ = rows.indices(self.shape[0])

@@ -1,4 +1,4 @@
-"""Moments of a height map, in runs of rows: level, tilt, rms height and slope."""
+"""Moments of a height map: level, tilt, rms height and slope."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def cell_centres(n):
 
 
 def add_polynomial(z, coefficients, start, ny, sign=1):
-    """Add a polynomial, as of `Moments.fit`, to rows from `start` on of ny, in place."""
+    """Add a polynomial of `Moments.fit` to some of ny rows, in place."""
     x, y = cell_centres(z.shape[1]), cell_centres(ny)[start : start + len(z)]
     for (k, m), coefficient in coefficients.items():
         z += sign * coefficient * x**k * y[:, None] ** m
@@ -35,18 +35,10 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 
 
 class Moments:
-    """Sums of x^k y^m and z x^k y^m over known heights z, and of their steps.
+    """Sums over the known heights of a map, for least squares polynomials.
 
-    x and y go from -1 to 1.
-
-    Parameters
-    ----------
-    name : str
-        Of the file, for messages.
-    rows : callable
-        ``rows(start, stop)`` returns rows of heights, NaN where missing, in an array of their own [mm].
-    shape : tuple of int
-        ny, nx.
+    The sums are those of x^k y^m and z x^k y^m, where x and y go from -1 to 1, and those of steps.
+    ``rows(start, stop)`` returns heights [mm], NaN where missing, in an array of their own.
 
     Raises
     ------
@@ -109,7 +101,7 @@ class Moments:
 
     @property
     def steps(self):
-        """Root mean square of the steps in x and in y, about the best plane's [mm]; NaN: none."""
+        """Rms steps in x and in y, about the best plane [mm]."""
         _, *tilt = self._solve(LEVELS["plane"])
         count, total, squares = self._steps.T
         plane = 2 * np.array(tilt) / self.shape[::-1]
@@ -118,7 +110,7 @@ class Moments:
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
     def tilt(self):
-        """Return the rise of the best plane from side to side, and the standard deviation about it [mm]."""
+        """Return the rise of the best plane and the rms height about it [mm]."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
@@ -127,12 +119,10 @@ class Moments:
         return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
 
     def unmeasured(self):
-        """Find rows and columns whose points all have the lowest height, far below the plane of the others.
+        """Find rows and columns that were probably not measured.
 
-        Returns
-        -------
-        list of tuple
-            "row" or "column", their numbers, and by how much they move the best plane [mm].
+        All their points have the lowest height, far below the plane of the others. The list has tuples of "row" or
+        "column", their numbers, and by how much they move the best plane [mm].
         """
         unmeasured, lowest = [], np.nanmin(self._in_rows[0])
         for k, (low, high, known) in enumerate((self._in_rows, self._in_columns)):
@@ -155,7 +145,7 @@ class Moments:
         return unmeasured
 
     def roughness(self, level):
-        """Return the statistics of a `Surface`, by name, by a second pass over the heights.
+        """Return statistics of a `Surface`, by a second pass over the heights.
 
         All but the rms height is about the best plane, or about level "quadratic".
         """
@@ -190,7 +180,7 @@ class Moments:
         }
 
     def fit(self, level):
-        """Return the least squares polynomial of a level: powers of x and y -> [mm]."""
+        """Return the polynomial of a level: powers of x and y -> [mm]."""
         terms = LEVELS[level]
         coefficients = dict(zip(terms, map(float, self._solve(terms)), strict=True))
         if terms:
@@ -216,7 +206,7 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Add heights to the lowest, the highest and the number of each row or column, in place."""
+    """Update lowest and highest height and number in each row or column."""
     low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
@@ -224,7 +214,7 @@ def _add_extremes(extremes, z, known, axis):
 
 
 def _find_spike(z, run):
-    """Return height, row and column of the point that stands out most above its known neighbours.
+    """Return height, row and column of the highest point above its neighbours.
 
     The rows are those of the slice `run` of z. The height is 0 if no point stands out.
     """

@@ -15,7 +15,7 @@ POINTS = "points x, y, z"
 
 
 def detect_list(table):
-    """Return what the lines of a table list, empty if they are rows of a map.
+    """Return what the lines of a table list, empty for a map.
 
     Three columns are `POINTS` if there are many rows, or if x and y are all places of a lattice. Two columns are a
     line scan if there are many rows; fewer rows, or two rows, if x increases or decreases and z differs from it.
@@ -45,24 +45,10 @@ def _begins_with_lattice(table):
 
 
 def arrange(points):
-    """Put points of a regular lattice into rows.
+    """Return the heights (ny, nx) and spacing (dx, dy) of points x, y, z on a regular lattice.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        x, y, z, in any order.
-
-    Returns
-    -------
-    heights : ndarray, shape (ny, nx)
-        First row at the smallest y; NaN where there is no point.
-    spacing : tuple of float
-        dx, dy.
-
-    Raises
-    ------
-    ValueError
-        If they lie on no regular lattice, or two of them in one place.
+    The first row has the smallest y; heights are NaN where there is no point. Raises ValueError for another lattice, or
+    two points in one place.
 
     Examples
     --------
@@ -88,7 +74,7 @@ def arrange(points):
 
 
 def _merge_clusters(values):
-    """Return the means of clusters of sorted values, or the values if there are none."""
+    """Return the means of clusters of sorted values, if there are any."""
     steps = np.diff(values)
     sizes = np.sort(steps)
     for size in sizes[:-1][sizes[1:] > 3 * sizes[:-1]][::-1]:

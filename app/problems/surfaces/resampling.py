@@ -1,4 +1,4 @@
-"""Measured surfaces on the cells of any grid, by splines that keep the volume.
+"""Measured surfaces on any cells, by splines that keep the volume.
 
 The volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns. Their
 increase over a cell of the grid is its mean height (*histosplines*: heights are parabolas between the edges). So
@@ -55,7 +55,7 @@ class ResampledSurface:
     )
 
     def own_grid(self, grid):
-        """Return the grid of the surface's own cells, given the grid to resample to."""
+        """Return the grid of the surface's own cells."""
         extent = grid.x0, grid.x0 + grid.nx * grid.dx, grid.y0, grid.y0 + grid.ny * grid.dy
         return self.surface.grid(None if self.spacing else extent, grid.periodic)
 
@@ -86,7 +86,7 @@ class ResampledSurface:
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return mean heights in the cells of some rows of a grid, shape (rows, nx) [mm]; NaN: missing."""
+        """Return the mean heights in the cells of some rows, (rows, nx) [mm]."""
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
@@ -102,7 +102,7 @@ class ResampledSurface:
         return np.where(known > ROUNDING, means, np.nan)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled area in the cells of some rows, see `Surface.filled_on`."""
+        """Return the share of filled area in each cell, or None."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
@@ -116,17 +116,10 @@ class ResampledSurface:
 
 
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
-    """Return a grid on the patch that all surfaces cover, with about the cells of the first.
+    """Return a grid on the common patch of resampled surfaces.
 
-    Parameters
-    ----------
-    surfaces : sequence of ResampledSurface
-    cells : (int, int), optional
-        nx, ny.
-    domain : sequence of float, optional
-        x0, x1, y0, y1 [mm]; needed if no file states its spacing.
-    periodic : bool or str
-        See `validate_symbol`.
+    Its cells are (nx, ny), by default those of the first surface. The domain, x0, x1, y0, y1 [mm], is needed if no file
+    states its spacing.
     """
     own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
     if domain is None:
@@ -139,7 +132,7 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
 
 
 def _edges(own, grid, rows):
-    """Return cell edges in x, and in y of some rows, in cells of the file, and whether x and y wrap around."""
+    """Return cell edges in cells of the file, and whether they wrap around."""
     all_edges, around = [], []
     for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
         edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # about the common middle
@@ -152,21 +145,10 @@ def _edges(own, grid, rows):
 
 
 def _means(values, edges, degree, around=False):
-    """Return means over cells, along rows, of a spline that has the means `values`.
+    """Return means over cells, along rows, of splines with the means `values`.
 
-    Parameters
-    ----------
-    values : ndarray, shape (rows, n)
-    edges : ndarray, shape (cells + 1,)
-        Of the cells, counted in those of `values`, from 0 to n.
-    degree : int
-        Of the spline through the sums up to the edges of `values`.
-    around : bool
-        Whether the values wrap around.
-
-    Returns
-    -------
-    ndarray, shape (rows, cells)
+    A spline of this degree joins the sums of each row up to the edges of its n cells. The new cells' edges are counted
+    in these, from 0 to n.
     """
     from scipy.interpolate import make_interp_spline
 

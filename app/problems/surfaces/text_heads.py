@@ -1,4 +1,4 @@
-"""Heads of texts: Gwyddion's ASCII export and ESRI grids; channels of a text."""
+"""Heads of Gwyddion's ASCII export and ESRI grids; channels of a text."""
 
 from __future__ import annotations
 
@@ -34,20 +34,8 @@ def _gwyddion_entry(line):
 def select_channel(lines, wanted, advice):
     """Return the lines, those of all channels but one empty.
 
-    A line of Gwyddion's head below data begins a channel; at the end of the text it is a footer.
-
-    Parameters
-    ----------
-    lines : list of str
-    wanted : str
-        Name or number, from 0; empty: the only one.
-    advice : str
-        End of the message if there are several.
-
-    Raises
-    ------
-    ValueError
-        Names the channels.
+    A line of Gwyddion's head below data begins a channel; at the end of the text it is a footer. A channel is named, or
+    numbered from 0; an empty text means the only one. ValueError lists the channels, with the advice if none is named.
 
     Examples
     --------
@@ -84,7 +72,7 @@ def select_channel(lines, wanted, advice):
 
 
 def read_gwyddion_head(comments):
-    """Return the unit and the sides [mm] that Gwyddion's head states, each or None.
+    """Return unit and sides [mm] in Gwyddion's head, each or None.
 
     Examples
     --------
@@ -108,7 +96,7 @@ def _esri_entries(lines):
 
 
 def read_cell_size(comments):
-    """Return dx, dy as texts from lines `cellsize`, or `dx` and `dy`, or None."""
+    """Return texts of `cellsize`, or `dx` and `dy`, or None."""
     head = {name: text.replace(",", ".") for name, text in _esri_entries(comments).items()}
     both = head.get("cellsize")
     sides = head.get("dx", both), head.get("dy", both)
@@ -116,7 +104,7 @@ def read_cell_size(comments):
 
 
 def read_esri_head(lines, skip=0):
-    """Return the entries of an ESRI grid's head, empty if it is none, and its length.
+    """Return entries and length of the head of an ESRI grid.
 
     The head consists of the first `skip` lines, if any are to be skipped.
     """

@@ -45,13 +45,7 @@ MIN_SIGNED_INTEGERS = 8  # that many negative numbers before every second comma:
 
 
 class UnknownText(ValueError):
-    """The text may be in the format of an instrument.
-
-    Attributes
-    ----------
-    is_text : bool
-        False if it has bytes that no text has.
-    """
+    """The text may be in the format of an instrument, or no text at all (`is_text`)."""
 
     def __init__(self, message, is_text=True):
         super().__init__(message)
@@ -59,7 +53,7 @@ class UnknownText(ValueError):
 
 
 def is_comment(line):
-    """Return whether a line begins with # or %, and not with an error value."""
+    """Return whether a line begins with # or %, except error values."""
     return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
 
@@ -69,20 +63,9 @@ def is_row(line):
 
 
 def read_table(lines, skip=0, heights=False):
-    """Read the rows of a table.
+    """Return the rows of a table, without empty lines, comments, and some lines at the head.
 
-    Parameters
-    ----------
-    lines : list of str
-        Empty lines and comments are left out.
-    skip : int
-        Lines at the head to leave out.
-    heights : bool
-        Read entries like ``***``, empty ones, and the number of a skipped line ``NODATA_value`` as NaN.
-
-    Returns
-    -------
-    ndarray, shape (rows, columns)
+    For heights, entries like ``***``, empty ones, and the number in a skipped line ``NODATA_value`` are NaN.
 
     Raises
     ------
@@ -156,7 +139,7 @@ def _check_head(numbers, texts, heights):
 
 
 def _check_blocks(numbers, columns):
-    """Raise if other lines divide the rows into blocks of one size, unless they are points x, y, z."""
+    """Raise if other lines divide the rows into blocks of one size."""
     starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
     rows = np.diff(starts, append=len(numbers))
     if columns != 3 and len(rows) > 1 and rows[0] > 1 and (rows == rows[0]).all():
@@ -184,7 +167,7 @@ def _unquote(lines):
 
 
 def _first_word(line, heights):
-    """Return the first entry that is no number, by any layout, or None."""
+    """Return the first entry that is no number, or None."""
     if _NUMBER_CHARACTERS.issuperset(line):
         return None
     for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
@@ -194,7 +177,7 @@ def _first_word(line, heights):
 
 
 def _find_layout(lines):
-    """Return the separator, None for blanks and tabs, and whether commas are decimal."""
+    """Return the separator, None for blanks, and whether commas are decimal."""
     text = "\n".join(lines)
     points, commas = "." in text, text.count(",")
     if ";" in text or ("\t" in text and " " not in text):
@@ -247,7 +230,7 @@ def _check_commas_separate(lines):
 
 
 def _number(entry, j, i, heights):
-    """Return the value of entry i in line j, both counted from 1."""
+    """Return the value of an entry; line j and place i are for the message."""
     entry = entry.strip()
     if heights and (not entry or _MISSING.fullmatch(entry)):
         return np.nan
