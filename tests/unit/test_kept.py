@@ -4,14 +4,13 @@ import gc
 import re
 import sys
 import weakref
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cases import hertz, punch
+from cases import punch
 from running import assert_proved_equal
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material, SelfAffineSurface
+from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface
 from app.contact.distance import UndeformedDistance
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator
@@ -19,8 +18,6 @@ from app.methods.free.circulant import circulant_inverse
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.verification_product import VerificationProduct
 from app.methods.multilevel_operators import multilevel_influence
-from app.multigrid import solver_cache
-from app.multigrid.linear_solver import LinearSolver
 
 MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
 
@@ -47,17 +44,6 @@ def made(monkeypatch):
     return things
 
 
-def test_a_second_solve_makes_nothing(made):
-    with ContactSolver(bowl(160)) as solver:
-        first = solver.solve(approach=0.3)
-        assert made
-        made.clear()
-        second = solver.solve(approach=0.3)
-        assert not made
-        assert second.operator_applications == pytest.approx(first.operator_applications, abs=0.2)
-        assert_proved_equal(second, first)
-
-
 def test_windows_elsewhere_and_of_other_sizes(made):
     with ContactSolver(bowl(160)) as solver:
         for approach in (0.05, 0.3, 0.05):
@@ -65,17 +51,6 @@ def test_windows_elsewhere_and_of_other_sizes(made):
             with ContactSolver(bowl(160)) as fresh:
                 alone = fresh.solve(approach=approach)
             assert_proved_equal(again, alone)
-
-
-def test_of_large_windows_spectra_are_kept_and_nothing_else(made, monkeypatch):
-    monkeypatch.setattr(solver_cache, "MAX_CACHED_CELLS", 0)
-    with ContactSolver(bowl(160)) as solver:
-        solver.solve(approach=0.3)
-        made.clear()
-        solver.solve(approach=0.3)
-        assert set(made) == {"__init__"}
-        solver.solve(approach=0.1)
-        assert "set_kernel" in made
 
 
 def test_light_loads_look_through_windows_of_one_size(made):
@@ -148,23 +123,6 @@ def calls_of(function):
     return names
 
 
-def test_a_second_solve_makes_no_objects_of_petsc_but_a_vector_or_two_on_each_grid():
-    with ContactSolver(bowl(160)) as solver:
-        solver.solve(approach=0.3)
-        made = [name for name in calls_of(lambda: solver.solve(approach=0.301)) if MAKES.search(name)]
-        assert set(made) <= {"Vec.createWithArray", "Vec.duplicate"}
-        assert len(made) <= 2 * len(solver.hierarchy.levels)
-
-
-def test_a_small_grid_does_not_wait_for_python():
-    """It took 5,300 calls when every block of rows, and every strip of columns, was one; by load 4,700 long after."""
-    with ContactSolver(hertz(64)) as solver:
-        load = solver.solve(approach=0.1091).load
-        assert len(calls_of(lambda: solver.solve(approach=0.1091))) < 2600
-        solver.solve(load=load)  # imports
-        assert len(calls_of(lambda: solver.solve(load=load))) < 3300
-
-
 def test_what_an_exact_product_has_computed_stays_counted():
     operator = InfluenceOperator(Grid(40, 40, 1.0, 1.0), 1.0, dtype=np.float32)
     p = np.ones(operator.local_shape)
@@ -190,81 +148,6 @@ def test_nobody_works_in_what_is_lent():
     ):
         multiplier.apply(p, p)
     assert all((field == 7.0).all() for field in lent)
-
-
-@pytest.mark.parametrize("more", [-1, 0, 1])
-def test_only_a_large_target_gives_back_what_it_does_not_need(more):
-    assert solver_cache.is_large(SimpleNamespace(n=solver_cache.MAX_CACHED_CELLS + more)) == (more > 0)
-
-
-@pytest.mark.parametrize("holes_first", [False, True])
-def test_another_gap_may_begin_on_another_grid(holes_first):
-    """Holes where the coarsest grid has its cells' centres, and no other one."""
-    grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
-    centres = -1 + (np.arange(8) + 0.5) / 4
-
-    def holed(x, y):
-        holes = (np.isclose(v[..., None], centres, atol=1e-9).any(axis=-1) for v in np.broadcast_arrays(x, y))
-        return np.where(np.logical_and(*holes), np.nan, (x**2 + y**2) / 40)
-
-    steel = Material.combined(80000, 0.3)
-    problems = [ContactProblem(grid, steel, gap) for gap in (lambda x, y: (x**2 + y**2) / 40, holed)]
-    first, second = problems[::-1] if holes_first else problems
-    with ContactSolver(first) as solver, ContactSolver(second) as fresh:
-        solver.solve(load=300)
-        solver.update(second)
-        again, alone = solver.solve(load=300), fresh.solve(load=300)
-    np.testing.assert_array_equal(again.pressure, alone.pressure)
-
-
-def test_no_load_is_the_same_after_another_one():
-    """Which cells just touch is a matter of the last digits, which moving the bodies costs."""
-    grid = Grid.from_domain(48, 48, (-1, 1, -1, 1))
-    ball = ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: (x**2 + y**2) / 40)
-    with ContactSolver(ball) as solver:
-        first, _, again = (solver.solve(load=load) for load in (0, 100, 0))
-    assert first.contact.any()
-    np.testing.assert_array_equal(first.contact, again.contact)
-
-
-class Stops(Listener):
-    """Raises after some iterations, once."""
-
-    def __init__(self, after):
-        self.left = after
-
-    def iteration(self, entry, state):
-        self.left -= 1
-        if self.left == 0:
-            raise KeyboardInterrupt
-
-
-@pytest.mark.parametrize("kind", ["approach", "load"])
-def test_what_was_interrupted_is_not_counted_with_the_next_solve(kind):
-    value = {"approach": 0.01, "load": 0.05}[kind]
-    with ContactSolver(bowl(256)) as fresh:
-        alone = fresh.solve(**{kind: value})
-    last = len(alone.history["level"])
-    with ContactSolver(bowl(256), listeners=[Stops(last)]) as solver:
-        with pytest.raises(KeyboardInterrupt):
-            solver.solve(**{kind: value})
-        again = solver.solve(**{kind: value})
-    assert again.operator_applications == pytest.approx(alone.operator_applications, rel=1e-12)
-
-
-def test_a_periodic_patch_has_its_solvers_before_the_first_solve(monkeypatch):
-    made, plain = [], LinearSolver.__init__
-    monkeypatch.setattr(
-        LinearSolver, "__init__", lambda self, *a, **named: (made.append(self), plain(self, *a, **named))[1]
-    )
-    grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
-    problem = ContactProblem(grid, Material.combined(1.0, 0.0), bowl(64).gap, periodic=True)
-    with ContactSolver(problem) as solver:
-        assert len(made) == len(solver.hierarchy.levels)
-        made.clear()
-        first, second = (solver.solve(load=0.01) for _ in range(2))
-        assert not made
-        np.testing.assert_array_equal(first.pressure, second.pressure)
 
 
 @pytest.mark.parametrize("kind", ["approach", "load"])

@@ -18,16 +18,6 @@ def of_hertz():
     return solve(hertz(128), APPROACH, None), hertz(128).reference(APPROACH)
 
 
-def test_ellipse_of_hertz(of_hertz):
-    solution, known = of_hertz
-    assert solution.semi_axis_major == pytest.approx(known.a, rel=5e-3)
-    assert solution.semi_axis_minor == pytest.approx(known.b, rel=5e-3)
-    assert solution.contact_area == pytest.approx(known.contact_area, rel=0.01)
-    assert solution.mean_contact_pressure == pytest.approx(known.mean_pressure, rel=0.01)
-    assert abs(solution.major_axis_angle) < 1e-6
-    assert abs(solution.pressure_centre_x) + abs(solution.pressure_centre_y) < 1e-6
-
-
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("lift", [0.0, -0.3])
 def test_the_indentation_counts_from_first_touch(tmp_path, periodic, lift):
@@ -46,50 +36,6 @@ def test_the_indentation_counts_from_first_touch(tmp_path, periodic, lift):
     last.save(tmp_path / "r.h5")
     assert read_result(tmp_path / "r.h5").indentation == last.indentation
     assert ("beyond first touch" in summary(last.attributes | {"contact_patches": 1}, grid)) == (lift < 0)
-
-
-def test_an_ellipse_turned_and_moved_is_found():
-    angle, x0, y0 = np.radians(130.0), 1.3, -0.4
-    c, s = np.cos(angle), np.sin(angle)
-
-    def gap(x, y):
-        along, across = c * (x - x0) + s * (y - y0), -s * (x - x0) + c * (y - y0)
-        return along**2 / 600 + across**2 / 326
-
-    problem = hertz(256)
-    turned = solve(ContactProblem(problem.grid, problem.material, gap), 0.02, None)
-    known = problem.reference(0.02)
-    assert turned.semi_axis_major == pytest.approx(known.a, rel=0.01)
-    assert turned.semi_axis_minor == pytest.approx(known.b, rel=0.01)
-    assert turned.major_axis_angle == pytest.approx(130 - 180, abs=0.5)
-    assert (turned.pressure_centre_x, turned.pressure_centre_y) == pytest.approx((x0, y0), abs=1e-3)
-    assert turned.moment_x == pytest.approx(turned.load * turned.pressure_centre_y)
-    assert turned.moment_y == pytest.approx(-turned.load * turned.pressure_centre_x)
-
-
-def test_the_ellipse_is_the_same_far_from_the_origin():
-    def at(x0):
-        grid = Grid(64, 64, 1 / 32, 1 / 32, x0, x0)
-        gap = (grid.x() - x0 - 1) ** 2 + 2 * (grid.y()[:, None] - x0 - 1) ** 2
-        return solve(ContactProblem(grid, hertz(16).material, gap), 0.2, None)
-
-    here, far = at(0.0), at(2.0**20)
-    for name in ("semi_axis_major", "semi_axis_minor"):
-        assert getattr(far, name) == pytest.approx(getattr(here, name), rel=1e-9)
-    assert far.pressure_centre_x - 2**20 == pytest.approx(here.pressure_centre_x, abs=1e-9)
-
-
-def test_without_contact_and_on_periodic_patches_there_is_no_centre():
-    problem = hertz(16)
-    apart = solve(problem, -1.0, None)
-    assert np.isnan([apart.pressure_centre_x, apart.semi_axis_major]).all()
-    assert (apart.moment_x, apart.contact_area, apart.mean_contact_pressure) == (0, 0, 0)
-    assert apart.contact_patches().size == apart.distribution("pressure")[0].size == 0
-    x = np.cos(2 * np.pi * (np.arange(16) + 0.5) / 16)
-    wave = ContactProblem(
-        Grid.from_domain(16, 16, (0, 1, 0, 1)), problem.material, 1e-3 * (x - x[:, None]), True
-    )
-    assert np.isnan(solve(wave, 0.0, None).moment_x)
 
 
 def by_flooding(contact, periodic):
@@ -219,23 +165,6 @@ def test_stiffness_of_full_contact_is_infinite():
         assert solver.stiffness(half) == pytest.approx(0.002 / (high.approach - low.approach), rel=0.3)
 
 
-@pytest.mark.parametrize("periodic", [False, True])
-def test_cells_that_touch_without_pressure_count_in_all_numbers(periodic):
-    """At first touch no fraction is below 0; in full contact at the least pressure it is 1."""
-    grid = Grid.from_domain(12, 10, (0, 1, 0, 1))
-    rough = np.random.default_rng(0).normal(size=grid.shape) * 1e-3
-    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1e5), rough, periodic)) as solver:
-        found = [solver.solve(load=0), solver.solve(approach=solver.touching)]
-        if periodic:
-            found.append(solver.solve(mean_gap=0))
-            assert found[-1].contact_fraction == found[-1].contact_fraction_corrected == 1
-    for solution in found:
-        assert solution.pressure[solution.contact].min() == 0
-        assert solution.contact_cells == solution.contact.sum() > 0
-        assert solution.contact_area == pytest.approx(solution.patches().area.sum())
-        assert 0 < solution.contact_fraction_corrected <= solution.contact_fraction
-
-
 def test_analytic_values_stand_beside(of_hertz):
     solution, known = of_hertz
     assert solution.attributes["analytic_load"] == pytest.approx(known.load)
@@ -262,16 +191,6 @@ def test_a_distribution_of_one_value_is_one_bin(logarithmic):
     assert density @ np.diff(edges) == pytest.approx(1)
     assert edges[0] < one.max_pressure < edges[-1]
     assert (np.diff(edges) > 0).all()
-
-
-@pytest.mark.parametrize(("holes", "whole"), [(0, "of all"), (100, "of those where contact is possible")])
-def test_the_share_of_contact_is_of_the_cells_where_it_is_possible(holes, whole):
-    """Said also of a contact of so few cells that some holes more or less change next to nothing."""
-    gap = np.add.outer(np.arange(32.0) ** 2, np.arange(32.0) ** 2)
-    gap.reshape(-1)[gap.size - holes :] = np.nan
-    found = solve(ContactProblem(Grid(32, 32, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
-    assert found.contact_cells == 1
-    assert f"1 cell, {100 / (1024 - holes):.4g}% {whole}\n" in summary(found.attributes, found.grid)
 
 
 @pytest.mark.parametrize("periodic", [False, True])

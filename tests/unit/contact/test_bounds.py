@@ -1,4 +1,4 @@
-"""The bounds of the pressure: one object that projects, releases, captures and judges, and that everything asks."""
+"""Bounds of the pressure: projection, contact set, and their users."""
 
 import ast
 import re
@@ -20,7 +20,9 @@ from app.contact.state import ContactState
 from app.halfspace.operator import InfluenceOperator
 
 SHAPE = (6, 7)
-APP = Path(__file__).resolve().parents[2] / "app"
+
+
+APP = Path(__file__).resolve().parents[3] / "app"
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def projected(bounds, p, cells):
     return bounds.project(p, cells, out), out
 
 
-def test_a_projected_pressure_is_the_nearest_one_within_the_bounds(bounds, rng):
+def test_projection_is_the_nearest_allowed_pressure(bounds, rng):
     p, cells = rng.normal(size=SHAPE), rng.random(SHAPE) < 0.5
     total, out = projected(bounds, p, cells)
     np.testing.assert_array_equal(out, np.where(cells, np.clip(p, bounds.lower, bounds.upper), 0.0))
@@ -48,7 +50,7 @@ def test_a_projected_pressure_is_the_nearest_one_within_the_bounds(bounds, rng):
     np.testing.assert_array_equal(again, out)
 
 
-def test_a_step_is_projected_and_leaves_cells_without_pressure_alone(bounds, rng):
+def test_steps_are_projected(bounds, rng):
     _, p = projected(bounds, rng.normal(size=SHAPE), bounds.admissible)
     step = rng.normal(size=SHAPE)
     _, expected = projected(bounds, p + step, bounds.admissible)
@@ -59,7 +61,7 @@ def test_a_step_is_projected_and_leaves_cells_without_pressure_alone(bounds, rng
     assert not bounds.between(there)[~contact].any()
 
 
-def test_contact_is_where_no_bound_holds_the_pressure(bounds, rng):
+def test_contact_is_pressure_or_overlap(bounds, rng):
     _, p = projected(bounds, rng.normal(size=SHAPE), bounds.admissible)
     gap, admissible = rng.normal(size=SHAPE), bounds.admissible
     np.testing.assert_array_equal(bounds.contact(p, gap), admissible & ((p > 0) | (gap <= 0)))
@@ -68,7 +70,7 @@ def test_contact_is_where_no_bound_holds_the_pressure(bounds, rng):
     assert overlap.sum() == pytest.approx(gap[admissible & (p == 0) & (gap < 0)].sum(), rel=1e-13)
 
 
-def test_what_is_released_is_the_tension(bounds, rng):
+def test_release_removes_the_tension(bounds, rng):
     p, contact = rng.normal(size=SHAPE), rng.random(SHAPE) < 0.7
     p[~contact] = 0
     before, released, change = p.copy(), np.zeros(SHAPE, bool), np.zeros(SHAPE)
@@ -96,7 +98,7 @@ def test_tension_is_a_share_of_the_pressure(unit):
     assert tension(0.0, 0.0) == 0.0
 
 
-def test_mean_pressures_of_full_contact_are_the_allowed_ones(rng):
+def test_mean_pressures_make_waves_allowed(rng):
     bounds, waves = PressureBounds(np.ones(SHAPE, bool)), rng.normal(size=SHAPE)
     least, most = bounds.mean_pressures(waves)
     assert (waves + least).min() == 0
@@ -104,7 +106,7 @@ def test_mean_pressures_of_full_contact_are_the_allowed_ones(rng):
     assert bounds.mean_pressures(waves[:0])[0] == -np.inf  # a rank without rows
 
 
-def test_bounds_as_vecs_hold_cells_without_contact_at_zero():
+def test_vecs_bound_inadmissible_cells_by_zero():
     operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
     distance = UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]]))
     state = contact_state(operator, distance)
@@ -116,7 +118,7 @@ def test_bounds_as_vecs_hold_cells_without_contact_at_zero():
 
 
 @pytest.mark.parametrize("kind, allowed", [("load", 12.0), ("mean_pressure", 12.0 / 4)])
-def test_a_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
+def test_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
     monkeypatch.setattr(PressureBounds, "largest_load", 12.0)
     grid = Grid.from_domain(8, 8, (-1, 1, -1, 1))
     with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1.0), np.zeros((8, 8)))) as solver:
@@ -129,7 +131,7 @@ def test_a_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["fast", "mg_v11", "norm"])
-def test_a_start_is_projected(method):
+def test_initial_pressure_is_projected(method):
     """It may be of a problem with other holes, or have pressures that are not allowed."""
     grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
     x, y = np.meshgrid(grid.x(), grid.y())

@@ -1,4 +1,4 @@
-"""Estimated discretisation errors are upper bounds where numbers converge slowly, too."""
+"""Estimated discretisation errors are upper bounds."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ STEEL = Material.from_contact_modulus(1e5)
 @pytest.mark.parametrize("grids", [3, 4, 5])
 @pytest.mark.parametrize("ratio", [0.25, 0.5, 0.6, 0.7, 0.8, 0.9])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_number_that_converges_like_a_geometric_series(grids, ratio, sign):
+def test_error_of_a_geometric_series_is_its_remainder(grids, ratio, sign):
     """The error left on the finest grid is the rest of the series."""
     pressures = [1 + sign * 0.1 * ratio**k for k in range(grids)]
     errors = estimate_errors([GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures], 0.0, "load")
@@ -27,7 +27,7 @@ def rounded_punch(x, y):
 
 @pytest.mark.parametrize("shape", [rounded_punch, Cylinder(2.0, 0.53)])
 @pytest.mark.parametrize("share", [1e-4, 3e-4])
-def test_pressures_at_edges_are_off_by_no_more_than_is_said(shape, share):
+def test_errors_of_edge_pressures_are_at_most_the_estimate(shape, share):
     """At a rounded rim, and at sharp ends, where they grow with every grid."""
     found = []
     for n in (64, 128, 256):
@@ -36,3 +36,13 @@ def test_pressures_at_edges_are_off_by_no_more_than_is_said(shape, share):
     *coarse, best = found
     for solution in coarse:
         assert abs(solution.max_pressure / best.max_pressure - 1) <= solution.max_pressure_error
+
+
+def test_differences_that_do_not_decrease_give_an_error_of_one():
+    def error(*pressures):
+        grids = [GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures]
+        return estimate_errors(grids, 0.0, "load")
+
+    slow = error(1.0, 2.0, 3.0, 4.0).max_pressure_error
+    assert slow == error(0.5, 1.0, 2.0, 3.0, 4.0).max_pressure_error == 1.0
+    assert error(1.0, 2.0, 2.5, 2.75).max_pressure_error < 1.0

@@ -1,4 +1,4 @@
-"""The contact state: who owns what, and the steps of Sec. 4.1 that are its own."""
+"""The contact state and the steps of Sec. 4.1."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,8 @@ from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
 
 GRID = Grid(5, 4, 1.0, 0.5)
+
+
 A = dense_matrix(GRID, 1.0)
 
 
@@ -36,37 +38,7 @@ def random_pressure(state, seed=1):
     return np.where(state.admissible, p, 0.0)
 
 
-@pytest.mark.parametrize("approach", [0.0, -0.7, 3.0])
-def test_undeformed_distance_is_shape_minus_approach(state, approach):
-    state.approach = approach
-    inside = state.admissible
-    h = state.distance.h_at(state.depth)
-    np.testing.assert_allclose(h[inside], state.shape[inside] - approach, atol=1e-14)
-    assert state.distance.norm() == pytest.approx(np.linalg.norm(state.shape[inside] - approach), rel=1e-13)
-    assert state.approach == pytest.approx(approach, abs=1e-15)
-    assert state.first_touch() == pytest.approx(0.0, abs=1e-14)  # beyond the reference, the least distance
-    state.depth = 0.25
-    assert state.approach == pytest.approx(np.nanmin(state.shape) + 0.25, abs=1e-15)
-
-
-def test_distances_with_a_large_constant_keep_their_digits():
-    operator = InfluenceOperator(Grid(2, 1, 1.0, 1.0), 1.0)
-    distance = UndeformedDistance(operator, np.array([[0.0, 1e-12]]), reference=1e6)
-    distance.move_to(1e-11)
-    np.testing.assert_allclose(distance.h_at(1e-11), [[-1e-11, -9e-12]], rtol=1e-12)
-    distance.destroy()
-
-
-def test_moves_cost_no_digits(state):
-    """However far the bodies go, the distances there are those of the shape."""
-    before = state.distance.h_at(state.depth)
-    for depth in (1e13, 3e-7, -1e9, 0.0):
-        state.depth = depth
-        np.testing.assert_array_equal(state.gap(), state.u - (depth + state.distance.b))
-    np.testing.assert_array_equal(state.distance.h_at(state.depth), before)
-
-
-def test_defect_is_minus_h_minus_u_on_c_and_nothing_elsewhere(state):
+def test_defect_is_minus_the_gap_on_contact_and_zero_elsewhere(state):
     set_pressure(state, random_pressure(state))
     state.contact[1] = False
     state.compute_displacement()
@@ -75,7 +47,7 @@ def test_defect_is_minus_h_minus_u_on_c_and_nothing_elsewhere(state):
     np.testing.assert_allclose(defect, np.where(state.contact, -e, 0.0), atol=1e-14)
 
 
-def test_displacement_is_a_times_p_and_state_knows_when_it_is_not(state):
+def test_displacement_status_follows_changes_of_pressure(state):
     set_pressure(state, random_pressure(state))
     state.compute_displacement()
     np.testing.assert_allclose(state.u.reshape(-1), A @ state.p.reshape(-1), rtol=1e-13)
@@ -90,7 +62,7 @@ def test_displacement_is_a_times_p_and_state_knows_when_it_is_not(state):
     assert state.displacement_status is Displacement.STALE
 
 
-def test_release_takes_tensile_cells_only(state):
+def test_release_removes_tensile_cells_only(state):
     p = random_pressure(state)
     p[2, 2] = 0.0
     set_pressure(state, p)
@@ -100,7 +72,7 @@ def test_release_takes_tensile_cells_only(state):
     np.testing.assert_array_equal(state.contact, state.admissible & (p >= 0))
 
 
-def test_activation_says_what_came_and_went_since_release(state):
+def test_activation_counts_changes_since_release(state):
     state.approach = np.nanmin(state.shape)
     set_pressure(state, random_pressure(state))
     before = state.contact.copy()
@@ -119,7 +91,7 @@ def test_activation_says_what_came_and_went_since_release(state):
     assert (again.added, again.released) == (0, 0)
 
 
-def test_activation_by_the_expected_displacement(state):
+def test_expected_displacement_activates_cells(state):
     state.start_from_interpenetration()
     gap = state.gap()
     outside = np.argwhere(state.admissible & (gap > 0))
@@ -131,7 +103,7 @@ def test_activation_by_the_expected_displacement(state):
     assert np.argwhere(state.contact & ~before).tolist() == [list(cell)]
 
 
-def test_two_updates_add_up():
+def test_updates_are_additive():
     first, second = Update(5, 2, 1, 0.3, 0.4, 5.0), Update(7, 3, 1, 0.1, 0.2, 6.0)
     assert second.after(first) == Update(7, 5, 2, 0.1, 0.2, 6.0)
 
@@ -149,7 +121,7 @@ def test_first_contact_is_the_nearest_cell(state):
     np.testing.assert_array_equal(state.contact, before)
 
 
-def test_numbers(state):
+def test_load_and_gaps_are_sums_over_cells(state):
     p = np.abs(random_pressure(state))
     set_pressure(state, p)
     state.compute_displacement()
@@ -172,7 +144,7 @@ def test_numbers(state):
     assert state.displacement_status is Displacement.EXACT
 
 
-def test_start_forgets_everything(state):
+def test_start_resets_contact_pressure_and_displacement(state):
     set_pressure(state, random_pressure(state))
     state.compute_displacement()
     state.approach = 0.1

@@ -1,15 +1,17 @@
-"""The contact set: order of the update, by hand."""
+"""The active set iteration: order of the steps of Sec. 4.1, by hand."""
 
 import numpy as np
 import pytest
+from cases import periodic_rough
+from running import solve
 
+from app import Grid
 from app.contact.active_set import active_set
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History
 from app.contact.loading import PrescribedApproach
 from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
-from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
 
@@ -22,7 +24,7 @@ def make_state(shape, approach=0.0):
     return state
 
 
-class Given:
+class FixedPressure:
     """A linear solver that answers with a given pressure."""
 
     level, work_units = 0, 0.0
@@ -42,11 +44,11 @@ class Given:
         self._correction.destroy()
 
 
-def updated(shape, contact, pressure, approach=0.0):
+def run_one_iteration(shape, contact, pressure, approach=0.0):
     """Run one iteration from a contact set with this pressure from the linear solver."""
     state = make_state(shape, approach)
     state.contact[...] = [contact]
-    history, solver = History(), Given(state, pressure)
+    history, solver = History(), FixedPressure(state, pressure)
     active_set(state, solver, PrescribedApproach(approach), StoppingTest(max_it=1), history)
     p = state.p.reshape(-1)
     found = p.tolist(), state.contact[0].astype(int).tolist(), state.u[0].copy(), history.entries[0]
@@ -62,59 +64,64 @@ def counts(entry):
 A = dense_matrix(Grid(3, 1, 1.0, 1.0), 1.0)
 
 
-def test_tensile_cells_leave_and_their_pressure_goes_before_u_is_computed():
-    p, contact, u, entry = updated([-2, 1, 5], [1, 1, 0], [1.0, -0.5, 0])
+def test_tensile_pressure_is_removed_before_u_is_computed():
+    p, contact, u, entry = run_one_iteration([-2, 1, 5], [1, 1, 0], [1.0, -0.5, 0])
     assert p == [1, 0, 0]
     np.testing.assert_allclose(u, A @ [1, 0, 0], rtol=1e-14)
     assert contact == [1, 0, 0]
     assert counts(entry) == (1, 0, 1, 1)
 
 
-def test_cell_that_left_comes_back_if_it_overlaps_without_its_pull():
+def test_released_cell_enters_again_if_it_overlaps_without_its_tension():
     # h between: with the pull of cell 1 itself it would overlap, without it does not, and the other way round.
     pull = A @ [1, -0.5, 0]
     free = A @ [1, 0, 0]
     assert pull[1] < free[1]
     between = -(pull[1] + free[1]) / 2
-    assert updated([-2, between, 5], [1, 1, 0], [1.0, -0.5, 0])[1] == [1, 0, 0]
+    assert run_one_iteration([-2, between, 5], [1, 1, 0], [1.0, -0.5, 0])[1] == [1, 0, 0]
     deeper = -free[1] - 1e-9
-    _, contact, _, entry = updated([-2, deeper, 5], [1, 1, 0], [1.0, -0.5, 0])
+    _, contact, _, entry = run_one_iteration([-2, deeper, 5], [1, 1, 0], [1.0, -0.5, 0])
     assert contact == [1, 1, 0]
     assert counts(entry) == (2, 0, 0, 0)
 
 
-def test_cells_that_overlap_or_touch_enter():
+def test_overlapping_and_touching_cells_enter():
     u2 = (A @ [1, 0, 0])[2]
     for h2, expected in ((-u2 - 1e-9, 1), (-u2, 1), (-u2 + 1e-9, 0)):
-        _, contact, _, entry = updated([0, 5, h2], [1, 0, 0], [1.0, 0, 0])
+        _, contact, _, entry = run_one_iteration([0, 5, h2], [1, 0, 0], [1.0, 0, 0])
         assert contact == [1, 0, expected]
         assert counts(entry) == (1 + expected, expected, 0, expected)
 
 
-def test_cells_with_positive_pressure_stay_however_far_apart():
+def test_cells_with_positive_pressure_stay_whatever_their_gap():
     # Only the sign of the pressure decides: the linear solver need not have converged.
-    _, contact, _, entry = updated([7, -7, 9], [1, 1, 0], [1.0, 2.0, 0])
+    _, contact, _, entry = run_one_iteration([7, -7, 9], [1, 1, 0], [1.0, 2.0, 0])
     assert contact == [1, 1, 0]
     expected = np.linalg.norm(np.array([7, -7]) + (A @ [1, 2, 0])[:2]) / np.linalg.norm([7, -7, 9])
     assert entry["residual"] == pytest.approx(expected, rel=1e-14)
 
 
-def test_cells_without_pressure_stay():
-    assert updated([0, 0, 9], [1, 1, 0], [1.0, 0.0, 0])[1] == [1, 1, 0]
+def test_cells_of_zero_pressure_stay():
+    assert run_one_iteration([0, 0, 9], [1, 1, 0], [1.0, 0.0, 0])[1] == [1, 1, 0]
 
 
 def test_inadmissible_cells_never_enter():
-    _, contact, u, entry = updated([-1, np.nan, -1], [1, 0, 0], [0, 0, 0])
+    _, contact, u, entry = run_one_iteration([-1, np.nan, -1], [1, 0, 0], [0, 0, 0])
     assert contact == [1, 0, 1]
     assert np.isfinite(u).all()
     assert counts(entry) == (2, 1, 0, 1)
 
 
-def test_approach_moves_the_shape():
-    assert updated([0.5, 1.5, np.nan, -9], [0, 0, 0, 1], [0, 0, 0, 0], approach=1.0)[1] == [1, 0, 0, 1]
+def test_approach_shifts_the_gap():
+    assert run_one_iteration([0.5, 1.5, np.nan, -9], [0, 0, 0, 1], [0, 0, 0, 0], approach=1.0)[1] == [
+        1,
+        0,
+        0,
+        1,
+    ]
 
 
-def test_start_and_norm():
+def test_start_from_interpenetration_and_norm_of_h():
     state = make_state([0.5, 1.0, 2.0, np.nan], approach=1.0)
     state.pressure.set(3)
     state.start_from_interpenetration()
@@ -124,3 +131,12 @@ def test_start_and_norm():
     assert state.defect().getArray(readonly=True).tolist() == [0.5, 0, 0, 0]
     assert state.contact is state.operator.mask
     state.destroy()
+
+
+@pytest.mark.parametrize("method", ["norm", "fmg_v11"])
+def test_iteration_limit_counts_iterations_in_a_row(method):
+    """A search for a load makes several rows of them."""
+    solution = solve(periodic_rough(32), None, method, load=20.0, lcp_max_it=1)
+    assert not solution.converged
+    assert solution.message.startswith("1 active set iterations in a row were not enough")
+    assert solution.iterations > 1

@@ -1,7 +1,10 @@
-"""The four ways to prescribe a loading: how they hang together, what is refused."""
+"""Loadings from numbers: consistency of the four kinds, and refusals."""
+
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from cases import hertz
 from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material, solve
@@ -9,20 +12,28 @@ from app.base.errors import InputError
 from app.contact.loading_input import LOADINGS
 
 GRID = Grid.from_domain(16, 12, (0.0, 4.0, 0.0, 3.0))
+
+
 STEEL = Material.from_contact_modulus(1000.0)
+
+
 GAP = 5.0 + 1e-3 * np.random.default_rng(3).normal(size=GRID.shape)
+
+
 MEAN = GAP.mean()
+
+
 HOLED = np.where(np.arange(16) == 3, np.nan, GAP)
 
 
-def solver(periodic=True, gap=GAP):
+def make_solver(periodic=True, gap=GAP):
     return ContactSolver(ContactProblem(GRID, STEEL, gap, periodic), "norm")
 
 
 @pytest.fixture(scope="module")
 def solvers():
     made = {
-        name: solver(*of)
+        name: make_solver(*of)
         for name, of in {"free": (False,), "periodic": (True,), "holed": (True, HOLED)}.items()
     }
     yield made
@@ -41,7 +52,7 @@ def test_mean_pressure_is_load_over_area(solvers, name):
 
 @pytest.mark.parametrize("name", ["free", "periodic", "holed"])
 @pytest.mark.parametrize("kind", LOADINGS)
-def test_what_is_prescribed_is_reported_to_the_last_digit(solvers, name, kind):
+def test_prescribed_numbers_are_reported_exactly(solvers, name, kind):
     numbers = (np.array([0.013, 0.13, 1.7, 2.3]) * (1e-3 if LOADINGS[kind] == "mm" else 1)).tolist()
     if kind == "approach":
         numbers = [GAP.min() + number for number in numbers[:2]]
@@ -66,7 +77,7 @@ def test_mean_gap_is_met(solvers):
 
 
 @pytest.mark.parametrize("constant", [1e3, -1e6])
-def test_a_constant_in_the_heights_changes_nothing_for_a_mean_gap(constant):
+def test_solution_of_a_mean_gap_is_independent_of_a_constant_height(constant):
     gap = constant + 1e-3 * np.random.default_rng(1).random((16, 16))
     lowest = gap - gap.min()  # without rounding
     touching = lowest.mean()
@@ -96,7 +107,7 @@ def checkers(size=1.0, constant=0.2):
 
 
 @pytest.mark.parametrize("method", [None, "norm"])
-def test_a_depth_of_rounding_is_first_touch(method):
+def test_depth_of_rounding_size_is_first_touch(method):
     gap = checkers().gap
     by_mean = float(gap.mean() - np.spacing(gap.mean()) - gap.min())
     for loading in ({"approach": np.nextafter(0.2, 9)}, {"approach": 0.2 + 1e-16}, {"mean_gap": by_mean}):
@@ -107,7 +118,7 @@ def test_a_depth_of_rounding_is_first_touch(method):
 
 @pytest.mark.parametrize("beyond", [1e-14, 1e-12, 1e-9, 1e-6])
 @pytest.mark.parametrize(("size", "constant"), [(1.0, 0.0), (1.0, 0.2), (1e-9, 0.0), (1e-9, 1e-9)])
-def test_light_contact_is_in_proportion_to_its_depth(size, constant, beyond):
+def test_light_load_is_proportional_to_the_depth(size, constant, beyond):
     loads = []
     for depth in (beyond, 1e-3):
         approach = constant + depth * size
@@ -120,7 +131,7 @@ def test_light_contact_is_in_proportion_to_its_depth(size, constant, beyond):
 
 
 @pytest.mark.parametrize("load", [{"load": 0}, {"mean_pressure": 0}])
-def test_no_load_is_first_touch(solvers, load):
+def test_zero_load_is_first_touch(solvers, load):
     solution = solvers["periodic"].solve(**load)
     assert (solution.load, solution.approach) == (0.0, GAP.min())
 
@@ -150,7 +161,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused(solvers, name):
+def test_invalid_loadings_are_refused(solvers, name):
     which, given, message = REFUSED[name]
     with pytest.raises(InputError, match=message):
         solvers[which].solve(**given)
@@ -159,11 +170,29 @@ def test_refused(solvers, name):
 @pytest.mark.parametrize(
     "given", [{"mean_gap": 0}, {"mean_gap": -1e-19}, {"approach": MEAN}, {"approach": np.nextafter(MEAN, 9)}]
 )
-def test_up_to_full_contact_is_allowed(solvers, given):
+def test_loadings_up_to_full_contact_are_allowed(solvers, given):
     loading = solvers["periodic"]._loading(dict.fromkeys(LOADINGS) | given)
     assert loading.approach == pytest.approx(MEAN, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", ["free", "holed"])
-def test_other_patches_take_any_approach(solvers, name):
+def test_free_and_holed_patches_take_any_approach(solvers, name):
     assert solvers[name]._loading({"approach": 9.0}).approach == 9.0
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-8, 1e-12])
+def test_mean_gap_near_first_touch_keeps_its_digits(share):
+    """The mean undeformed distance is summed without rounding: what it exceeds a mean gap by is the depth."""
+    gap = np.random.default_rng(1).random((30, 41))
+    gap[7, 8] = 0.0
+    problem = ContactProblem(Grid(41, 30, 0.1, 0.1), Material.from_contact_modulus(1e5), gap, periodic=True)
+    wanted = (1 - share) * gap.mean()
+    depth = sum(map(Fraction, gap.ravel().tolist())) / gap.size - Fraction(wanted)
+    with ContactSolver(problem) as solver:
+        found = solver.solve(mean_gap=wanted)
+    assert found.indentation == pytest.approx(float(depth), rel=1e-15, abs=0)
+
+
+def test_unknown_kind_of_loading_is_refused():
+    with ContactSolver(hertz(12)) as solver, pytest.raises(InputError, match="exactly one"):
+        solver.check(force=1.0)

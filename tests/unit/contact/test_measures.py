@@ -1,14 +1,19 @@
-"""Mean gap, perimeter, corrected contact and roughness: what they are by definition, on free and periodic patches."""
+"""Mean gap, perimeter, corrected contact and roughness by their definitions."""
 
 import numpy as np
 import pytest
 from running import solve
 
-from app import ContactProblem, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.cli.summary import summary
 from app.problems.statistics import roughness
 
 SHAPE = 20, 24
+
+
 DOMAIN = 0.0, 3.0, 0.0, 2.0  # cells are not square
+
+
 PERIODIC = pytest.mark.parametrize("periodic", [False, "spectral", "love"])
 
 
@@ -30,7 +35,7 @@ def faces(contact, periodic):
 
 @PERIODIC
 @pytest.mark.parametrize("holes", [False, True])
-def test_measures_are_what_they_say(periodic, holes):
+def test_measures_are_as_defined(periodic, holes):
     solution = solve(rough(periodic, holes), -1e-3)
     grid, gap, contact = solution.grid, solution.gap, solution.contact
     cells = np.count_nonzero(~np.isnan(gap))
@@ -82,7 +87,7 @@ def test_slope_on_a_free_patch_is_by_differences(cells):
     assert solution.rms_slope == pytest.approx(expected, rel=1e-12)
 
 
-def test_holes_are_left_out_of_the_slope_and_the_patch_goes_around():
+def test_slope_leaves_out_holes_and_includes_faces_across_the_period():
     grid = Grid.from_domain(8, 4, (0.0, 8.0, 0.0, 4.0), "spectral")
     gap = np.tile([0.0, 1.0, 2.0, np.nan, 2.0, 2.0, 1.0, 0.0], (4, 1))
     solution = solve(ContactProblem(grid, Material.from_contact_modulus(1.0), gap), -1.0)
@@ -97,3 +102,30 @@ def test_cells_without_neighbours_have_no_slope():
     solution = solve(ContactProblem(grid, Material.from_contact_modulus(1.0), gap), 0.1)
     assert np.isnan(solution.rms_slope)
     assert solution.perimeter == pytest.approx(8.0)  # eight squares of 0.25
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_touching_cells_without_pressure_count(periodic):
+    """At first touch no fraction is below 0; in full contact at the least pressure it is 1."""
+    grid = Grid.from_domain(12, 10, (0, 1, 0, 1))
+    rough = np.random.default_rng(0).normal(size=grid.shape) * 1e-3
+    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1e5), rough, periodic)) as solver:
+        found = [solver.solve(load=0), solver.solve(approach=solver.touching)]
+        if periodic:
+            found.append(solver.solve(mean_gap=0))
+            assert found[-1].contact_fraction == found[-1].contact_fraction_corrected == 1
+    for solution in found:
+        assert solution.pressure[solution.contact].min() == 0
+        assert solution.contact_cells == solution.contact.sum() > 0
+        assert solution.contact_area == pytest.approx(solution.patches().area.sum())
+        assert 0 < solution.contact_fraction_corrected <= solution.contact_fraction
+
+
+@pytest.mark.parametrize(("holes", "whole"), [(0, "of all"), (100, "of those where contact is possible")])
+def test_contact_fraction_is_of_the_admissible_cells(holes, whole):
+    """Said also of a contact of so few cells that some holes more or less change next to nothing."""
+    gap = np.add.outer(np.arange(32.0) ** 2, np.arange(32.0) ** 2)
+    gap.reshape(-1)[gap.size - holes :] = np.nan
+    found = solve(ContactProblem(Grid(32, 32, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
+    assert found.contact_cells == 1
+    assert f"1 cell, {100 / (1024 - holes):.4g}% {whole}\n" in summary(found.attributes, found.grid)

@@ -1,13 +1,11 @@
-"""Prescribed loads: the root search, Newton's steps beside the iteration, the exact end; load paths."""
-
-from itertools import pairwise
+"""Prescribed loads: root search, Newton steps in the iteration, the exact end."""
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz, periodic_rough, punch, self_affine
+from cases import hertz, punch, self_affine
 from mpi4py import MPI
 from processes import run
-from running import assert_solves_lcp, solve
+from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.active_set import active_set
@@ -57,10 +55,7 @@ def exact(request):
     one.destroy()
 
 
-# ----------------------------------------------------------------------------------- the root search
-
-
-def test_a_mistake_in_the_search_is_not_taken_for_one_of_its_own(exact):
+def test_search_raises_the_errors_of_its_solves(exact):
     def solve(loading):
         raise ZeroDivisionError("a listener's")
 
@@ -90,7 +85,7 @@ def test_search_meets_the_load_from_anywhere(exact, share, step):
 
 
 @pytest.mark.parametrize("share", [1e-3, 0.03, 0.3, 1.0, 30.0])
-def test_a_load_to_two_percent_takes_few_solves(exact, share):
+def test_load_to_two_percent_takes_at_most_five_solves(exact, share):
     """The overlap of the undeformed bodies tells nearly where it is; by doubling alone there were up to 15."""
     load = share * exact.load_at(exact.state.distance.reference + 0.5 * spread(exact.state))
     exact.approaches.clear()
@@ -99,7 +94,7 @@ def test_a_load_to_two_percent_takes_few_solves(exact, share):
     assert len(exact.approaches) <= 5
 
 
-def test_who_prescribes_a_load_waits_for_no_library():
+def test_prescribed_load_does_not_import_scipy_optimize():
     """scipy.optimize takes as long to load as 512 x 512 cells to solve."""
     script = (
         "import sys; from app import *;"
@@ -108,23 +103,6 @@ def test_who_prescribes_a_load_waits_for_no_library():
     )
     done = run("-c", script)
     assert done.stdout.split() == ["True", "False"], done.stderr
-
-
-def test_systems_of_sets_in_turn_are_solved(exact):
-    """The factors of a set are kept for the next one, if it is the same."""
-    operator, solver, state = exact.operator, exact.solver, exact.state
-    rng = np.random.default_rng(3)
-    one, other = (rng.random(operator.local_shape) < share for share in (0.3, 0.6))
-    for contact in (one, one, other, np.zeros_like(one), one):
-        operator.mask[...] = contact
-        solver.set_contact()
-        x = solver.solve(state.defect())[0].getArray(readonly=True).reshape(contact.shape)
-        u = np.empty_like(x)
-        operator.displacement(x * contact, u)
-        assert (x[~contact] == 0).all()
-        np.testing.assert_allclose(
-            (u - state.distance.b - state.depth)[contact], 0, atol=1e-12 * spread(state)
-        )
 
 
 def spread(state):
@@ -146,7 +124,7 @@ def test_search_brackets_the_root(exact):
     assert abs(tried[-1] / right - 1) < 1e-6
 
 
-def test_search_ends_where_the_load_changes_within_rounding_of_the_approach():
+def test_search_ends_if_the_approach_has_no_digits_for_the_load():
     """A load so light that the approach has no digits for it: the search ends all the same."""
     shape = np.full((4, 4), 1e6)
     shape[1, 2] = 1e6 - 1
@@ -160,7 +138,7 @@ def test_search_ends_where_the_load_changes_within_rounding_of_the_approach():
     exact.destroy()
 
 
-def test_search_gives_up_with_a_solve_that_fails(exact):
+def test_search_ends_with_the_first_failed_solve(exact):
     failed = Outcome(False, "not today", 3)
     for fails_at in (1, 2):
         calls = []
@@ -176,7 +154,7 @@ def test_search_gives_up_with_a_solve_that_fails(exact):
         assert outcome.iterations >= 3
 
 
-def test_a_patch_is_never_stiffer_than_said(exact):
+def test_stiffness_of_patch_bounds_that_of_any_contact(exact):
     """What the search begins with: load per approach of the whole patch in contact."""
     state = exact.state
     low, high = (exact.load_at(state.distance.reference + far * spread(state)) for far in (50.0, 51.0))
@@ -184,10 +162,7 @@ def test_a_patch_is_never_stiffer_than_said(exact):
     assert 0.5 * stiffness_of_patch(state) < (high - low) / spread(state) < 1.2 * stiffness_of_patch(state)
 
 
-# ------------------------------------------------------------------- Newton's method and the exact end
-
-
-def test_approach_goes_to_that_of_the_load_along_with_the_iteration(exact):
+def test_approach_converges_with_the_iteration(exact):
     state = exact.state
     right = state.distance.reference + 0.5 * spread(state)
     load = exact.load_at(right)
@@ -199,7 +174,7 @@ def test_approach_goes_to_that_of_the_load_along_with_the_iteration(exact):
     assert state.approach == pytest.approx(right, abs=1e-9 * spread(state))
 
 
-def test_update_moves_the_approach_by_what_the_load_lacks(exact):
+def test_update_moves_the_approach_by_the_missing_load_over_the_slope(exact):
     state = exact.state
     right = state.distance.reference + 0.5 * spread(state)
     load = exact.load_at(right)
@@ -221,7 +196,7 @@ def test_update_moves_the_approach_by_what_the_load_lacks(exact):
     assert state.depth == before
 
 
-def test_the_slope_is_never_less_than_the_mean_one_since_first_touch(exact):
+def test_slope_is_at_least_the_mean_slope_since_first_touch(exact):
     """Of the load, and so of the one that moves the approach."""
     state = exact.state
     touching, depths = state.first_touch(), np.array([0.2, 0.21, 0.5, 0.51]) * spread(state)
@@ -234,7 +209,7 @@ def test_the_slope_is_never_less_than_the_mean_one_since_first_touch(exact):
     assert loading.update(state) <= 0.1001 * (depths[-1] - touching)
 
 
-def test_settled_load_is_exact_and_the_gap_in_contact_has_no_mean(exact):
+def test_settled_load_is_exact_with_zero_mean_gap_in_contact(exact):
     state = exact.state
     load = exact.load_at(state.distance.reference + 0.5 * spread(state))
     loading = PrescribedLoad(1.001 * load)
@@ -245,7 +220,7 @@ def test_settled_load_is_exact_and_the_gap_in_contact_has_no_mean(exact):
     assert abs(e.mean()) < 1e-3 * 0.001 * spread(state)
 
 
-def test_nothing_to_settle_without_contact(exact):
+def test_settling_without_contact_continues(exact):
     state = exact.state
     state.depth = -1.0
     state.start_from_interpenetration()
@@ -253,7 +228,7 @@ def test_nothing_to_settle_without_contact(exact):
     assert update.changed  # goes on
 
 
-def test_prediction_continues_a_geometric_series():
+def test_prediction_extrapolates_a_geometric_series():
     loading = PrescribedLoad(1.0)
     found = []
     for depth in (1.0, 2.0, 2.25, 2.3125):
@@ -263,52 +238,6 @@ def test_prediction_continues_a_geometric_series():
     assert found[2] == pytest.approx(2.25 + 0.25 * 0.25)
     assert found[3] == pytest.approx(2.3125 + 0.25 * 0.0625)
     assert PrescribedApproach(3.0).predict(1.5) == 1.5
-
-
-# ------------------------------------------------------------------------------------------ as a user
-
-
-@pytest.mark.parametrize("method", ["fast", "norm", "mg_v11", "fmg_v11"])
-def test_zero_load_just_touches(method):
-    found = solve(punch(32), None, method, load=0.0)
-    assert found.converged
-    assert found.load == 0
-    assert np.nanmin(found.undeformed_distance) == pytest.approx(0, abs=1e-15)
-
-
-@pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
-@pytest.mark.parametrize(
-    ("problem", "approach"),
-    [(hertz(48), APPROACH), (punch(48), 0.25), (self_affine(48), 0.02)],
-    ids=["hertz", "rough", "affine"],
-)
-def test_load_path_is_monotone(problem, approach, warm):
-    """Loading and unloading: approach, contact and displacement grow and fall with the load."""
-    highest = solve(problem, approach, "fast").load
-    loads = highest * np.array([0.01, 0.05, 0.2, 0.6, 1.0])
-    steps, start = [], None
-    with ContactSolver(problem, options={"lcp_rtol": 1e-9}) as solver:
-        for load in (*loads, *loads[-2::-1]):
-            start = solver.solve(load=load, start=start if warm else None)
-            assert_solves_lcp(start, 1e-9)
-            assert start.load == pytest.approx(load, rel=1e-12)
-            steps.append(start)
-    up, down = steps[: len(loads)], steps[len(loads) - 1 :][::-1]
-    for before, after in pairwise(up):
-        assert after.approach > before.approach
-        assert (after.contact >= before.contact).all()
-        assert (after.displacement >= before.displacement - 1e-9 * after.displacement.max()).all()
-    for there, back in zip(up, down, strict=True):  # elastic: the way back is the way there
-        assert back.approach == pytest.approx(
-            there.approach, abs=1e-8 * np.nanmax(abs(there.undeformed_distance))
-        )
-        np.testing.assert_array_equal(back.contact, there.contact)
-
-
-def test_load_and_approach_of_hertz():
-    exact = hertz(8).reference(APPROACH)
-    found = solve(hertz(128), None, "fast", exact.load)
-    assert found.approach == pytest.approx(APPROACH, rel=1e-4)
 
 
 def surface_of_few_heights(kind, n):
@@ -336,9 +265,14 @@ def test_light_loads_on_surfaces_of_few_heights(kind, n, load):
 
 
 @pytest.mark.parametrize("method", ["norm", "fmg_v11"])
-def test_the_limit_is_of_iterations_in_a_row(method):
-    """A search for a load makes several rows of them."""
-    solution = solve(periodic_rough(32), None, method, load=20.0, lcp_max_it=1)
-    assert not solution.converged
-    assert solution.message.startswith("1 active set iterations in a row were not enough")
-    assert solution.iterations > 1
+def test_few_cells_of_an_odd_periodic_grid_carry_a_load(method):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        gap = 0.1 * rng.random((9, 9))
+        gap[rng.random((9, 9)) < 0.9] = np.nan
+        problem = ContactProblem(
+            Grid.from_domain(9, 9, (0, 1, 0, 1)), Material.from_contact_modulus(1e3), gap, periodic=True
+        )
+        with ContactSolver(problem, method) as solver:
+            found = solver.solve(load=1.0)
+        assert found.converged and found.load == pytest.approx(1.0)

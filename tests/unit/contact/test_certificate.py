@@ -1,0 +1,166 @@
+"""The certificate bounds the error of any pressure."""
+
+import numpy as np
+import periodic
+import pytest
+from cases import periodic_rough
+
+from app import ContactProblem, ContactSolver, Material
+from app.contact.certificate import certify, estimate
+from app.contact.distance import UndeformedDistance
+from app.contact.periodic_state import contact_state
+from app.contact.state import Displacement
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.grid import Grid
+from app.halfspace.influence import dense_matrix
+from app.halfspace.operator import InfluenceOperator
+from app.verification.dense import DenseProblem
+
+
+def test_certificate_has_the_smallest_pressure():
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
+    state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
+    with state.pressure as p:
+        p[:] = 3.0, -0.25, 0.5, 0.0
+    assert certify(state).smallest_pressure == -0.25
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize(("p", "smallest"), [((3.0, -0.25, 0.5, 0.0), -0.25), ((3.0, 0.5, 0.0, 0.5), -0.5)])
+def test_forbidden_pressure_has_no_error_bound(periodic, p, smallest):
+    """Negative, or where there can be none; what rounding makes negative is nothing."""
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0, periodic=periodic), 1.0)
+    for share, bounded in (1.0, False), (1e-16, True):
+        state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
+        with state.pressure as values:
+            values[:] = [p[0], *(share * value for value in p[1:])]
+        state.displacement_status = Displacement.STALE
+        found = certify(state)
+        assert np.isfinite(found.error_bound) == bounded
+        assert found.smallest_pressure == pytest.approx(share * smallest)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_nan_pressure_has_no_error_bound(periodic):
+    operator = InfluenceOperator(Grid(4, 2, 1.0, 1.0, periodic=periodic), 1.0)
+    state = contact_state(operator, UndeformedDistance(operator, np.arange(8.0).reshape(2, 4)))
+    with state.pressure as p:
+        p[:2] = 1.0, np.nan
+    found = certify(state)
+    assert found.error_bound == np.inf
+    assert np.isnan([found.duality_gap, found.largest_penetration, found.smallest_pressure]).all()
+
+
+@pytest.mark.parametrize("method", ["fmg_v11", "norm", None])
+def test_products_of_the_certificate_are_counted(method):
+    with ContactSolver(periodic_rough(32), method) as solver:
+        before = solver.hierarchy.operator_applications()
+        found = solver.solve(load=30.0)
+        assert found.operator_applications == solver.hierarchy.operator_applications() - before
+
+
+def certified(problem, approach, p):
+    return certify(pressed(problem, approach, p))
+
+
+def pressed(problem, approach, p):
+    operator = InfluenceOperator(problem.grid, problem.material.compliance)
+    state = contact_state(operator, UndeformedDistance(operator, problem.gap))
+    state.approach = approach
+    state.pressure.setArray(p.ravel())
+    state.compute_displacement()
+    return state
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(4))
+def test_error_bound_holds_on_periodic_patches(seed, holes):
+    """For the approach, and for the load that the exact solution has, if the pressure has it, too."""
+    problem, approach = periodic.rough(9, 8, seed, holes), (0.5, 0.9, 0.99)[seed % 3]
+    approach *= np.nanmean(problem.gap)
+    exact, matrix = periodic.by_pivoting(problem, approach)
+    rng = np.random.default_rng(seed)
+    for size in (1e-9, 1e-6, 1e-3, 0.1, 10.0):
+        p = np.maximum(exact + size * exact.max() * rng.normal(size=exact.shape) * (exact > 0), 0)
+        p[rng.random(exact.shape) < 0.02] *= 1 - size / 10
+        for factor in (1.0, exact.sum() / p.sum()):
+            found = certified(problem, approach, p * factor)
+            error = (p * factor - exact).ravel()
+            true = np.sqrt(error @ matrix @ error / ((p * factor).ravel() @ matrix @ (p * factor).ravel()))
+            assert true * (1 - 1e-6) - 1e-7 <= found.error_bound < np.inf
+            if size <= 1e-6:
+                assert found.error_bound <= 10 * true + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_small_error_bound_needs_no_product(seed, monkeypatch):
+    problem = periodic.rough(9, 8, seed)
+    approach = 0.9 * problem.gap.mean()
+    exact, _ = periodic.by_pivoting(problem, approach)
+    p = exact * (1 + 1e-7 * np.random.default_rng(seed).normal(size=exact.shape))
+    applied, plain = [], EvenMultiplier.apply
+    monkeypatch.setattr(
+        EvenMultiplier, "apply", lambda *given, **named: (applied.append(0), plain(*given, **named))[1]
+    )
+    bounds = []
+    for wanted, products in ((np.inf, 0), (1e-5, 0), (1e-9, 1)):
+        state = pressed(problem, approach, p)
+        applied.clear()
+        bounds.append(estimate(state, wanted).error_bound)
+        assert len(applied) == products
+    assert bounds[0] == bounds[1] > bounds[2]
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-10, 1e-16, 1e-25])
+@pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-6, 1.1])
+def test_error_bound_is_sharp_at_first_touch(depth, share):
+    """Sums of gaps, larger than those of contact by many decades, have no part in the bound."""
+    gap = np.random.default_rng(0).random((10, 12))
+    gap[[2, 2, 7], [3, 4, 9]] = 0.0
+    problem = ContactProblem(Grid(12, 10, 0.1, 0.1), Material.from_contact_modulus(1e5), gap, periodic="love")
+    dense = DenseProblem(problem)
+    exact = dense.at(depth).astype(float)
+    bound = certified(problem, depth, share * exact).error_bound
+    assert 0.5 * bound < abs(share - 1) / share <= bound
+
+
+@pytest.mark.parametrize(
+    ("shape", "symbol", "share"),
+    [((3, 5), "spectral", 0.1), ((3, 6), "love", 0.5), ((4, 4), "spectral", 0.1)],
+)
+def test_error_bound_includes_the_rounding_of_a_stored_matrix(shape, symbol, share):
+    """Coefficients of long cells are much larger than the eigenvalues of the waves across them."""
+    ny, nx = shape
+    gap = np.tile(np.cos(2 * np.pi * np.arange(nx) / nx + 1), (ny, 1))
+    problem = ContactProblem(Grid(nx, ny, 1.0, 1e4), periodic.MATERIAL, gap, periodic=symbol)
+    dense, approach = DenseProblem(problem), (1 - share) * gap.min() + share * gap.mean()
+    exact = dense.at(approach)
+    p, contact = np.zeros(problem.grid.n), (exact > 0).ravel()
+    rounded = dense_matrix(problem.grid, problem.material.compliance)[np.ix_(contact, contact)]
+    p[contact] = np.linalg.solve(rounded, approach - gap.ravel()[contact])
+    p = p.reshape(shape)
+    bound = certified(problem, approach, p).error_bound
+    assert dense.energy(exact - p) <= bound * dense.energy(p)
+    assert bound < 1e-10
+
+
+def test_error_bound_without_open_cells():
+    problem = periodic.rough(8, 8, 1, holes=0.3)
+    exact, _ = periodic.by_pivoting(problem, 3 * np.nanmax(problem.gap))
+    assert (exact[~np.isnan(problem.gap)] > 0).mean() > 0.9
+    assert certified(problem, 3 * np.nanmax(problem.gap), exact).error_bound < 1e-6
+    assert certified(problem, 3 * np.nanmax(problem.gap), 1.01 * exact).error_bound > 0.003
+
+
+def test_requested_error_bound_is_proved():
+    grid = Grid.from_domain(64, 64, (0, 1, 0, 1))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = 0.01 * np.cos(2 * np.pi * x) * np.cos(2 * np.pi * y)
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), gap, periodic=True)
+    bounds = {}
+    for wanted in (0.01, 7e-6):
+        with ContactSolver(problem, "fmg_v11", {"lcp_error_bound": wanted}) as solver:
+            found = solver.solve(approach=-0.005)
+        assert found.converged
+        bounds[wanted] = found.error_bound
+    assert bounds[7e-6] <= 7e-6 < bounds[0.01]

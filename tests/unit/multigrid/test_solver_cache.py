@@ -1,0 +1,142 @@
+"""The cache of linear solvers between solves."""
+
+import re
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cases import hertz
+from running import assert_proved_equal
+
+from app import ContactProblem, ContactSolver, Grid, Listener, Material
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.methods.free.solver import TrackingSolver
+from app.multigrid import solver_cache
+from app.multigrid.linear_solver import LinearSolver
+
+MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
+
+
+def bowl(n, height=1.0):
+    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    return ContactProblem(grid, Material.combined(1.0, 0.0), height * (x**2 + y**2))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """List of what has been made: spectra and linear solvers."""
+    things = []
+
+    def counting(of, name):
+        plain = getattr(of, name)
+        monkeypatch.setattr(
+            of, name, lambda self, *given, **named: (things.append(name), plain(self, *given, **named))[1]
+        )
+
+    counting(EvenMultiplier, "set_kernel")
+    counting(TrackingSolver, "__init__")
+    return things
+
+
+def test_second_solve_makes_no_solvers_or_spectra(made):
+    with ContactSolver(bowl(160)) as solver:
+        first = solver.solve(approach=0.3)
+        assert made
+        made.clear()
+        second = solver.solve(approach=0.3)
+        assert not made
+        assert second.operator_applications == pytest.approx(first.operator_applications, abs=0.2)
+        assert_proved_equal(second, first)
+
+
+def test_large_windows_keep_their_spectra_only(made, monkeypatch):
+    monkeypatch.setattr(solver_cache, "MAX_CACHED_CELLS", 0)
+    with ContactSolver(bowl(160)) as solver:
+        solver.solve(approach=0.3)
+        made.clear()
+        solver.solve(approach=0.3)
+        assert set(made) == {"__init__"}
+        solver.solve(approach=0.1)
+        assert "set_kernel" in made
+
+
+def calls_of(function):
+    """Names of all that is called from Python meanwhile; numba tells of compiled loops, too, from 0.57 on."""
+    names = []
+
+    def hear(frame, event, arg):
+        if event == "c_call":
+            names.append(arg.__qualname__)
+        elif event == "call" and "__name__" in frame.f_globals:
+            names.append(frame.f_code.co_qualname)
+
+    sys.setprofile(hear)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return names
+
+
+def test_second_solve_makes_two_vecs_per_level_only():
+    with ContactSolver(bowl(160)) as solver:
+        solver.solve(approach=0.3)
+        made = [name for name in calls_of(lambda: solver.solve(approach=0.301)) if MAKES.search(name)]
+        assert set(made) <= {"Vec.createWithArray", "Vec.duplicate"}
+        assert len(made) <= 2 * len(solver.hierarchy.levels)
+
+
+def test_small_grids_take_few_python_calls():
+    """It took 5,300 calls when every block of rows, and every strip of columns, was one; by load 4,700 long after."""
+    with ContactSolver(hertz(64)) as solver:
+        load = solver.solve(approach=0.1091).load
+        assert len(calls_of(lambda: solver.solve(approach=0.1091))) < 2600
+        solver.solve(load=load)  # imports
+        assert len(calls_of(lambda: solver.solve(load=load))) < 3300
+
+
+@pytest.mark.parametrize("more", [-1, 0, 1])
+def test_solvers_of_large_grids_are_not_kept(more):
+    assert solver_cache.is_large(SimpleNamespace(n=solver_cache.MAX_CACHED_CELLS + more)) == (more > 0)
+
+
+class Stops(Listener):
+    """Raises after some iterations, once."""
+
+    def __init__(self, after):
+        self.left = after
+
+    def iteration(self, entry, state):
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("kind", ["approach", "load"])
+def test_work_of_an_interrupted_solve_is_not_counted(kind):
+    value = {"approach": 0.01, "load": 0.05}[kind]
+    with ContactSolver(bowl(256)) as fresh:
+        alone = fresh.solve(**{kind: value})
+    last = len(alone.history["level"])
+    with ContactSolver(bowl(256), listeners=[Stops(last)]) as solver:
+        with pytest.raises(KeyboardInterrupt):
+            solver.solve(**{kind: value})
+        again = solver.solve(**{kind: value})
+    assert again.operator_applications == pytest.approx(alone.operator_applications, rel=1e-12)
+
+
+def test_solvers_of_periodic_patches_are_made_before_the_first_solve(monkeypatch):
+    made, plain = [], LinearSolver.__init__
+    monkeypatch.setattr(
+        LinearSolver, "__init__", lambda self, *a, **named: (made.append(self), plain(self, *a, **named))[1]
+    )
+    grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
+    problem = ContactProblem(grid, Material.combined(1.0, 0.0), bowl(64).gap, periodic=True)
+    with ContactSolver(problem) as solver:
+        assert len(made) == len(solver.hierarchy.levels)
+        made.clear()
+        first, second = (solver.solve(load=0.01) for _ in range(2))
+        assert not made
+        np.testing.assert_array_equal(first.pressure, second.pressure)
