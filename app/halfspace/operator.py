@@ -33,7 +33,7 @@ _ZERO_GUESS = 16
 _PRODUCTS = "product", "exact_product", "inverse", "exact_inverse", "screened_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
-for _name in ("Alltoall", "Coeffs", "SpectrumCache"):
+for _name in ("Alltoall", "Coeffs", "Spectra"):
     setattr(events, _name.lower(), PETSc.Log.Event(f"Influence{_name}"))
 
 

@@ -1,1 +1,1 @@
-"""Exact Gauss-Seidel sweeps on a contact set: plans for compiled code, compiled loops, the sweeps."""
+"""Exact lexicographic Gauss-Seidel sweeps on a contact set."""

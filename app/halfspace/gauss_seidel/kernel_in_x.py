@@ -1,4 +1,4 @@
-"""The kernel of a sweep in x-Fourier space, and how far each frequency reaches in y."""
+"""Kernel of a sweep in x-Fourier space, and its range in y."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from scipy.fft import dct
 from app.base.mpi import MPI
 from app.halfspace.fft.lengths import fast_length, transform_length
 
-_SMALL = 128  # columns up to which a longer period gains nothing
-_MARGIN = 0.1  # of the columns, added to the least period: the blend needs room
-_ROWS_AT_ONCE = 32
+_MAX_UNBLENDED_COLUMNS = 128  # with fewer columns a longer period gains nothing
+_BLEND_MARGIN = 0.1  # of the columns, added to the least period for the blend
+_BLOCK_ROWS = 32
 
 
 class KernelInX:
-    """Transforms in x of the rows of a kernel K, which is even: ``-K^ / Nx``, real.
+    """Transforms in x of the rows of an even kernel.
 
-    Offsets from nx to Nx - nx do not occur. There K is blended into its mirror image, K(Nx - x), by the integral of a
-    Kaiser window: so it is smooth over the period, and what is short in x is nothing some way off in y.
-
-    Collective.
+    The transforms of K are ``-K^ / Nx``, real. Offsets from nx to Nx - nx do not occur. There K is blended into its
+    mirror image, K(Nx - x), by the integral of a Kaiser window. So it is smooth over the period, and short waves in x
+    decay quickly in y. Collective.
 
     Parameters
     ----------
@@ -30,36 +29,36 @@ class KernelInX:
     shape : (int, int)
         ``(ny, nx)`` of the grid.
     comm : mpi4py communicator or None
-        Ranks that share the work; None: this one alone.
+        Ranks that share the work.
     periodic : bool
-        K has the period nx: then that is Nx, if it is even.
+        K has the period nx, which is Nx if it is even.
 
     Attributes
     ----------
     length, frequencies : int
         Nx and F = Nx/2 + 1.
     reach : ndarray of int, shape (F,)
-        Last lag at which any frequency from this one on is more than the rounding of the largest.
+        Last lag at which any frequency from this one on exceeds the rounding error of the largest value.
     """
 
     def __init__(self, quadrant_rows, shape, comm=None, periodic=False):
         self._quadrant_rows, self._comm = quadrant_rows, comm
         self._ny, self._nx = ny, nx = shape
         self._exact = periodic and nx % 2 == 0
-        room = fast_length(2 * nx - 1 + int(_MARGIN * nx), even=True)
-        self.length = nx if self._exact else transform_length(nx) if nx <= _SMALL else room
+        room = fast_length(2 * nx - 1 + int(_BLEND_MARGIN * nx), even=True)
+        self.length = nx if self._exact else transform_length(nx) if nx <= _MAX_UNBLENDED_COLUMNS else room
         self.frequencies = self.length // 2 + 1
         rounding = np.finfo(float).eps / 2
         steps = np.cumsum(np.kaiser(max(self.length - 2 * nx + 2, 1), -np.log(rounding)))
-        self._share = 1 - steps[: max(self.frequencies - nx, 0)] / steps[-1]  # of K itself, from offset nx on
+        self._share = 1 - steps[: max(self.frequencies - nx, 0)] / steps[-1]  # of K, from offset nx on
 
         size, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         self._lags = [ny * q // size for q in range(size + 1)]
         first, last = self._lags[rank], self._lags[rank + 1]
         least = rounding * np.abs(self.rows(0, 1)).max()
         self._here, reach = np.empty((last - first, self.frequencies)), np.zeros(self.frequencies, np.int64)
-        for start in range(first, last, _ROWS_AT_ONCE):
-            stop = min(start + _ROWS_AT_ONCE, last)
+        for start in range(first, last, _BLOCK_ROWS):
+            stop = min(start + _BLOCK_ROWS, last)
             block = self._here[start - first : stop - first]
             block[...] = self.rows(start, stop)
             np.maximum(reach, ((np.abs(block) > least).T * np.arange(start, stop)).max(axis=1), out=reach)
@@ -69,11 +68,11 @@ class KernelInX:
         self.reach = np.maximum.accumulate(reach[::-1])[::-1]
 
     def rows(self, first, last):
-        """Transforms of rows first <= j < last, shape (last - first, F); zero beyond the grid."""
+        """Return transforms of rows first to last - 1."""
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))
-        for start in range(first, min(last, self._ny), _ROWS_AT_ONCE):
-            stop = min(start + _ROWS_AT_ONCE, last, self._ny)
+        for start in range(first, min(last, self._ny), _BLOCK_ROWS):
+            stop = min(start + _BLOCK_ROWS, last, self._ny)
             block = self._quadrant_rows(slice(start, stop), max(self.length - nx, half) + 1)
             even = block[:, : half + 1].copy()
             if not self._exact:
@@ -83,13 +82,13 @@ class KernelInX:
         return transformed / -self.length
 
     def columns(self, edges):
-        """Take all rows at the frequencies ``edges[rank]``, (first, last) of each rank. Collective, once.
+        """Return all rows at frequencies ``first, last = edges[rank]``. Collective, once.
 
         Returns
         -------
         ndarray, shape (last - first, ny)
         """
-        here = self._here[:, : edges[-1][1]].T.copy()  # the last rank's are the last
+        here = self._here[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
         del self._here
         first, last = edges[0 if self._comm is None else self._comm.rank]
         if self._comm is None:

@@ -1,7 +1,7 @@
-"""Compiled loops of a Gauss-Seidel sweep: single rows, the rows of a leaf, transfers between leaves.
+"""Compiled loops of a Gauss-Seidel sweep.
 
-What leaves and transfers are is said in `app.halfspace.gauss_seidel.sweep`. Frequencies are stored in chunks of
-`LANES`, so that a loop over the lanes of a chunk becomes vector instructions.
+Leaves and transfers are explained in `app.halfspace.gauss_seidel.sweep`. Frequencies are stored in chunks of `LANES`,
+so that a loop over the lanes of a chunk is vectorised.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from app.halfspace.fft.fftw import execute
 from app.parallel.reductions import njit_reassoc, nonzero_span
 
 LANES = 32  # frequencies in a chunk
-TILE = 4  # rows that act on as many others at once
-SHORTEST_RUN = 160  # cells of a row from which on transforms are quicker than scalar products
+TILE = 4  # rows that act on as many others in one loop
+MIN_RUN = 160  # cells of a row from which transforms are faster than scalar products
 _WIDTH = 2 * LANES  # of a chunk, as reals
 _1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets of the rows of a tile
 
 
-class Rows(NamedTuple):
-    """What the solution of single rows needs, for compiled code."""
+class RowSolver(NamedTuple):
+    """Data to solve single rows, for compiled code."""
 
     execute: int  # address of FFTW's execute
-    plans: np.ndarray  # (TILE, 2), solved -> row of tile, row of tile -> cells
+    plans: np.ndarray  # (TILE, 2), from solved to a row of the tile, from there to cells
     cells: np.ndarray  # (Nx,), right-hand side of a row
     solved: np.ndarray  # (Nx,), d of the row: zero outside C
     tile: np.ndarray  # (TILE, chunks * 2 LANES), transforms of either, as reals
@@ -36,20 +36,18 @@ class Rows(NamedTuple):
     reverse: np.ndarray  # (nx,), the same backwards
     segment: int  # columns of a segment
     levels: int  # of transfers between segments
-    lengths: (
-        np.ndarray
-    )  # of transforms of parts of a row: those of the levels, then those for whole runs, growing
-    starts: np.ndarray  # where their spectra start
+    lengths: np.ndarray  # of transforms: of the levels, then of whole runs, ascending
+    starts: np.ndarray  # offsets of their spectra
     spectra: np.ndarray  # of the kernel, then of the inverse of the triangle
     part_plans: np.ndarray  # (lengths, 2), forward and backward, both on `work`
     work: np.ndarray  # (longest + 2,)
     work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
-    added: np.ndarray  # (TILE * 2 LANES,), what is added to a tile in a chunk
+    added: np.ndarray  # (TILE * 2 LANES,), sums for a tile in a chunk
 
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
 def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
-    """Sums over start <= i < stop of d[i] kernel[k + i], for four offsets k."""
+    """Sum d[i] kernel[k + i] over a range, for four offsets k."""
     s0 = s1 = s2 = s3 = 0 * d[0]
     for index in range(start, stop):
         i = uintp(index)
@@ -69,7 +67,7 @@ def _put(target, source):
 
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
-    """Replace `work` by its convolution with what has the spectrum of this number."""
+    """Convolve `work` by spectrum `number`."""
     start = uintp(rows.starts[number])
     execute(rows.execute, rows.part_plans[number, 0])
     for k in range(uintp(rows.lengths[number] // 2 + 1)):
@@ -79,11 +77,11 @@ def _convolve(rows, number):
 
 @njit()
 def _solve_run(rows, first, count):
-    """Solve a row whose contact cells are these; return whether it was tried."""
+    """Solve a row in contact without holes, if that is faster."""
     number = rows.levels
     while number < len(rows.lengths) and rows.lengths[number] < 2 * count:
         number += 1
-    if count < SHORTEST_RUN or number == len(rows.lengths):
+    if count < MIN_RUN or number == len(rows.lengths):
         return False
     _put(rows.work[:count], rows.cells[first : first + count])
     rows.work[count : rows.lengths[number]] = 0
@@ -94,7 +92,7 @@ def _solve_run(rows, first, count):
 
 @njit()
 def solve_row(rows, count, weight):
-    """Solve d + weight L_C d = weight x on the `count` contact cells of a row."""
+    """Solve d + weight L_C d = weight x on a row."""
     x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
     last = len(kernel) - 1
     first, end = contact[0], contact[count - 1] + 1
@@ -111,7 +109,7 @@ def solve_row(rows, count, weight):
             more = 1
             while more < 4 and done + more < count and contact[done + more] < stop:
                 more += 1
-            # Of fewer than four cells the last stands in for the missing ones, to no effect.
+            # With fewer than four cells the last one replaces the missing ones, without effect.
             t0, t1 = contact[done], contact[done + min(1, more - 1)]
             t2, t3 = contact[done + min(2, more - 1)], contact[done + more - 1]
             s0, s1, s2, s3 = _four_dots(
@@ -143,7 +141,7 @@ def solve_row(rows, count, weight):
 
 @njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
-    """Effect of four rows on four others: y[t] += sum_s kernel[k + t - s + 3] w[b + s]."""
+    """Compute y[t] += sum_s kernel[k + t - s + 3] w[b + s]."""
     for index in range(width):
         f = uintp(index)
         k0 = kernel[k + f]
@@ -171,9 +169,10 @@ def _multiply_add(y, kernel, x):
 
 @njit()
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
-    """Add what rows do to a tile y, by lags from `least` to `most`.
+    """Add the effect of rows on a tile y.
 
-    `source` and `start` are the offsets of lag 0 in `flat` and in the kernel, `place` the number of y in `filled`.
+    Lags are from `least` to `most`. `source` and `start` are the offsets of lag 0 in `flat` and in the kernel, `place`
+    is the index of y in `filled`.
     """
     for lag in range(least, most + 1, TILE):
         if lag - TILE >= reach:
@@ -197,8 +196,11 @@ def _count(row):
 
 
 @njit()
-def survey(mask, occupied):
-    """First column with contact and one past the last, number of contact cells; `occupied` is told rows with some."""
+def find_contact_extent(mask, occupied):
+    """Return first and end column of contact, and the contact cells.
+
+    Sets `occupied[j]` where row j has contact cells.
+    """
     start, stop, cells = mask.shape[1], 0, 0
     for j in range(mask.shape[0]):
         first, last = nonzero_span(mask[j])
@@ -219,44 +221,43 @@ def _list_contact(contact, mask):
 
 
 @njit()
-def solve_leaf(w, now, given, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of leaf m: w[now] holds what the leaves up to m - 2 add to these rows, and these rows in the end.
+def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, weight):
+    """Solve the rows of leaf m.
+
+    On entry w[now] is the effect of the leaves up to m - 2 on these rows; on return, these rows.
 
     Parameters
     ----------
     w : ndarray, shape (2, chunks, rows, 2 LANES)
         This leaf and the one before.
     now : int
-        Which of them is this leaf.
-    given : int
-        Chunks that something is added to; for others it is nothing, whatever `w` says.
+        Index of this leaf.
+    summed : int
+        Chunks in which w[now] is set; in the others the effect is zero.
     near : ndarray, shape (chunks * 2 rows * 2 LANES,)
-        Kernel at all lags that occur between the two.
+        Kernel at all lags between the two leaves.
     reach : ndarray, shape (chunks,)
-        Lag beyond which the kernel is nothing.
+        Lag beyond which the kernel is negligible.
     filled : ndarray of bool, shape (2 rows / TILE,)
         Tiles of the leaf before, and of this one, that have contact.
     r, mask, d : ndarray, shape (<= rows, >= column + nx)
-        Rows of the fields, in the order of the sweep; d has zeros in rows without contact.
+        Rows of the fields, in the order of the sweep; d is zero in rows without contact.
     column : int
-        Where the columns begin that are swept over.
+        First column of the sweep.
     """
     _, chunks, size, width = w.shape
     flat, tiles, y = w.reshape(-1), size // TILE, rows.added
-    for c in range(chunks):  # what the leaf before adds to all rows
-        ours, theirs, lags = (
-            (now * chunks + c) * size,
-            ((1 - now) * chunks + c + 1) * size,
-            2 * c * size * width,
-        )
+    for c in range(chunks):  # effect of the leaf before on all rows
+        this, before = (now * chunks + c) * size, ((1 - now) * chunks + c + 1) * size
+        lags = 2 * c * size * width
         for t in range(0, size, TILE):
             if filled[tiles + t // TILE]:
-                target = flat[(ours + t) * width : (ours + t + TILE) * width]
-                if c < given:
+                target = flat[(this + t) * width : (this + t + TILE) * width]
+                if c < summed:
                     _put(y, target)
                 else:
                     y[:] = 0
-                source = (theirs + t) * width
+                source = (before + t) * width
                 _add_tiles(
                     y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, t + TILE, t + size
                 )
@@ -302,7 +303,7 @@ def _solve_tile(rows, r, mask, d, weight):
 
 @njit()
 def _fill(cells, start, rows):
-    """cells[f, start + s] = rows[s, f], four rows at a time."""
+    """Compute cells[f, start + s] = rows[s, f]."""
     n, lanes = rows.shape
     for s in range(0, n, TILE):
         for f in range(lanes):
@@ -314,7 +315,7 @@ def _fill(cells, start, rows):
 
 @njit()
 def _add(rows, cells, start):
-    """rows[t, f] += cells[f, start + t], four rows at a time."""
+    """Compute rows[t, f] += cells[f, start + t]."""
     n, lanes = rows.shape
     for t in range(0, n, TILE):
         for f in range(lanes):
@@ -326,15 +327,15 @@ def _add(rows, cells, start):
 
 @njit()
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
-    """Add the effect of the last `sources` leaves before `end` on `targets` leaves, from the next but one on.
+    """Add the effect of `sources` leaves on `targets` leaves.
 
     Parameters
     ----------
     w : ndarray, shape (leaves, chunks, rows, LANES)
     first, last : int
-        Chunks to do.
+        Range of chunks.
     end : int
-        The leaf that is left out.
+        Leaf between them, which is omitted.
     far : ndarray, shape (>= last, LANES, length / 2 + 1)
         Transforms of the kernel at lags from one leaf on.
     """

@@ -1,15 +1,15 @@
-"""A sweep on several ranks: rank 0 solves leaf after leaf, the others compute what solved leaves add to later ones.
+"""Messages of a sweep on several ranks.
 
-Only rows one after the other are sequential, and what they add to their own leaf and the next. Everything else, the
-transfers of `app.halfspace.gauss_seidel.sweep`, is dealt to the ranks by frequencies. A leaf needs them from the last
-leaf but one, so they run while rank 0 solves:
+Rank 0 solves the leaves, the others compute transfers. Only rows one after the other are sequential, and their effect
+on their own leaf and the next. All other effects, the transfers of `app.halfspace.gauss_seidel.sweep`, are dealt to the
+ranks by frequencies. A leaf needs them up to the last leaf but one, so they run while rank 0 solves:
 
-    rank 0      ... solve 7    solve 8    solve 9  ...        needs for leaf m: what leaves up to m - 2 add to it
-    others      ... transfers  transfers  transfers           have after leaf m: transfers that begin at leaf m + 2
+    rank 0      ... solve 7    solve 8    solve 9  ...        needs for leaf m: effects of leaves up to m - 2
+    others      ... transfers  transfers  transfers           have after leaf m: transfers to leaf m + 2 and later
                     of 6       of 7       of 8
 
-Whoever owns the rows of a leaf sends the defect to rank 0 and gets the correction. Nothing is collective, nobody waits
-but rank 0 for what others add, and they for solved leaves.
+The owners of the rows of a leaf send the defect to rank 0 and receive the correction. All messages are point to point.
+Rank 0 waits for effects from the others, and they wait for solved leaves.
 """
 
 from __future__ import annotations
@@ -20,16 +20,13 @@ import numpy as np
 
 from app.base.mpi import MPI
 
-_DEFECT, _CORRECTION, _ADDED, _SOLVED = range(1, 5)  # tags
+_DEFECT, _CORRECTION, _EFFECT, _SOLVED = range(1, 5)  # tags
 
 
 def deal_chunks(weights, ranks):
-    """Deal chunks of frequencies to the ranks, by the work they make: all but rank 0, if there are several.
+    """Return (first, last) chunk of frequencies of each rank, of equal work.
 
-    Returns
-    -------
-    list of (int, int)
-        First of each rank, and one past its last.
+    Rank 0 has none, if there are several ranks.
     """
     helpers = max(ranks - 1, 1)
     middle = (np.cumsum(weights) - np.asarray(weights) / 2) / max(np.sum(weights), 1)
@@ -38,20 +35,18 @@ def deal_chunks(weights, ranks):
     return [(0, 0)] * (ranks - helpers) + list(itertools.pairwise(edges))
 
 
-class Flow:
-    """Messages of one sweep.
-
-    Not collective: ranks talk two by two.
+class SweepMessages:
+    """Messages of one sweep, point to point.
 
     Parameters
     ----------
     comm : mpi4py communicator
     slabs : Slabs
-        Whose rows are whose.
+        Rows of each rank.
     edges : list of (int, int)
         Chunks of each rank, see `deal_chunks`.
     leaves : list of slice
-        Rows of the leaves that have contact, by number; None for others.
+        Rows of each leaf; None for leaves without contact.
     r, d : ndarray, shape (local rows, nx)
         Defect and correction; of float64, contiguous.
     """
@@ -59,19 +54,19 @@ class Flow:
     def __init__(self, comm, slabs, edges, leaves, r, d):
         self._comm, self._edges, self._r, self._d = comm, edges, r, d
         self._starts, self._leaves = slabs.starts, leaves
-        self._sent = []  # requests, and what must not change until they are done
-        self._added = {}  # requests by leaf
+        self._sent = []  # requests, with arrays that must not change until these are complete
+        self._effects = {}  # requests by leaf
         if comm.rank:
             start = slabs.rows.start
             for leaf in filter(None, leaves):
                 for owner, rows in self._parts(leaf):
                     if owner == comm.rank:
-                        mine = slice(rows.start - start, rows.stop - start)
-                        self._sent.append((comm.Isend(r[mine], 0, _DEFECT), r))
-                        self._sent.append((comm.Irecv(d[mine], 0, _CORRECTION), d))
+                        local = slice(rows.start - start, rows.stop - start)
+                        self._sent.append((comm.Isend(r[local], 0, _DEFECT), r))
+                        self._sent.append((comm.Irecv(d[local], 0, _CORRECTION), d))
 
     def _parts(self, leaf):
-        """Yield (owner, rows) of a leaf."""
+        """Yield owners and their rows of a leaf."""
         for owner, (first, last) in enumerate(itertools.pairwise(self._starts)):
             rows = slice(max(first, leaf.start), min(last, leaf.stop))
             if rows.start < rows.stop:
@@ -80,7 +75,7 @@ class Flow:
     # -- rank 0 --------------------------------------------------------------------------------------------
 
     def fields(self, m):
-        """Return defect and correction of leaf m, from its owners; the latter is to be filled in, and `send_back`."""
+        """Return defect of leaf m, and an array for its correction."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
@@ -94,7 +89,7 @@ class Flow:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Give the correction on leaf m to its owners."""
+        """Send the correction on leaf m to its owners."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
@@ -106,33 +101,28 @@ class Flow:
                 self._d[rows] = here
 
     def collect(self, block):
-        """Receive what is added to a leaf, all chunks of it."""
+        """Receive the effects on a leaf, in all chunks."""
         for rank, (first, last) in enumerate(self._edges):
             if rank and first < last:
-                self._comm.Recv(block[first:last], rank, _ADDED)
+                self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send a solved leaf. They wait for it: so it is taken at once, also where nothing moves in the background."""
-        MPI.Request.Waitall(
-            [
-                self._comm.Isend(block[first:last], rank, _SOLVED)
-                for rank, (first, last) in enumerate(self._edges)
-                if rank and first < last
-            ]
-        )
+        """Send a solved leaf, and wait for background progress."""
+        parts = [(rank, block[slice(*edges)]) for rank, edges in enumerate(self._edges) if rank]
+        MPI.Request.Waitall([self._comm.Isend(part, rank, _SOLVED) for rank, part in parts if len(part)])
 
-    # -- the others ----------------------------------------------------------------------------------------
+    # -- other ranks ---------------------------------------------------------------------------------------
 
-    def add(self, m, block):
-        """Send what is added to leaf m."""
-        self._added[m] = self._comm.Isend(block, 0, _ADDED)
+    def send_effects(self, m, block):
+        """Send the effects on leaf m."""
+        self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
-    def take(self, m, block):
-        """Receive leaf m, solved, where there was what is added to it."""
-        if m in self._added:
-            self._added.pop(m).Wait()
+    def receive_solved(self, m, block):
+        """Receive solved leaf m in place of the effects on it."""
+        if m in self._effects:
+            self._effects.pop(m).Wait()
         self._comm.Recv(block, 0, _SOLVED)
 
     def finish(self):
-        """Wait for what is still on its way."""
+        """Wait for all messages."""
         MPI.Request.Waitall([request for request, _ in self._sent])

@@ -1,28 +1,28 @@
-"""Exact lexicographic Gauss-Seidel sweeps for C A C p = b, at the cost of a product with A or two.
+"""Exact lexicographic Gauss-Seidel sweeps for C A C p = b.
 
-A damped sweep solves ``(D / omega + L_C) d = r`` on the contact set C: D the diagonal of A, L_C the strictly
-lower part of C A C in row-major order, r the masked defect; then ``p += d``. Cell after cell this is O(n^2)
-work. But L is Toeplitz: forward substitution is a convolution in which cell after cell becomes known
-(a *causal* or on-line convolution), and it can be blocked:
+A sweep costs as much as one or two products with A. A damped sweep solves ``(D / omega + L_C) d = r`` on the contact
+set C, then ``p += d``. D is the diagonal of A, L_C the strictly lower part of C A C in row-major order, r the masked
+defect. Cell by cell this is O(n^2) work. But L is Toeplitz: forward substitution is a convolution in which one cell
+after the other becomes known (a *causal* or on-line
+convolution), and it can be blocked:
 
-- *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. Its effect on the
-  rows after it is then, for each of the ``F = Nx/2 + 1`` frequencies, a convolution in y with a real number
-  per lag. The transform back gives the right-hand side of the next row.
+- *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. For each of the
+  ``F = Nx/2 + 1`` frequencies, its effect on later rows is a convolution in y with one real number per lag. The
+  transform back gives the right-hand side of the next row.
 - *Leaves* are blocks of 64 rows, 32 on several ranks. Rows act directly on those of their own leaf and of the next.
-- *Transfers.* When m leaves are done, let 2^k be the largest power of two that divides m: the last 2^k leaves act,
-  but for the next leaf, on the 2^k leaves after that by an FFT in y. Every pair of leaves is served exactly once,
-  and a leaf earlier than needed: transfers can run while the next leaf is solved.
-- *Reach.* A wave of length l in x is felt as ``exp(-2 pi |y| / l)``: most frequencies matter to the next few
-  rows only. That is so if the kernel is smooth over its period: beyond the lags that occur, nx - 1, it is
-  free, and blended into its mirror image. Frequencies, in chunks, take part in transfers as large as they reach.
-- *In a row* the coupling is a Toeplitz triangle with holes: four contact cells at a time take the scalar
-  products with what is solved already; long rows are cut into segments with transfers as above. A row in
-  contact without holes is multiplied by the inverse of the triangle, a convolution, too.
-- *Columns* without contact, left and right of it, are left out.
+- *Transfers.* When m leaves are solved, let 2^k be the largest power of two that divides m. The last 2^k leaves act, by
+  an FFT in y, on the 2^k leaves after the next one. Every pair of leaves is served exactly once, and a leaf earlier
+  than needed, so transfers can run while the next leaf is solved.
+- *Reach.* A wave of length l in x decays as ``exp(-2 pi |y| / l)``, so most frequencies matter to the next few rows
+  only. This needs a kernel that is smooth over its period: beyond the lags that occur, nx - 1, it is arbitrary, and
+  blended into its mirror image. Frequencies, in chunks, take part in transfers up to their reach.
+- *In a row* the coupling is a Toeplitz triangle with holes. Four contact cells at a time take scalar products with
+  solved ones; long rows are cut into segments with transfers as above. A row in contact without holes is multiplied by
+  the inverse of the triangle, also a convolution.
+- *Columns* without contact at the left and right are omitted.
 
-The result is that of the scalar double loop up to round-off, for any mask. Work is O(n log^2 n); empty rows
-and leaves cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because
-the kernel is even.
+The result is that of the scalar double loop up to round-off, for any mask. Work is O(n log^2 n); empty rows and leaves
+cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because the kernel is even.
 
 Several ranks: see `app.halfspace.gauss_seidel.pipeline`.
 """
@@ -32,38 +32,38 @@ from __future__ import annotations
 import numpy as np
 
 from app.halfspace.fft.lengths import transform_length
-from app.halfspace.gauss_seidel.kernels import LANES, TILE, solve_leaf, survey, transfer
-from app.halfspace.gauss_seidel.pipeline import Flow
-from app.halfspace.gauss_seidel.tables import SEGMENT_COLUMNS, Tables
+from app.halfspace.gauss_seidel.kernels import LANES, TILE, find_contact_extent, solve_leaf, transfer
+from app.halfspace.gauss_seidel.pipeline import SweepMessages
+from app.halfspace.gauss_seidel.tables import SEGMENT_COLUMNS, SweepTables
 from app.parallel.slabs import Slabs, none_if_single
 
-_MARGIN = 0.1  # of the columns in contact, added to them: contact may grow
-_MOST = 0.85  # share of the columns; if there were more all are swept over
+_COLUMN_MARGIN = 0.1  # of the columns in contact, added to them because contact may grow
+_MAX_COLUMN_SHARE = 0.85  # of all columns; above, all are swept over
 
 
 class GaussSeidel:
     """Exact lexicographic Gauss-Seidel sweeps for the influence matrix of a grid.
 
-    What they need is prepared in the first sweep, and again when contact has become wider.
+    Tables are made in the first sweep, and again when contact has become wider.
 
     Parameters
     ----------
     quadrant_rows : callable
-        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: rows of the kernel ``K[|dy|, |dx|]``, asked for
-        a few at a time, at offsets up to 1.5 nx or so.
+        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: a few rows of the kernel ``K[|dy|, |dx|]``, at
+        offsets up to about 1.5 nx.
     grid_shape : (int, int)
         ``(ny, nx)``.
     slabs : Slabs, optional
-        Distribution of the rows; default: all here.
+        Distribution of the rows; by default this rank has all.
     comm : mpi4py communicator, optional
-        Ranks that share the grid; default: this one alone.
+        Ranks that share the grid.
     periodic : bool
         The kernel has the periods nx and ny.
 
     Attributes
     ----------
     defect, correction : ndarray, shape (local rows, nx)
-        For whoever sweeps to work in.
+        Work arrays for the caller of `sweep`.
     """
 
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
@@ -77,17 +77,16 @@ class GaussSeidel:
         self._flops = self._sweeps = 0
         self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
-    def begin(self):
-        """Forget how wide contact has been: it rounds differently."""
+    def reset(self):
+        """Forget the former width of contact, which affects rounding."""
         self._width = 0
 
     @property
     def products_per_sweep(self):
-        """Operations of the sweeps so far, on average, divided by those of a full product with A.
+        """Mean operations of a sweep so far, in products with A.
 
-        Counted by a model that depends on the contact sets only: 2.5 N log2 N for a real
-        transform, twice that for a complex one, 2 for a multiplication and an addition. In a row a contact
-        cell is charged half a segment.
+        Counted by a model that depends on the contact sets only: 2.5 N log2 N for a real transform, twice that for a
+        complex one, 2 for a multiplication and an addition. In a row, each contact cell counts half a segment.
         """
         ny, nx = self.shape
         in_x, in_y = transform_length(nx), transform_length(ny)
@@ -95,34 +94,29 @@ class GaussSeidel:
         return self._flops / max(1, self._sweeps) / product
 
     def sweep(self, r, mask, omega, d, backward=False):
-        """Solve ``(D / omega + L_C) d = r`` on C; ``L_C^T`` instead of L_C for a backward sweep.
+        """Solve ``(D / omega + L_C) d = r`` on C. Collective.
 
-        Collective.
+        A backward sweep has ``L_C^T``. Raises ValueError if a field has another shape.
 
         Parameters
         ----------
         r : ndarray, shape (local rows, nx)
-            Defect; not used outside C.
+            Defect; ignored outside C.
         mask : ndarray of bool, shape (local rows, nx)
             The contact set C.
         omega : float
-            Damping; 1 is Gauss-Seidel itself.
+            Damping factor; 1 is undamped.
         d : ndarray, shape (local rows, nx)
-            The correction, to be added to the solution; zero outside C.
+            Correction of the solution (output); zero outside C.
         backward : bool
             Last cell first.
-
-        Raises
-        ------
-        ValueError
-            If a field has another shape.
         """
         shape = self.slabs.local, self.shape[1]
         if not r.shape == mask.shape == d.shape == shape:
             raise ValueError(f"fields of shapes {r.shape}, {mask.shape}, {d.shape}: all must be {shape}")
         self._sweeps += 1
         mask = mask.astype(bool, copy=False)
-        occupied, cells, columns = self._survey(mask)
+        occupied, cells, columns = self._prepare(mask)
         d[:, : columns.start] = d[:, columns.stop :] = 0
         if not cells:
             return
@@ -133,35 +127,38 @@ class GaussSeidel:
         if self.comm is not None:
             r, correction = np.ascontiguousarray(r, float), np.zeros(r.shape)
             mask = self._gather(mask)
-        leaves, filled = self._cut(occupied, cells, backward)
+        leaves, filled = self._cut_into_leaves(occupied, cells, backward)
         correction[~occupied[self.slabs.rows]] = 0
-        flow = self.comm and Flow(self.comm, self.slabs, tables.edges, leaves, r, correction)
-        added = np.zeros(tables.leaves + 1, bool)  # whether others have added something to a leaf
+        messages = self.comm and SweepMessages(self.comm, self.slabs, tables.edges, leaves, r, correction)
+        affected = np.zeros(tables.leaves + 1, bool)  # leaves on which transfers have acted
         for m, leaf in enumerate(leaves):
             if not leaf:
                 tables.stored[m] = 0
             elif self._solves:
-                defect, found = flow.fields(m) if flow else (r[leaf], correction[leaf])
-                if added[m]:
-                    self._collect(m, flow)
-                of_both = filled[m * tiles : (m + 2) * tiles]  # of the leaf before, too
-                self._solve(m, added[m], of_both, defect, mask[leaf], found, column, omega, backward)
-                self._deal(m, found, flow)
+                defect, solution = messages.fields(m) if messages else (r[leaf], correction[leaf])
+                if affected[m]:
+                    self._collect(m, messages)
+                both = filled[m * tiles : (m + 2) * tiles]  # of this leaf and the one before
+                self._solve(m, affected[m], both, defect, mask[leaf], solution, column, omega, backward)
+                self._distribute(m, solution, messages)
             if not self._solves and tables.stored.size:
-                if added[m + 1] and leaves[m + 1]:
-                    flow.add(m + 1, tables.stored[m + 1])
+                if affected[m + 1] and leaves[m + 1]:
+                    messages.send_effects(m + 1, tables.stored[m + 1])
                 if leaf:
-                    flow.take(m, tables.stored[m])
-            self._add_far(m + 1, leaves, added)
-        if flow:
-            flow.finish()
+                    messages.receive_solved(m, tables.stored[m])
+            self._transfer(m + 1, leaves, affected)
+        if messages:
+            messages.finish()
             d[:, columns] = correction
 
-    def _survey(self, mask):
-        """Rows with contact, number of contact cells, columns to sweep over, for which all is prepared. Collective."""
+    def _prepare(self, mask):
+        """Return occupied rows, contact cells and swept columns. Collective.
+
+        Makes tables for these columns.
+        """
         ny, nx = self.shape
         here = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
-        here[-3:] = survey(mask, here[:-3])
+        here[-3:] = find_contact_extent(mask, here[:-3])
         if self.comm is None:
             parts = [here]
         else:
@@ -172,78 +169,77 @@ class GaussSeidel:
         first, last, cells = (f(part[k] for part in parts) for f, k in ((min, -3), (max, -2), (sum, -1)))
         width = int(last - first)
         if width > self._width:
-            self._width = width + int(_MARGIN * width) + 1
-            self._width = nx if self._width > _MOST * nx else self._width
+            self._width = width + int(_COLUMN_MARGIN * width) + 1
+            self._width = nx if self._width > _MAX_COLUMN_SHARE * nx else self._width
         if width > 0 and (self._tables is None or self._width != self._tables.shape[1]):
             period = self._periodic and self._width == nx
             self._tables = None
-            self._tables = Tables(self._quadrant_rows, (ny, self._width), self.comm, period)
+            self._tables = SweepTables(self._quadrant_rows, (ny, self._width), self.comm, period)
         prepared = self._tables.shape[1] if cells else 0
         start = int(np.clip(first - (prepared - width) // 2, 0, nx - prepared))
         occupied = np.concatenate([part[:-3] for part in parts]).astype(bool)
         return occupied, int(cells), slice(start, start + prepared)
 
     def _gather(self, mask):
-        """Bring the contact set to the rank that solves. Collective."""
+        """Gather the contact set on the rank that solves. Collective."""
         whole = np.empty((self.shape[0], mask.shape[1]) if self._solves else 0, bool)
         sizes = [count * mask.shape[1] for count in self.slabs.counts]
         self.comm.Gatherv(np.ascontiguousarray(mask), [whole, sizes] if self._solves else None)
         return whole
 
-    def _cut(self, occupied, cells, backward):
-        """Cut the grid into leaves, in the order of a sweep.
+    def _cut_into_leaves(self, occupied, cells, backward):
+        """Cut the grid into leaves, in the order of the sweep.
 
         Returns
         -------
         list of slice
             Rows of the grid; None for leaves without contact.
         ndarray of bool
-            Tiles that have contact, after those of a leaf that is none.
+            Tiles that have contact, after those of an empty leaf.
         """
         ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
         ordered = np.zeros((number + 1) * rows, bool)
         ordered[rows : rows + ny] = occupied[::-1] if backward else occupied
         self._flops += self._rows_flops(cells, ordered)
-        leaves, some = [], ordered.reshape(-1, rows).any(axis=1)[1:]
+        leaves, occupied = [], ordered.reshape(-1, rows).any(axis=1)[1:]
         for m in range(number):
             first, last = m * rows, min((m + 1) * rows, ny)
             leaf = slice(ny - last, ny - first) if backward else slice(first, last)
-            leaves.append(leaf if some[m] else None)
+            leaves.append(leaf if occupied[m] else None)
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
-    def _collect(self, m, flow):
-        """Put together what is added to leaf m, where it is solved."""
+    def _collect(self, m, messages):
+        """Collect the effects of transfers on leaf m."""
         tables = self._tables
         block = tables.ring[m % 2]
         block[slice(*tables.edges[0])] = tables.stored[m]
-        if flow:
-            flow.collect(block)
+        if messages:
+            messages.collect(block)
 
-    def _solve(self, m, added, filled, r, mask, d, column, omega, backward):
-        """Solve leaf m."""
+    def _solve(self, m, affected, filled, r, mask, d, column, omega, backward):
         tables, step = self._tables, -1 if backward else 1
         fields = [np.ascontiguousarray(field[::step, ::step]) for field in (r, mask, d)]
         weight = omega / self._diagonal
         tables.invert_triangle(weight)
         ring = tables.ring.view(float)
-        given = tables.chunks[0] if added else 0
+        summed = tables.chunks[0] if affected else 0
         solve_leaf(
-            ring, m % 2, given, tables.near, tables.reach, filled, tables.rows, *fields, column, weight
+            ring, m % 2, summed, tables.near, tables.reach, filled, tables.rows, *fields, column, weight
         )
         if not np.may_share_memory(d, fields[2]):
             d[...] = fields[2][::step, ::step]
 
-    def _deal(self, m, d, flow):
-        """Give leaf m, solved, to those who need it."""
+    def _distribute(self, m, d, messages):
+        """Send solved leaf m to the ranks that need it."""
         tables = self._tables
         block = tables.ring[m % 2]
         tables.stored[m] = block[slice(*tables.edges[0])]
-        if flow:
-            flow.deal(block)
-            flow.send_back(m, d)
+        if messages:
+            messages.deal(block)
+            messages.send_back(m, d)
 
-    def _add_far(self, m, leaves, added):
-        """Add what is due of the leaves before m to those after it."""
+    def _transfer(self, m, leaves, affected):
+        """Apply the far-field contributions of leaves < m."""
         tables = self._tables
         if not tables.chunks[0]:
             return
@@ -254,9 +250,9 @@ class GaussSeidel:
                 return
             if level == largest:
                 for leaf in range(m + 1, m + 1 + targets):
-                    if not added[leaf]:
+                    if not affected[leaf]:
                         tables.stored[leaf] = 0
-                added[m + 1 : m + 1 + targets] = True
+                affected[m + 1 : m + 1 + targets] = True
             chunks = (tables.chunks[level + 1] if level < largest else 0), tables.chunks[level]
             length = tables.transfers[level][-1].shape[1]
             self._flops += (chunks[1] - chunks[0]) * LANES * (4 * _flops(length) + 6 * length)
@@ -265,7 +261,7 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Operations for single rows and between rows close to each other."""
+        """Return operations in single rows and between rows of near leaves."""
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)
         pairs = np.sum(filled[1:] * (filled[1:] - 1) / 2) + np.sum(filled[1:] * filled[:-1])
@@ -275,5 +271,4 @@ class GaussSeidel:
 
 
 def _flops(length):
-    """Operations of a real transform."""
-    return 2.5 * length * np.log2(length)
+    return 2.5 * length * np.log2(length)  # of a real transform

@@ -1,4 +1,4 @@
-"""What sweeps over so many columns need, once for all: kernels, plans, storage."""
+"""Tables for sweeps over a number of columns: kernels, plans, storage."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from scipy.fft import rfft
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.gauss_seidel.kernel_in_x import KernelInX
-from app.halfspace.gauss_seidel.kernels import LANES, SHORTEST_RUN, TILE, Rows
+from app.halfspace.gauss_seidel.kernels import LANES, MIN_RUN, TILE, RowSolver
 from app.halfspace.gauss_seidel.pipeline import deal_chunks
 
-LEAF_ROWS = 64, 32  # on one rank, on several: more make more work that is sequential, fewer more messages
+LEAF_ROWS = 64, 32  # On one rank, on several: more rows are more sequential work, fewer more messages.
 SEGMENT_COLUMNS = 512  # at most
-_BATCH = 1 << 12  # complex numbers per batch of transforms in y: stay in the cache
+_BATCH = 1 << 12  # complex numbers per batch of transforms in y, so that they fit in the cache
 
 
-class Tables:
-    """Kernels, plans and storage; on rank 0 what single rows and leaves need, on those that share transfers theirs.
+class SweepTables:
+    """Kernels, plans and storage of sweeps. Collective over `comm`.
 
-    Collective over `comm`.
+    Rank 0 has those for rows and leaves, the ranks that share transfers have theirs.
 
     Parameters
     ----------
     quadrant_rows, comm
         See `app.halfspace.gauss_seidel.sweep.GaussSeidel`.
     shape : (int, int)
-        ``(ny, nx)``: all rows of the grid, but only as many columns as are swept over.
+        ``(ny, nx)``: rows of the grid, and columns to sweep over.
     periodic : bool
-        These columns are a period.
+        The columns are a period.
 
     Attributes
     ----------
@@ -37,21 +37,20 @@ class Tables:
     length, frequencies : int
         Nx and F.
     reach : ndarray, shape (chunks,)
-        Lag beyond which the kernel is nothing.
+        Lag beyond which the kernel is negligible.
     chunks : list of int
-        How many, from the first on, take part in transfers of up to 2^k leaves.
+        Number of chunks, from the first on, in transfers of up to 2^k leaves.
     edges : list of (int, int)
-        Which of these each rank has; this one from `first` on.
-    rows : Rows
-        For single rows.
+        Chunks of each rank; this one has those from `first` on.
+    rows : RowSolver
     near : ndarray
         Kernel between the rows of a leaf and of the one before.
     ring : ndarray, shape (2, chunks, leaf rows, LANES)
         The last two leaves.
     stored : ndarray, shape (leaves, own chunks, leaf rows, LANES)
-        Solved leaves, and what they add to later ones.
+        Solved leaves, and their effects on later ones.
     transfers : list of tuple
-        For each level spectra of the kernel, plans, and work space.
+        Spectra of the kernel, plans and work arrays of each level.
     """
 
     def __init__(self, quadrant_rows, shape, comm, periodic):
@@ -65,7 +64,7 @@ class Tables:
         chunks = -(-self.frequencies // LANES)
         self.reach = kernel.reach[::LANES].copy()
 
-        # Transfers of 2^k leaves serve lags up to rows (2^k + 1), none at all up to rows.
+        # Transfers of 2^k leaves are needed for lags up to rows (2^k + 1), none for lags up to rows.
         levels = range(max(self.leaves - 2, 0).bit_length())
         served = [rows] + [rows * ((1 << k) + 1) for k in levels]
         self.chunks = [int(np.count_nonzero(self.reach > lag)) for lag in served[: len(levels)]] + [0]
@@ -85,14 +84,15 @@ class Tables:
         self.transfers = self._prepare_transfers(kernel)
         self._weight = None
 
-    def _with_spectrum(self, length):
-        """Real array of this length and, in the same memory, its spectrum."""
+    @staticmethod
+    def _with_spectrum(length):
+        """Return a real array and its spectrum in the same memory."""
         spectrum = fftw.aligned(length // 2 + 1, dtype=complex)
         spectrum[...] = 0
         return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
-        """Plans, kernel and work space for single rows."""
+        """Return plans, kernel and work arrays for single rows."""
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)
@@ -109,14 +109,14 @@ class Tables:
         segment = -(-nx // (1 << levels))
         lengths = [transform_length(segment << level) for level in range(levels)]
         spectra = [rfft(first_row[:n], n) / n for n in lengths]
-        if nx >= SHORTEST_RUN:  # of whole runs
-            runs = [n << k for k in range(nx.bit_length()) for n in (256, 384) if n << k >= 2 * SHORTEST_RUN]
+        if nx >= MIN_RUN:  # of whole runs
+            runs = [n << k for k in range(nx.bit_length()) for n in (256, 384) if n << k >= 2 * MIN_RUN]
             lengths += runs[: np.searchsorted(runs, 2 * nx) + 1]
         starts = np.cumsum([0] + [n // 2 + 1 for n in lengths])
         spectra = np.concatenate([*spectra, np.zeros(starts[-1] - starts[levels], complex)])
         work, work_spectrum = self._with_spectrum(max(lengths, default=2))
         part_plans = [self._fftw.plans(work[None], work_spectrum[None], n) for n in lengths]
-        return Rows(
+        return RowSolver(
             execute=self._fftw.execute,
             plans=np.array(plans, np.int64),
             cells=cells,
@@ -138,7 +138,10 @@ class Tables:
         )
 
     def invert_triangle(self, weight):
-        """Prepare the solution of whole runs: for the inverse of a triangle one column tells all, a power series."""
+        """Prepare the solution of whole runs by the inverse of the triangle.
+
+        It is Toeplitz, so one column is enough.
+        """
         rows, nx = self.rows, self.shape[1]
         if weight == self._weight or len(rows.lengths) == rows.levels:
             return
@@ -151,7 +154,7 @@ class Tables:
             rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
 
     def _prepare_transfers(self, kernel):
-        """SpectrumCache of the kernel on this rank's frequencies and plans, for transfers of 1, 2, 4 .. leaves."""
+        """Return spectra, plans and work arrays of all transfers."""
         edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
         columns, rows = kernel.columns(edges), self.leaf_rows
         transfers = []
