@@ -1,1 +1,1 @@
-"""Geometry. What every contact problem offers: undeformed distance, admissible cells, material."""
+"""Geometry: contact problems, base shapes, rough surfaces."""

@@ -23,7 +23,7 @@ def real_numbers(what, values, needed="an array of real numbers, or a function o
 
 
 def lattice(x, y, origin):
-    """Return columns x (nx,) and rows y (ny,) of a lattice, from an origin [mm]."""
+    """Return columns x, (nx,), and rows y, (ny,), from an origin."""
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):
         shapes = f"shapes {x.shape} and {y.shape}"
@@ -32,7 +32,7 @@ def lattice(x, y, origin):
 
 
 def check_size(what, values, first_row=0):
-    """Raise InputError for infinite numbers and those whose square overflows, not for NaN."""
+    """Raise InputError for numbers whose square overflows."""
     large = np.abs(values) > LARGEST
     if large.any():
         j, i = np.argwhere(large)[0]

@@ -22,7 +22,7 @@ def is_measured(surface):
 
 
 class _SampledOrFunction:
-    """An array, or a function of x and y, as a "gap" or a "surface"."""
+    """An array or a function as a "gap" or "surface"."""
 
     name = "given"
 
@@ -73,7 +73,7 @@ class _SampledOrFunction:
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem(Problem):
-    """Two bodies on a patch of cells: grid, material, undeformed distance.
+    """Two bodies on a patch of cells.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from app.problems.surfaces.text_heads import read_gwyddion_head
 
 
 class GapFile(StoredArray):
-    """Undeformed distance [mm] from a file; NaN: contact is impossible."""
+    """Undeformed distance [mm] from a file; NaN: no contact."""
 
     what = "gap file"
     name, sampled = "file", True

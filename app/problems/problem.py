@@ -40,7 +40,7 @@ class Problem:
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance in the cell centres of some rows.
+        """Return the undeformed distance in some rows of a grid.
 
         Returns
         -------
@@ -50,7 +50,7 @@ class Problem:
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
     def fits(self, other):
-        """Return whether another problem has the same grid and material."""
+        """Return whether grid and material are another problem's."""
         return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
 
     @property
@@ -64,17 +64,17 @@ class Problem:
         return not self.sampled
 
     def on(self, grid):
-        """Return a `refinable` problem on another grid of the same patch."""
+        """Return the problem on another grid of the patch."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
 
     def reference(self, approach):
-        """Return the analytic solution at an approach [mm], see `app.reference`, or None."""
+        """Return the analytic solution at an approach, or None."""
         return None
 
     def describe(self):
-        """Return data for the result file: name -> number or text."""
+        """Return names and values for the result file."""
         return {
             "problem": self.name,
             **self.material.describe(),
@@ -84,7 +84,7 @@ class Problem:
 
 
 def evaluate_shape(problem, grid, rows):
-    """Return `Problem.shape_on` as a copy in float64, NaN in masked cells.
+    """Return a valid copy of `Problem.shape_on` in float64.
 
     Raises InputError if the problem returns anything but distances of this shape.
     """

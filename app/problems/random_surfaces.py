@@ -1,4 +1,4 @@
-"""Random rough surfaces: sums of waves fixed by a seed.
+"""Random rough surfaces: sums of waves.
 
 All ranks sample the same function. Coarse grids sample `WavySurface` in their own cell centres (Sec. 5.2), and average
 `SelfAffineSurface`.
@@ -45,7 +45,7 @@ def _check_pair(name, pair, needed, above=-np.inf):
 
 
 def _product(left, right):
-    """Return a matrix product of which each element is the same in any block.
+    """Return a matrix product with reproducible rounding.
 
     The rounding of BLAS depends on the shape. Here each term is one rounded product, added in order.
     """
@@ -64,13 +64,15 @@ class _Function:
     sampled = False
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return heights in the cell centres of some rows, (rows, nx) [mm]."""
+        """Return heights in some rows of a grid [mm]."""
         return self.height(grid.x(), grid.y(rows))
 
 
 @dataclass(frozen=True)
 class WavySurface(_Function):
-    """The paper's surface: M x N products of cosines, (6.1) and (6.2).
+    """The paper's surface: M x N products of cosines.
+
+    Amplitudes and phases are random, see (6.1), (6.2) and References.
 
     The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
 
@@ -129,7 +131,7 @@ class WavySurface(_Function):
 
     @cached_property
     def coefficients(self):
-        """Amplitudes a [mm], scaled to sigma, and phases phi, theta, each of shape (M, N)."""
+        """Amplitudes a [mm], phases phi, theta, each (M, N)."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
@@ -140,13 +142,13 @@ class WavySurface(_Function):
 
     @cached_property
     def _wave_numbers(self):
-        """Wave numbers 2 pi m / l_x, shape (M,), and 2 pi n / l_y, shape (N,) [1/mm]."""
+        """Wave numbers in x, (M,), and y, (N,) [1/mm]."""
         return tuple(
             2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)
         )
 
     def describe(self):
-        """Return numbers for the result file, by the names of the options."""
+        """Return data for the result file, by option names."""
         numbers = {f"surface_{name}": getattr(self, name) for name in ("seed", "sigma", "decay")}
         return {**numbers, "surface_modes": list(self.modes)}
 
@@ -164,7 +166,7 @@ class WavySurface(_Function):
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
 
     def height(self, x, y):
-        """Return the height in the points of a rectangular lattice.
+        """Return the height in the points of a lattice.
 
         A value depends on its own x and y only, to the bit. It costs O(M + N): by
         cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
@@ -194,7 +196,7 @@ class WavySurface(_Function):
 
 
 def _samples_per_period(coordinates, period):
-    """Return the number of samples in a period, None if they do not divide it."""
+    """Return the number of samples in a period, or None."""
     if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
         return None
     n = round(period * (len(coordinates) - 1) / (coordinates[-1] - coordinates[0]))
@@ -206,7 +208,7 @@ def _samples_per_period(coordinates, period):
 
 
 def _synthesise(coefficients, first, coordinates, period):
-    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0."""
+    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)``."""
     k = first + np.arange(len(coefficients))
     n = _samples_per_period(coordinates, period)
     if n is None:
@@ -221,7 +223,7 @@ def _synthesise(coefficients, first, coordinates, period):
 
 
 class SelfAffineSurface(_Function):
-    """Isotropic self-affine surface: a finite Fourier sum with random phases.
+    """Isotropic self-affine surface: waves with random phases.
 
     ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
     +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum (see References)
@@ -244,7 +246,7 @@ class SelfAffineSurface(_Function):
     seed : int
         0 or more.
     rms_height : float, optional
-        Root mean square of the height over the period [mm]; format_exact one of this and the next.
+        Root mean square of the height over the period [mm]; exactly one of this and the next.
     rms_slope : float, optional
         Root mean square of the gradient's length over the period.
     longest_wavelength : float, optional
@@ -329,12 +331,12 @@ class SelfAffineSurface(_Function):
         return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
 
     def check_grid(self, grid):
-        """Raise if a grid is too coarse or longer than the period."""
+        """Raise if a grid is too coarse or too long."""
         check_cut_off(grid, self.shortest_wavelength)
         self._check_span(grid.x(), grid.y())
 
     def describe(self):
-        """Return numbers for the result file, by the names of the options."""
+        """Return data for the result file, by option names."""
         return {
             "surface_hurst": self.hurst,
             "surface_rolloff": self.rolloff_wavelength,
@@ -351,7 +353,7 @@ class SelfAffineSurface(_Function):
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
-        """Yield columns k_x, their unscaled power spectrum and q [1/mm]."""
+        """Yield columns, their unscaled power spectrum and q."""
         kx, ky = self.wave_numbers
         for start in range(0, len(kx), STRIP):
             columns = slice(start, start + STRIP)
@@ -392,7 +394,7 @@ class SelfAffineSurface(_Function):
         return draws
 
     def height(self, x, y):
-        """Return the height in the points of a rectangular lattice.
+        """Return the height in the points of a lattice.
 
         Coordinates that divide the period into equal parts (cell centres of grids with whole cells per period) cost an
         FFT, others a matrix product; the values agree up to rounding. Waves too short for the lattice are aliased. The
@@ -428,7 +430,7 @@ class SelfAffineSurface(_Function):
 
 
 def check_cut_off(grid, shortest):
-    """Raise InputError for waves [mm] shorter than two cells of a grid."""
+    """Raise InputError for waves shorter than two cells."""
     if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
         sides = (grid.nx * grid.dx, grid.ny * grid.dy)
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)

@@ -1,4 +1,4 @@
-"""Base shapes: smooth bodies, apex or axis at the origin.
+"""Base shapes: smooth bodies with apex at the origin.
 
 =================  ======================================  =======================================
 shape              undeformed distance                     analytic solution
@@ -41,7 +41,7 @@ class Shape:
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
     def analytic(self, contact_modulus, approach=None, load=None):
-        """Return the analytic solution for this E*, by approach or load, or None."""
+        """Return the analytic solution for this E*, or None."""
         if self._solution is None:
             return None
         kind, *parameters = self._solution
@@ -50,7 +50,7 @@ class Shape:
         return kind.from_load(*parameters, contact_modulus, load)
 
     def describe(self):
-        """Return numbers for the result file, by the names of the options."""
+        """Return data for the result file, by option names."""
         sizes = {f"{self.name}_{f.name}": getattr(self, f.name) for f in fields(self)}
         return {name: size for name, size in sizes.items() if math.isfinite(size)}
 
@@ -68,7 +68,7 @@ class Plane(Shape):
 
 @dataclass(frozen=True)
 class Paraboloid(Shape):
-    """A paraboloid of relative radii of curvature rx, ry [mm] (Sec. 5.1).
+    """A paraboloid of relative radii rx, ry [mm] (Sec. 5.1).
 
     Examples
     --------
@@ -90,9 +90,9 @@ class Paraboloid(Shape):
 
     @classmethod
     def between(cls, radii1, radii2, angle=0.0):
-        """Return the relative paraboloid of two bodies (Johnson, Contact Mechanics, Sec. 4.1).
+        """Return the relative paraboloid of two bodies.
 
-        Their curvatures in the direction theta add up to
+        See Johnson, Contact Mechanics, Sec. 4.1. Their curvatures in the direction theta add up to
         ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2`` with s the sum of all four, d = 1/R' - 1/R''
         of a body. The patch's x is the principal direction of k nearest to the first axis of body 1.
 
@@ -171,7 +171,7 @@ class Sphere(Paraboloid):
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder along y [mm]; contact is impossible past its ends, if any."""
+    """A cylinder along y [mm]; contact is impossible past its ends."""
 
     radius: float
     length: float = math.inf
@@ -188,7 +188,7 @@ class Cylinder(Shape):
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Raise for a strip or a patch without a cell under the cylinder."""
+        """Raise for a strip, or without cells under it."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
@@ -198,7 +198,7 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True)
 class Cone(Shape):
-    """A cone whose flank makes an angle [degrees] with the flat body."""
+    """A cone of an angle [degrees] to the flat body."""
 
     angle: float
 
@@ -224,7 +224,10 @@ class Cone(Shape):
 
 @dataclass(frozen=True)
 class FlatPunch(Shape):
-    """A rigid flat-ended circular punch [mm] (Sec. 5.2); contact is impossible outside."""
+    """A rigid flat-ended circular punch [mm] (Sec. 5.2).
+
+    Its centre is the origin. Contact is impossible outside.
+    """
 
     diameter: float
 
@@ -238,7 +241,7 @@ class FlatPunch(Shape):
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
     def check_grid(self, grid):
-        """Raise for a patch without a cell under the punch."""
+        """Raise for a patch without cells under it."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {format_exact(self.diameter)}: no cell centre of the patch lies under the punch"

@@ -65,7 +65,7 @@ class RadialSpectrum:
 
 @dataclass(frozen=True)
 class NormalPlot:
-    """Normal probability plot: points on a straight line mean Gaussian heights.
+    """Normal probability plot: a straight line for Gaussian heights.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ def create(name, grid, material, texts):
 
 
 def validate(problem, name, rows):
-    """Raise InputError if the undeformed distance in some rows is invalid."""
+    """Raise InputError for an invalid undeformed distance."""
     _call(name, evaluate_shape, problem, problem.grid, rows)
 
 
@@ -109,7 +109,7 @@ def _import_file(path):
 
 
 def _call(name, function, *arguments):
-    """Call code of the user; raise InputError that locates its error."""
+    """Call user code; raise InputError that locates errors."""
     try:
         return function(*arguments)
     except InputError as error:

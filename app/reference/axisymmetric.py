@@ -18,7 +18,7 @@ from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
-    """Contact in a circle, of a shape of r = sqrt(x^2 + y^2)."""
+    """Contact in a circle; the shape depends on the radius r."""
 
     @property
     def b(self):
@@ -27,7 +27,7 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm]."""
+        """Derivative of load by approach [N/mm]."""
         return 2 * self.e_star * self.a
 
     @abstractmethod

@@ -14,14 +14,14 @@ from app.base.errors import InputError, format_exact
 
 
 def require_numbers(**values):
-    """Raise InputError for the first value that is no real number."""
+    """Raise InputError for a value that is no number."""
     for name, value in values.items():
         if not isinstance(value, float | Real):  # Real alone is slow
             raise InputError(f"{name} {value!r}: must be a number")
 
 
 def require_positive(**values):
-    """Raise InputError for the first value that is not positive and finite."""
+    """Raise InputError for a value not positive and finite."""
     require_numbers(**values)
     for name, value in values.items():
         if not 0 < value < math.inf:
@@ -29,7 +29,7 @@ def require_positive(**values):
 
 
 class NormalContact(ABC):
-    """Frictionless contact with an elastic half-space, in an ellipse about the origin.
+    """Frictionless contact in an ellipse about the origin.
 
     A subclass is a frozen dataclass of its geometry, `e_star` and `approach`, with properties `a`, `b`, `load`,
     `max_pressure` and `stiffness`. Coordinates broadcast. Without contact
@@ -81,7 +81,7 @@ class NormalContact(ABC):
         return cls(**values, approach=1.0).at_load(load)
 
     def at_load(self, load):
-        """Return the same bodies pressed together by `load` [N], at least 0."""
+        """Return the same bodies under a load [N]."""
         if not 0 <= load < math.inf:
             raise InputError(f"load {format_exact(load)}: must be finite and not negative")
         unit = replace(self, approach=1.0)
@@ -108,7 +108,7 @@ class NormalContact(ABC):
         return (np.asarray(x) / self.a) ** 2 + (np.asarray(y) / self.b) ** 2
 
     def in_contact(self, x, y):
-        """Return whether points lie inside the contact area, not on its rim."""
+        """Return whether points lie inside the contact area."""
         return self._radius2(x, y) < 1
 
     @abstractmethod
@@ -117,12 +117,12 @@ class NormalContact(ABC):
 
     @abstractmethod
     def undeformed_distance(self, x, y):
-        """Return the undeformed distance at zero approach [mm]; NaN: contact is impossible."""
+        """Return the undeformed distance [mm]; NaN: contact is impossible."""
 
     @abstractmethod
     def displacement(self, x, y):
-        """Return the normal surface displacement u of both bodies together [mm]."""
+        """Return the displacement u of both surfaces together [mm]."""
 
     def gap(self, x, y):
-        """Return the distance of the deformed surfaces, e = h + u [mm]."""
+        """Return the gap of the deformed surfaces [mm]."""
         return self.undeformed_distance(x, y) - self.approach + self.displacement(x, y)

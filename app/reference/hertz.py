@@ -1,4 +1,4 @@
-"""Elliptic contact of smooth bodies (Hertz 1882), by Carlson's elliptic integrals.
+"""Elliptic contact of smooth bodies (Hertz 1882).
 
 The pressure p_max sqrt(1 - x^2/a^2 - y^2/b^2) displaces the surface by
 
@@ -30,7 +30,7 @@ MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
-    """Return b/a of the contact ellipse for radii `rx`, `ry` > 0."""
+    """Return b/a of the contact ellipse."""
     log_radii = math.log(rx) - math.log(ry)
     if abs(log_radii) > MAX_LOG_RATIO:
         raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must be less unlike")
@@ -49,7 +49,7 @@ def axis_ratio(rx, ry):
 
 @dataclass(frozen=True)
 class EllipticHertz(NormalContact):
-    """Paraboloids with parallel axes: undeformed distance x^2/(2 rx) + y^2/(2 ry).
+    """Paraboloids: undeformed distance x^2/(2 rx) + y^2/(2 ry).
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class EllipticHertz(NormalContact):
 
     @cached_property
     def _rf(self):
-        """R_F for a = 1: the approach over p_max b / E*."""
+        """R_F for a = 1."""
         return float(elliprf(1.0, self._ratio**2, 0.0))
 
     @cached_property
@@ -97,7 +97,7 @@ class EllipticHertz(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm]."""
+        """Derivative of load by approach [N/mm]."""
         return math.pi * self.e_star * self.a / self._rf
 
     def pressure(self, x, y):

@@ -1,4 +1,4 @@
-"""Periodic contact of waves, and full contact of any surface.
+"""Periodic contact of waves; full contact.
 
 A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. Displacements are counted
 from their mean, so that mean(gap) = mean(undeformed distance) - approach. `mean_pressure` is the load over the area of
@@ -26,9 +26,9 @@ from app.reference.hertz import EllipticHertz
 
 
 def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
-    """Return the pressure ``p_q = -E* |q| h_q / 2`` that flattens a surface.
+    """Return the pressure that flattens a periodic surface.
 
-    It is the solution if it is positive everywhere.
+    Its waves are ``p_q = -E* |q| h_q / 2``. It is the solution if it is positive everywhere.
 
     Parameters
     ----------
@@ -97,23 +97,24 @@ class WavyContact(ABC):
 
     @property
     def _share(self):
-        """Mean pressure over that of full contact, from 0 to 1."""
+        """Mean pressure over that of full contact."""
         return min(max(self.mean_pressure / self.full_contact_at, 0.0), 1.0)
 
     def undeformed_distance(self, x, y):
-        """Return the distance of the undeformed surfaces at zero approach [mm]."""
+        """Return the undeformed distance at zero approach [mm]."""
         return self.amplitude * (1 - self._wave(x, y))
 
     def full_pressure(self, x, y):
-        """Return the pressure of full contact, tension included, at points [N/mm2]."""
+        """Return the pressure of full contact, perhaps tension [N/mm2]."""
         return self.mean_pressure + self.full_contact_at * self._wave(x, y)
 
 
 @dataclass(frozen=True)
 class Westergaard(WavyContact):
-    """Waves in x: distance ``a (1 - cos(2 pi x / L))``, contact at ``|x| < b``.
+    """Waves in x: distance ``a (1 - cos(2 pi x/L))``.
 
-    With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that of full contact::
+    Contact is at ``|x| < b``. With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that
+    of full contact::
 
         p = 2 p* cos(psi) sqrt(s^2 - sin(psi)^2)                                          in contact,
         e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    outside
@@ -128,7 +129,7 @@ class Westergaard(WavyContact):
 
     @property
     def full_contact_at(self):
-        """Least mean pressure of full contact, pi E* a / L [N/mm2]."""
+        """Mean pressure of full contact, pi E* a/L [N/mm2]."""
         return math.pi * self.e_star * self.amplitude / self.wavelength
 
     @property
@@ -154,11 +155,11 @@ class Westergaard(WavyContact):
 
     @property
     def approach(self):
-        """Undeformed overlap [mm], displacements counted from their mean; 0 without contact."""
+        """Approach [mm], from the mean displacement; 0 without contact."""
         return self.amplitude - self.mean_gap
 
     def _sines(self, x, y):
-        """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2 without cancellation at the rim."""
+        """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2."""
         psi = np.pi / self.wavelength * np.broadcast_arrays(np.asarray(x, float), y)[0]
         rim = math.pi / self.wavelength * self.half_width
         return np.abs(np.sin(psi)), np.cos(psi) ** 2, np.sin(psi - rim) * np.sin(psi + rim)
@@ -171,7 +172,7 @@ class Westergaard(WavyContact):
         return 2 * self.full_contact_at * np.sqrt(cosine2 * np.maximum(-outside, 0))
 
     def gap(self, x, y):
-        """Return the distance of the deformed surfaces e [mm]; zero in contact."""
+        """Return the gap e [mm]; zero in contact."""
         t, _, outside = self._sines(x, y)
         if self.is_full:
             return np.zeros_like(t)
@@ -181,13 +182,13 @@ class Westergaard(WavyContact):
         return 2 * self.amplitude * (t * root - s**2 * np.arcsinh(root / s))
 
     def displacement(self, x, y):
-        """Return the surface displacement u of both bodies together, of mean 0 [mm]."""
+        """Return the displacement u, of mean 0 [mm]."""
         return self.gap(x, y) - self.undeformed_distance(x, y) + self.approach
 
 
 @dataclass(frozen=True)
 class Bisinusoidal(WavyContact):
-    """Waves in x and y: distance a (1 - cos(2 pi x/L) cos(2 pi y/L)).
+    """Waves in x and y: ``a (1 - cos(2 pi x/L) cos(2 pi y/L))``.
 
     Two summits lie in L x L. Full contact is exact. Before it, only two limits are known in closed form: Hertz's
     contact on every summit for light loads, and pressurised penny-shaped cracks about every hollow near full contact.
@@ -199,7 +200,7 @@ class Bisinusoidal(WavyContact):
 
     @property
     def full_contact_at(self):
-        """Least mean pressure of full contact, sqrt(2) pi E* a/L [N/mm2]."""
+        """Mean pressure of full contact, sqrt(2) pi E* a/L."""
         return math.sqrt(2) * math.pi * self.e_star * self.amplitude / self.wavelength
 
     @cached_property
@@ -216,7 +217,7 @@ class Bisinusoidal(WavyContact):
 
     @property
     def hollow_radius(self):
-        """Radius c of the gap about a hollow near full contact [mm].
+        """Radius c of the gap about a hollow [mm].
 
         (2 pi c / L)^2 = 3 (1 - pbar / p*): the tension p* - pbar - p* (2 pi r / L)^2 / 2 of full contact opens a crack
         without singularity at its rim.
@@ -230,7 +231,7 @@ class Bisinusoidal(WavyContact):
 
     @property
     def heavy_mean_gap(self):
-        """Mean distance of the deformed surfaces near full contact [mm].
+        """Mean gap near full contact [mm].
 
         The gaps are (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), k = 2 pi / L.
         """

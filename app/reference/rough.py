@@ -1,4 +1,7 @@
-"""Contact fraction of rough surfaces at p' = mean pressure / (E* rms slope)."""
+"""Theories of the contact fraction of rough surfaces.
+
+p' is the mean pressure over E* times the rms slope.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,17 @@ import numpy as np
 
 
 def persson_fraction(relative):
-    """Return Persson's contact fraction (J. Chem. Phys. 115 (2001) 3840)."""
+    """Return Persson's contact fraction at any p'.
+
+    J. Chem. Phys. 115 (2001) 3840.
+    """
     from scipy.special import erf
 
     return erf(np.sqrt(2) * np.asarray(relative, float))
 
 
 def persson_pressure(fraction):
-    """Return p' for a contact fraction: the inverse of `persson_fraction`.
+    """Return p', the inverse of `persson_fraction`.
 
     Examples
     --------
@@ -26,9 +32,9 @@ def persson_pressure(fraction):
 
 
 def bush_gibson_thomas_fraction(relative):
-    """Return the contact fraction of Bush, Gibson, Thomas at small p'; NaN above 1.
+    """Return the contact fraction of Bush, Gibson, Thomas.
 
-    Wear 35 (1975) 87.
+    It is that of small p' (Wear 35 (1975) 87), NaN above 1.
     """
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)

@@ -30,13 +30,13 @@ _CONVERT = "python -m app.convert FILE -o surface.h5 reads what instruments writ
 
 
 class UnknownFormat(InputError):
-    """The file may be in the format of an instrument; `is_text` as of `UnknownText`."""
+    """A file that an instrument may have written."""
 
     is_text = True
 
 
 class StoredArray:
-    """A 2-D array of real numbers in memory or in a file, read by rows."""
+    """A 2-D array of real numbers, read by rows."""
 
     what = "array"  # for messages
 
@@ -64,7 +64,7 @@ class StoredArray:
 
 
 class FileContent(NamedTuple):
-    """Array of a file; HDF5 attributes; comments and ESRI head of a text."""
+    """Array, HDF5 attributes, and head of a file."""
 
     array: object
     attributes: dict
@@ -74,7 +74,7 @@ class FileContent(NamedTuple):
 
 
 def read_array(name, what, skip=0, channel=""):
-    """Read a `FileContent` from ``.npy``, ``.npz``, ``.h5``, ``.hdf5``, or text.
+    """Read ``.npy``, ``.npz``, HDF5, or text.
 
     ``:/dataset`` behind the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read later. Texts
     may be compressed (``.gz``). `what` is "surface file", which may have heads and marks of missing points, or "gap
@@ -200,7 +200,7 @@ def _read_text(path, skip, channel, heights):
 
 
 def _decode(content):
-    """Return text that is UTF-16 by its first bytes, else UTF-8, else Latin-1."""
+    """Return text in UTF-16, UTF-8 or Latin-1."""
     utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         return content.decode("utf-16" if utf16 else "utf-8-sig")

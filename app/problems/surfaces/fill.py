@@ -1,4 +1,4 @@
-"""Missing points of a height map, filled by a harmonic function about the best plane."""
+"""Missing points of a height map, filled harmonically."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def fill_missing(heights, around=(False, False)):
 
 
 def _is_wave(columns, slope):
-    """Return whether columns meet around the period better than less a plane."""
+    """Return whether columns are a wave, not a plane."""
     columns = columns[:, ~np.isnan(columns).all(axis=0)]
     known, n, i = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])
     first, last = known.argmax(axis=0), n - 1 - known[::-1].argmax(axis=0)
@@ -58,7 +58,7 @@ def _is_wave(columns, slope):
 
 
 def _solve_laplace(heights, missing, around):
-    """Return values for the missing points, each the mean of its neighbours."""
+    """Return values for missing points, means of their neighbours."""
     rows, columns = np.nonzero(missing)
     number = np.full(heights.shape, -1)
     number[rows, columns] = np.arange(len(rows))

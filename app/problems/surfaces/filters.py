@@ -1,4 +1,4 @@
-"""Areal Gaussian filters of measured heights (ISO 16610-61 and 25178).
+"""Areal Gaussian filters (ISO 16610-61 and 25178).
 
 The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi). Of a wave of
 length l the share 2^-(c/l)^2 passes, half of one of length c. On a free patch they weigh the points of a least squares
@@ -21,7 +21,7 @@ MIN_SPREAD = 1e-10  # of weighted points, in squared widths; less is rounding of
 
 
 def check_order(s_filter, l_filter):
-    """Raise if nesting indices are invalid or leave nothing between them."""
+    """Raise if nesting indices are invalid or in disorder."""
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
             raise InputError(
@@ -36,7 +36,7 @@ def check_order(s_filter, l_filter):
 
 
 def check_cells(file, s_filter, l_filter, shape, cell):
-    """Raise InputError if cells or patch do not resolve nesting indices [mm].
+    """Raise InputError for nesting indices out of range.
 
     `shape` is (ny, nx), `cell` (dx, dy) [mm], if known. Nothing is filtered across a side that is one cell wide.
     """
@@ -61,7 +61,7 @@ def check_cells(file, s_filter, l_filter, shape, cell):
 
 
 def band_pass(heights, s_filter, l_filter, cell, periodic=False):
-    """Remove waves shorter than the S-filter's and longer than the L-filter's.
+    """Remove waves beyond the S-filter and the L-filter.
 
     Heights of shape (ny, nx) are overwritten; NaN has no weight and stays. The nesting indices have the unit of
     `cell`, (dx, dy); None: not filtered. Heights wrap around if `periodic`.
@@ -82,7 +82,7 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 
 
 def _low_pass(heights, index, cell, periodic):
-    """Smooth the heights in place, along rows, then along columns."""
+    """Smooth heights in place, by rows, then columns."""
     missing = np.isnan(heights)
     middle = np.mean(heights, where=~missing)  # large offsets would cost digits
     heights -= middle
@@ -117,7 +117,7 @@ def _low_pass(heights, index, cell, periodic):
 
 
 def _fit(moment, weights, sums, periodic):
-    """Return weighted means or, on free patches, values of weighted best planes."""
+    """Return weighted means or values of weighted planes."""
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points
         mean = moment(sums, 0, 0) / weight
@@ -136,7 +136,7 @@ def _fit(moment, weights, sums, periodic):
 
 
 def _smooth(values, axis, cells, periodic, power=0):
-    """Convolve with the weights of an index, in cells, in place.
+    """Convolve with a filter's weights, in place.
 
     The weights are multiplied by a power of the distance, in widths, of either sign.
     """

@@ -1,4 +1,4 @@
-"""Formats of files with heights or gaps, by suffix and first bytes."""
+"""Formats of files with heights or gaps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """A file format, found by its suffixes or, if that is unknown or a text's, its first bytes.
+    """A file format, with its suffixes or first bytes.
 
     Formats of instruments are read by `app.convert` with SurfaceTopography, other ones not at all.
     """
@@ -62,7 +62,7 @@ def split_suffix(path):
 
 
 def detect_format(path, skip=0):
-    """Return the `Format` of a file by its name and first bytes."""
+    """Return the `Format` by name and first bytes."""
     suffix, packed = split_suffix(path)
     by_name = next((known for known in FORMATS if suffix in known.suffixes), UNKNOWN)
     if packed and by_name.kind in (*ARRAY_KINDS, "instrument"):

@@ -34,19 +34,19 @@ TURNS = {
 
 
 def turn(rows, orient):
-    """Turn rows and columns of an array by some of `TURNS`."""
+    """Turn an array by some of `TURNS`."""
     for name in orient:
         rows = TURNS[name](rows)
     return rows
 
 
 def turn_spacing(spacing, orient):
-    """Turn dx, dy, or None, by some of `TURNS`, or back."""
+    """Turn a spacing by some of `TURNS`."""
     return spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
 class HeightMap(StoredArray):
-    """Heights, turned one after the other by some of `TURNS`, and what their source states.
+    """Turned heights and what their source states.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class HeightMap(StoredArray):
             self._array = turn(self.rows(), orient)
 
     def check_crop(self, crop):
-        """Return a crop as four integers, the whole map for None."""
+        """Return a valid crop, the whole map for None."""
         ny, nx = self.shape
         try:
             i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
@@ -83,7 +83,7 @@ class HeightMap(StoredArray):
         return crop
 
     def cropped_rows(self, crop, start, stop):
-        """Return some rows of a crop, in the source's unit."""
+        """Return rows of a crop, in the source's unit."""
         i0, i1, j0, _ = crop
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
@@ -93,7 +93,7 @@ class HeightMap(StoredArray):
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
     def settle(self, unit=None, height_unit=None, spacing=None, override=False, options=OPTIONS):
-        """Settle units and spacing by the source and by options of `read_surface`.
+        """Settle units and spacing by source and options.
 
         `options` are their names for messages. Raises InputError if a unit is stated nowhere or in two ways, a spacing
         in two ways, or `override` has no effect.
@@ -154,7 +154,7 @@ class HeightMap(StoredArray):
 
 
 def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
-    """Return the `HeightMap` of a file or an array, see `read_surface`.
+    """Return the `HeightMap` of a file or array.
 
     With `coordinates` the numbers of a text may include coordinates.
     """
@@ -237,7 +237,7 @@ def _positive_pair(values):
 
 
 def _check_heights(where, array, kind, orient):
-    """Raise if the numbers of a text are a list or coordinates."""
+    """Raise if numbers are a list or coordinates."""
     lines, numbers = array.shape
     ny, nx = lines, numbers
     if orient.count("transpose") % 2:
@@ -263,7 +263,7 @@ def _check_heights(where, array, kind, orient):
 
 
 def _begins_with_coordinates(rows):
-    """Return whether the first row, except its corner, has steps of coordinates.
+    """Return whether the first row has coordinates.
 
     Rows where nearly all points are missing are left out.
     """

@@ -1,4 +1,4 @@
-"""A measured surface: heights in mm, levelled, averaged, filtered, with missing points.
+"""A measured surface: levelled, averaged, filtered heights.
 
 Each rank keeps its own rows only. Each rank fills all missing points, so that they are the same on any number of ranks.
 """
@@ -19,7 +19,7 @@ from app.problems.surfaces.resampling import ResampledSurface
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A measured surface, made by `read_surface`, for the ``surfaces`` of `ContactProblem`.
+    """A measured surface, made by `read_surface`.
 
     Attributes
     ----------
@@ -93,17 +93,7 @@ class Surface:
     def grid(self, domain=None, periodic=None):
         """Return the grid of its cells.
 
-        Parameters
-        ----------
-        domain : sequence of float, optional
-            x0, x1, y0, y1 [mm]; default: about the origin.
-        periodic : bool or str, optional
-            Default: as the surface was read.
-
-        Raises
-        ------
-        InputError
-            If the patch has no size, or another one than the file states.
+        The domain, x0, x1, y0, y1 [mm], is about the origin by default; it is needed if the spacing is unknown.
         """
         ny, nx = self.shape
         if domain is None:
@@ -119,13 +109,7 @@ class Surface:
         return grid
 
     def averaged(self, shape):
-        """Return the surface on fewer cells, the means of whole blocks.
-
-        Raises
-        ------
-        InputError
-            If the blocks are not whole.
-        """
+        """Return the surface averaged over whole blocks of cells."""
         if shape == self.shape:
             return self
         ny, nx = self.shape
@@ -146,25 +130,20 @@ class Surface:
         )
 
     def resampled(self):
-        """Return a surface for the cells of any grid, see `ResampledSurface`."""
+        """Return a `ResampledSurface` for any grid."""
         return ResampledSurface(self)
 
     def filtered(self, grid, s_filter=None, l_filter=None):
-        """Return the surface without short and long waves, see `app.problems.surfaces.filters`.
+        """Return the surface without short and long waves.
 
-        Every rank filters all of it, and keeps it.
+        Every rank filters all of it, and keeps it. On a periodic grid filters wrap around.
 
         Parameters
         ----------
         grid : Grid
-            That of this surface; on a periodic one filters wrap around.
+            That of this surface.
         s_filter, l_filter : float, optional
             Nesting indices of S-filter and L-filter, of which half passes [mm].
-
-        Raises
-        ------
-        InputError
-            If the cells do not resolve them, the patch is shorter, nothing is left between them, or it is filtered.
         """
         if s_filter is None and l_filter is None:
             return self
@@ -227,7 +206,7 @@ class Surface:
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
-        """Raise if a grid has other cells or another period than the surface."""
+        """Raise if a grid does not fit the surface."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -258,17 +237,10 @@ class Surface:
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None), around=None):
-        """Return the heights of some rows, peaks positive [mm]; NaN: missing.
+        """Return the heights of some rows, shape (rows, nx) [mm].
 
-        Parameters
-        ----------
-        rows : slice
-        around : pair of bool, optional
-            Whether missing points are filled from the other side, in x and in y; by default as the surface was read.
-
-        Returns
-        -------
-        ndarray, shape (rows, nx)
+        Peaks are positive, NaN is a missing point. `around`: whether missing points are filled from the other side, in
+        x and in y; by default as the surface was read.
         """
         start, stop, _ = rows.indices(self.shape[0])
         stop, (fy, fx) = max(start, stop), self._averaged
@@ -285,7 +257,7 @@ class Surface:
         return add_polynomial(means, tilt, start, self.shape[0])
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return `heights` for the surface's own grid, filled around its period."""
+        """Return `heights`, filled around the grid's period."""
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
         return self.heights(rows, (bool(grid.periodic),) * 2)
@@ -301,7 +273,7 @@ class Surface:
         return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
 
     def describe(self):
-        """Return data for the result file, by the names of the options."""
+        """Return data for the result file, by option names."""
         names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
         facts = {f"surface_{name}": getattr(self, name) for name in names}
         facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}

@@ -1,4 +1,4 @@
-"""Moments of a height map: level, tilt, rms height and slope."""
+"""Moments of a height map: level, tilt, roughness."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def cell_centres(n):
 
 
 def add_polynomial(z, coefficients, start, ny, sign=1):
-    """Add a polynomial of `Moments.fit` to some of ny rows, in place."""
+    """Add a polynomial to some rows, in place."""
     x, y = cell_centres(z.shape[1]), cell_centres(ny)[start : start + len(z)]
     for (k, m), coefficient in coefficients.items():
         z += sign * coefficient * x**k * y[:, None] ** m
@@ -35,7 +35,7 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 
 
 class Moments:
-    """Sums over the known heights of a map, for least squares polynomials.
+    """Sums over the known heights of a map.
 
     The sums are those of x^k y^m and z x^k y^m, where x and y go from -1 to 1, and those of steps.
     ``rows(start, stop)`` returns heights [mm], NaN where missing, in an array of their own.
@@ -110,12 +110,12 @@ class Moments:
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
     def tilt(self):
-        """Return the rise of the best plane and the rms height about it [mm]."""
+        """Return rise and rms deviation of the best plane."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
     def slopes(self):
-        """Return the coefficients of the best plane without the constant."""
+        """Return the best plane without the constant."""
         return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
 
     def unmeasured(self):
@@ -145,7 +145,7 @@ class Moments:
         return unmeasured
 
     def roughness(self, level):
-        """Return statistics of a `Surface`, by a second pass over the heights.
+        """Return statistics by a second pass over the heights.
 
         All but the rms height is about the best plane, or about level "quadratic".
         """
@@ -180,7 +180,7 @@ class Moments:
         }
 
     def fit(self, level):
-        """Return the polynomial of a level: powers of x and y -> [mm]."""
+        """Return the coefficients of a level's polynomial [mm]."""
         terms = LEVELS[level]
         coefficients = dict(zip(terms, map(float, self._solve(terms)), strict=True))
         if terms:
@@ -206,7 +206,7 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Update lowest and highest height and number in each row or column."""
+    """Update extremes and numbers of rows or columns."""
     low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
@@ -214,7 +214,7 @@ def _add_extremes(extremes, z, known, axis):
 
 
 def _find_spike(z, run):
-    """Return height, row and column of the highest point above its neighbours.
+    """Find the point that stands out most.
 
     The rows are those of the slice `run` of z. The height is 0 if no point stands out.
     """

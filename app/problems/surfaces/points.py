@@ -1,4 +1,4 @@
-"""Points x, y, z on a regular lattice, in any order; line scans."""
+"""Points x, y, z on a lattice; line scans."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ POINTS = "points x, y, z"
 
 
 def detect_list(table):
-    """Return what the lines of a table list, empty for a map.
+    """Return what a table lists, empty for a map.
 
     Three columns are `POINTS` if there are many rows, or if x and y are all places of a lattice. Two columns are a
     line scan if there are many rows; fewer rows, or two rows, if x increases or decreases and z differs from it.
@@ -45,7 +45,7 @@ def _begins_with_lattice(table):
 
 
 def arrange(points):
-    """Return the heights (ny, nx) and spacing (dx, dy) of points x, y, z on a regular lattice.
+    """Return heights (ny, nx) and spacing of points.
 
     The first row has the smallest y; heights are NaN where there is no point. Raises ValueError for another lattice, or
     two points in one place.
@@ -74,7 +74,7 @@ def arrange(points):
 
 
 def _merge_clusters(values):
-    """Return the means of clusters of sorted values, if there are any."""
+    """Return sorted values with clusters merged."""
     steps = np.diff(values)
     sizes = np.sort(steps)
     for size in sizes[:-1][sizes[1:] > 3 * sizes[:-1]][::-1]:
@@ -86,7 +86,7 @@ def _merge_clusters(values):
 
 
 def _find_places(name, values):
-    """Return the numbers of equally spaced places, from 0, and their distance."""
+    """Return numbers and spacing of equally spaced places."""
     lines = _merge_clusters(np.unique(values))
     first, last = lines[0], lines[-1]
     steps = np.diff(lines)

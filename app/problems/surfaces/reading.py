@@ -1,4 +1,4 @@
-"""Reading of measured surfaces: units, turns, crop, missing points, level, filters.
+"""Reading of measured surfaces.
 
 Heights are read in runs of rows. Each rank keeps its own rows only. Each rank computes level and missing points from
 all heights, in the same order, so that they are the same on any number of ranks.
@@ -125,7 +125,7 @@ def read_surface(
 
 
 def make_surface(source, level="none", crop=None, missing="hole"):
-    """Return the `Surface` of a settled `HeightMap`; the rest as of `read_surface`."""
+    """Return the `Surface` of a settled `HeightMap`."""
     crop, scale = source.check_crop(crop), UNITS[source.unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
     moments = Moments(source.file, lambda *rows: scale * source.cropped_rows(crop, *rows), (ny, nx))

@@ -1,4 +1,4 @@
-"""Measured surfaces on any cells, by splines that keep the volume.
+"""Measured surfaces on any cells, by volume-preserving splines.
 
 The volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns. Their
 increase over a cell of the grid is its mean height (*histosplines*: heights are parabolas between the edges). So
@@ -23,7 +23,7 @@ ROUNDING = 1e-9  # of sides, or shares of a cell
 
 @dataclass(frozen=True, eq=False)
 class ResampledSurface:
-    """A measured surface on the cells of any grid, made by `Surface.resampled`.
+    """A measured surface on any grid, from `Surface.resampled`.
 
     The middle of the surface lies in the middle of the grid's patch, which may be smaller. If the file does not state
     its spacing, the surface is as large as the patch. A cell of the grid is missing where it overlaps no known point.
@@ -73,7 +73,7 @@ class ResampledSurface:
         return ResampledSurface(self.surface.filtered(self.own_grid(grid), s_filter, l_filter))
 
     def cell(self, grid):
-        """Return the size of a cell of the file, see `Surface.cell`."""
+        """Return the size of a cell of the file."""
         return self.surface.cell(self.own_grid(grid))
 
     def rms_slope(self, grid):
@@ -86,7 +86,7 @@ class ResampledSurface:
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return the mean heights in the cells of some rows, (rows, nx) [mm]."""
+        """Return mean heights in some rows of cells [mm]."""
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
@@ -102,13 +102,13 @@ class ResampledSurface:
         return np.where(known > ROUNDING, means, np.nan)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled area in each cell, or None."""
+        """Return shares of filled area, or None."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
 
     def describe(self):
-        """Return data for the result file, by the names of the options."""
+        """Return data for the result file, by option names."""
         return {**self.surface.describe(), "surface_resample": 1}
 
     def __repr__(self):
@@ -116,7 +116,7 @@ class ResampledSurface:
 
 
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
-    """Return a grid on the common patch of resampled surfaces.
+    """Return a grid on the surfaces' common patch.
 
     Its cells are (nx, ny), by default those of the first surface. The domain, x0, x1, y0, y1 [mm], is needed if no file
     states its spacing.
@@ -132,7 +132,7 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
 
 
 def _edges(own, grid, rows):
-    """Return cell edges in cells of the file, and whether they wrap around."""
+    """Return cell edges and whether they wrap around."""
     all_edges, around = [], []
     for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
         edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # about the common middle
@@ -145,7 +145,7 @@ def _edges(own, grid, rows):
 
 
 def _means(values, edges, degree, around=False):
-    """Return means over cells, along rows, of splines with the means `values`.
+    """Return means of splines over other cells.
 
     A spline of this degree joins the sums of each row up to the edges of its n cells. The new cells' edges are counted
     in these, from 0 to n.

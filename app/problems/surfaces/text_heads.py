@@ -1,4 +1,4 @@
-"""Heads of Gwyddion's ASCII export and ESRI grids; channels of a text."""
+"""Heads and channels of texts: Gwyddion, ESRI grids."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _ESRI = re.compile(
 
 
 def _gwyddion_entry(line):
-    """Return key and text of a line of Gwyddion's head, or None."""
+    """Return key and text of Gwyddion's line, or None."""
     match = _GWYDDION.fullmatch(line)
     return match and (next(key for key in _LABELS if match[key]), match["text"])
 
 
 def select_channel(lines, wanted, advice):
-    """Return the lines, those of all channels but one empty.
+    """Return the lines of one channel, others empty.
 
     A line of Gwyddion's head below data begins a channel; at the end of the text it is a footer. A channel is named, or
     numbered from 0; an empty text means the only one. ValueError lists the channels, with the advice if none is named.
@@ -72,7 +72,7 @@ def select_channel(lines, wanted, advice):
 
 
 def read_gwyddion_head(comments):
-    """Return unit and sides [mm] in Gwyddion's head, each or None.
+    """Return unit and sides in Gwyddion's head, or None.
 
     Examples
     --------
@@ -91,12 +91,12 @@ def read_gwyddion_head(comments):
 
 
 def _esri_entries(lines):
-    """Return the entries of an ESRI head by lower-case names."""
+    """Return entries of an ESRI head by name."""
     return {match[1].lower(): match[2] for match in map(_ESRI.fullmatch, lines) if match}
 
 
 def read_cell_size(comments):
-    """Return texts of `cellsize`, or `dx` and `dy`, or None."""
+    """Return dx, dy of an ESRI head, or None."""
     head = {name: text.replace(",", ".") for name, text in _esri_entries(comments).items()}
     both = head.get("cellsize")
     sides = head.get("dx", both), head.get("dy", both)
@@ -104,7 +104,7 @@ def read_cell_size(comments):
 
 
 def read_esri_head(lines, skip=0):
-    """Return entries and length of the head of an ESRI grid.
+    """Return entries and length of an ESRI head.
 
     The head consists of the first `skip` lines, if any are to be skipped.
     """

@@ -1,21 +1,9 @@
-r"""Tables of numbers in text: separators, decimal marks, missing values.
+"""Tables of numbers in text.
 
-One layout holds for the whole file, so that all lines are read alike:
-
-==================================  =======================================
-the lines have                      they are read as
-==================================  =======================================
-semicolons                          separated by these, else
-tabs and no blanks                  by tabs, else
-commas, some numbers have points    by commas, else
-commas that blanks follow           by commas, else
-commas and blanks                   by blanks; the commas begin decimals
-commas only                         by commas, if they cannot be decimal
-neither                             by blanks and tabs
-==================================  =======================================
-
-Between semicolons or tabs a comma begins decimals, unless there are points as well. Commas in quotes begin decimals,
-those outside separate. Exponents may begin with D, as Fortran writes them.
+One layout holds for all lines. Semicolons separate, else tabs if there are no blanks, else commas if some numbers have
+points or blanks follow all commas, else blanks; then commas begin decimals. Commas alone separate, if they cannot be
+decimal. Between semicolons or tabs a comma begins decimals, unless there are points as well. Commas in quotes begin
+decimals, those outside separate. Exponents may begin with D, as Fortran writes them.
 """
 
 from __future__ import annotations
@@ -45,7 +33,7 @@ MIN_SIGNED_INTEGERS = 8  # that many negative numbers before every second comma:
 
 
 class UnknownText(ValueError):
-    """The text may be in the format of an instrument, or no text at all (`is_text`)."""
+    """A file that an instrument may have written; no text unless `is_text`."""
 
     def __init__(self, message, is_text=True):
         super().__init__(message)
@@ -53,17 +41,17 @@ class UnknownText(ValueError):
 
 
 def is_comment(line):
-    """Return whether a line begins with # or %, except error values."""
+    """Return whether a line is a comment."""
     return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
 
 def is_row(line):
-    """Return whether a line consists of numbers and marks of missing points."""
+    """Return whether a line consists of numbers."""
     return bool(line.strip()) and not is_comment(line) and _first_word(line, heights=True) is None
 
 
 def read_table(lines, skip=0, heights=False):
-    """Return the rows of a table, without empty lines, comments, and some lines at the head.
+    """Return the rows of a table.
 
     For heights, entries like ``***``, empty ones, and the number in a skipped line ``NODATA_value`` are NaN.
 
@@ -139,7 +127,7 @@ def _check_head(numbers, texts, heights):
 
 
 def _check_blocks(numbers, columns):
-    """Raise if other lines divide the rows into blocks of one size."""
+    """Raise if rows form blocks of one size."""
     starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
     rows = np.diff(starts, append=len(numbers))
     if columns != 3 and len(rows) > 1 and rows[0] > 1 and (rows == rows[0]).all():
@@ -150,7 +138,7 @@ def _check_blocks(numbers, columns):
 
 
 def _unquote(lines):
-    """Remove quotes; make separating commas semicolons and shorten commas points."""
+    """Replace quoted commas by points, separating ones by semicolons."""
     text = "\n".join(lines)
     if '"' not in text:
         return lines
@@ -167,7 +155,7 @@ def _unquote(lines):
 
 
 def _first_word(line, heights):
-    """Return the first entry that is no number, or None."""
+    """Return the first entry that is no number."""
     if _NUMBER_CHARACTERS.issuperset(line):
         return None
     for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
@@ -177,7 +165,7 @@ def _first_word(line, heights):
 
 
 def _find_layout(lines):
-    """Return the separator, None for blanks, and whether commas are decimal."""
+    """Return the separator and whether commas are decimal."""
     text = "\n".join(lines)
     points, commas = "." in text, text.count(",")
     if ";" in text or ("\t" in text and " " not in text):
@@ -205,7 +193,7 @@ def _find_layout(lines):
 
 
 def _check_commas_separate(lines):
-    """Raise if every second comma may begin decimals, as in ``0,12,0,34``."""
+    """Raise if every second comma may begin decimals."""
     rows = [line.rstrip(",").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
         return
@@ -230,7 +218,7 @@ def _check_commas_separate(lines):
 
 
 def _number(entry, j, i, heights):
-    """Return the value of an entry; line j and place i are for the message."""
+    """Return the value of entry i in line j."""
     entry = entry.strip()
     if heights and (not entry or _MISSING.fullmatch(entry)):
         return np.nan
