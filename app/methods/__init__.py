@@ -1,1 +1,1 @@
-"""The default methods, what they share, and PETSc's own solvers."""
+"""Default methods of free and periodic patches, and PETSc's own solvers."""

@@ -1,6 +1,7 @@
-"""Multilevel A and B, the inverse of A continued periodically: stencils on several grids, an FFT on the coarsest.
+"""Multilevel products with A and with B, its periodic inverse.
 
-B differs from that by FFT by less than CG notices. Some coarse cells separate opposite edges of the patch.
+They have stencils on several grids and an FFT on the coarsest one. B differs from that by FFT by less than CG notices.
+Some coarse cells separate opposite edges of the patch.
 
 Multilevel A has an error of about 1% on short waves and less on long ones, and takes a quarter to a third of the time
 of a product in single precision. That is enough for corrections of the pressure, whose displacement the next product
@@ -42,7 +43,7 @@ MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact witho
 
 
 def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
-    """Return the inverse of A on a free patch that is continued periodically.
+    """Return B of a free patch, continued periodically.
 
     Collective over the ranks of the layout.
 
@@ -68,9 +69,9 @@ def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
 
 
 def create_multilevel_inverse(grid, compliance, layout=SERIAL):
-    """Return a multilevel B of a periodic patch, or None if it has no stencils.
+    """Return a multilevel B of a periodic patch, or None.
 
-    Collective over the ranks of the layout. There are none for few cells or an odd number. Parameters as of
+    Collective over the ranks of the layout. It has no stencils for few cells or an odd number. Parameters as of
     `create_circulant_inverse`.
     """
     near = _stencils(grid, -1, compliance)
@@ -80,7 +81,7 @@ def create_multilevel_inverse(grid, compliance, layout=SERIAL):
 
 
 def _create_inverse(grid, compliance, layout, near, periods, mean):
-    """Return the inverse with an FFT of some periods; `mean`: eigenvalue of A for constants."""
+    """Return B with given FFT periods; `mean`: eigenvalue for constants."""
     cy, cx = coarsening_factors(near)
 
     def symbol(columns, rows):
@@ -100,10 +101,10 @@ def _create_inverse(grid, compliance, layout, near, periods, mean):
 
 
 def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
-    """Return a multilevel A of a free patch, or None if it has no stencils.
+    """Return a multilevel A of a free patch, or None.
 
-    Collective over the ranks of the layout. `other`: see `MultilevelOperator`; other parameters as of
-    `create_circulant_inverse`.
+    Collective over the ranks of the layout. Small grids have none. `other`: see `MultilevelOperator`; other parameters
+    as of `create_circulant_inverse`.
     """
     near = _stencils(grid, 1, compliance)
     if not near:
@@ -127,7 +128,7 @@ def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
 
 
 def multilevel_influence(operator):
-    """Return the multilevel A of an `InfluenceOperator`, created on first use, or None. Collective."""
+    """Return the multilevel A of an operator, or None. Collective."""
     if operator.grid.periodic:
         return None
     inverse = operator.multipliers.get("apart")
@@ -136,14 +137,14 @@ def multilevel_influence(operator):
 
 
 def multilevel_inverse(operator):
-    """Return the multilevel B of a periodic `InfluenceOperator`, likewise. Collective."""
+    """Return the multilevel B of an operator, or None. Collective."""
     return get_or_create(operator, "inverse", create_multilevel_inverse)
 
 
 def get_or_create(operator, name, create, **options):
-    """Return an operator's multiplier of this name, created on first use. Collective then.
+    """Return a multiplier of an operator, created on first use.
 
-    None on ranks without rows.
+    Collective then. None on ranks without rows.
     """
     multipliers = operator.multipliers
     if name not in multipliers and operator.active:
@@ -152,7 +153,7 @@ def get_or_create(operator, name, create, **options):
 
 
 def prepare(grid):
-    """Compute what operators on a free grid and in windows of it share."""
+    """Precompute stencils for a free grid and its windows."""
     centre(grid)
     _stencils(grid, -1)
     for levels in range(1, len(_stencils(grid, 1)) + 1):
@@ -160,7 +161,7 @@ def prepare(grid):
 
 
 def _stencils(grid, power, compliance=1.0):
-    """Return the stencils of the levels with enough cells; `power`: 1 of A, -1 of B."""
+    """Return stencils of large enough levels, of A^power."""
     smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []

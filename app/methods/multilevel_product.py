@@ -1,4 +1,4 @@
-"""Multilevel product: a convolution in a third to a quarter of the time of an FFT.
+"""Multilevel product, three to four times as fast as an FFT.
 
     M = N + P M_H P^T
 
@@ -29,7 +29,7 @@ COST_IN_TRANSFORMS = 0.6  # of stencil and interpolation on a cell, over that of
 
 
 def coarse_shape(shape, factors, periodic=False):
-    """Return the shape of the coarse grid; it has one more cell on each side unless periodic."""
+    """Return the coarse shape, with one extra cell per side unless periodic."""
     added = 0 if periodic else 2
     return tuple(n // 2 + added if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
 
@@ -93,7 +93,7 @@ class MultilevelOperator:
 
     @property
     def points(self):
-        """Points transformed so far, there and back, or their equivalent in operations."""
+        """Points transformed so far, or their equivalent in operations."""
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
@@ -145,7 +145,7 @@ def _split(row, even, odd):
 
 @njit_reassoc
 def _halve(even, odd, sixteenth, three, out):
-    """Add four cells each, weights 1, 3, 3, 1, of a row padded by 3, periodic 1, cells."""
+    """Add four cells each of a padded row, weights 1, 3, 3, 1."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 
@@ -163,7 +163,7 @@ def _double(row, sixteenth, three, out):
 
 @njit_reassoc
 def _in_y(rows, stencil, middle, once, twice):
-    """Apply the columns of the stencil: the middle one, the next and the last ones."""
+    """Apply the three columns of the stencil."""
     a, b, c, d, e = rows
     here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]
     next0, next1, next2 = stencil[1, 0], stencil[1, 1], stencil[1, 2]
@@ -177,7 +177,7 @@ def _in_y(rows, stencil, middle, once, twice):
 
 @njit_reassoc
 def _in_x(middle, once, twice, near, far, three, out):
-    """Add the columns and the interpolation from the two nearest coarse rows."""
+    """Add the columns and the interpolation in y."""
     for i in range(out.size):
         next_cells, last_cells = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
         out[i] = three * near[i] + far[i] + middle[i + 2] + next_cells + last_cells
@@ -185,7 +185,7 @@ def _in_x(middle, once, twice, near, far, three, out):
 
 @njit()
 def _copy_row_at(j, p, rows, before, after, out):
-    """Copy row j, counted from the first of the slab; return whether it is nonzero."""
+    """Copy local row j; return whether it is nonzero."""
     if 0 <= j < len(p):
         if rows[j]:
             copy_row(p[j], out)
@@ -237,7 +237,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
 
 @njit()
 def _widen(row, fx, three, periodic, wide, out):
-    """Interpolate a coarse row in x, times 1/4; `wide`: work row."""
+    """Interpolate a coarse row in x, times 1/4."""
     if fx == 1:
         scale_row(row, row.dtype.type(1 / 4), out)
     elif periodic:
@@ -250,7 +250,7 @@ def _widen(row, fx, three, periodic, wide, out):
 
 @njit()
 def _widen_parent(k, above, coarse, below, fx, three, periodic, wide, out):
-    """Interpolate coarse row k, counted from the first of `above`."""
+    """Interpolate coarse row k, counted from `above`."""
     here = k - len(above)
     if here < 0:
         _widen(above[k], fx, three, periodic, wide, out)

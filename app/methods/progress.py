@@ -1,4 +1,4 @@
-"""Test of progress of the default methods, and the exception without any."""
+"""Test of progress, and the exception for lack of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ PATIENCE = 8  # iterations within which a residual must be halved
 
 
 class NeedsSafeguard(Exception):
-    """Lack of progress, with the Outcome of the iteration so far."""
+    """Lack of progress, with the Outcome so far."""
 
     def __init__(self, outcome):
         super().__init__(outcome.reason)
@@ -26,7 +26,7 @@ class HalvingTest:
         self.best, self._since = best, 0
 
     def update(self, number, otherwise=False):
-        """Record the number after an iteration; `otherwise`: other progress was made."""
+        """Record the number, or `otherwise` other progress."""
         self._since += 1
         if number <= 0.5 * self.best or otherwise:
             self.best, self._since = min(number, self.best), 0

@@ -1,4 +1,4 @@
-"""Safeguard of the default methods: projected Newton's method, which is proved to converge.
+"""Safeguard: projected Newton's method, which is proved to converge.
 
 It solves ``min f(p) = p.Ap / 2 + h.p, p >= 0`` [1]_. The direction d is an approximate solution of (2.11) on C, without
 the cells that have a gap and next to no pressure. The step along ``p(alpha) = max(p + alpha d, 0)`` is halved until f
@@ -34,7 +34,7 @@ MAX_HALVINGS = 40
 
 
 def solve_safeguarded(hierarchy, number, state, loading, stop, history):
-    """Solve on one grid by the safeguard, from the pressure of `state`.
+    """Solve on one grid by the safeguard.
 
     Collective over the ranks of `state`.
     """
@@ -128,9 +128,9 @@ def _compute_gap(state, p):
 
 
 def _excluded_pressure(state, gap):
-    """Return the pressure up to which cells with a gap are left out. Collective.
+    """Return the largest pressure of excluded cells with a gap.
 
-    It vanishes in the limit.
+    Collective. It vanishes in the limit.
     """
     p = state.p
     step = np.abs(state.bounds.change(p, -gap / state.operator.diagonal))
@@ -139,7 +139,7 @@ def _excluded_pressure(state, gap):
 
 
 def _update_contact(state, gap, before):
-    """Set C to the cells with pressure or overlap; return the Update. Collective."""
+    """Set C by pressure and overlap; return the Update. Collective."""
     state.contact[...] = state.bounds.contact(state.p, gap)
     counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()
     inside = gap[state.contact]

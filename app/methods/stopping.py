@@ -1,4 +1,4 @@
-"""Stopping test of the default methods: (5.1), also on contact alone, and the certificate."""
+"""Stopping test of the default methods."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ IN_CONTACT = 100.0  # factor on rtol in (5.1) with h on C alone: contact may be 
 
 @dataclass(frozen=True)
 class InexactStop(StoppingTest):
-    """Stopping test (5.1), also with h on C alone, and that of coarser grids.
+    """Stopping test (5.1), also on contact alone; that of coarser grids.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class InexactStop(StoppingTest):
         return min(self.rtol * norm, max(IN_CONTACT * self.rtol, ROUNDING_RESIDUAL) * h_on_contact)
 
     def certified(self, state, work=None):
-        """Return whether the certificate of the present u is within `error_bound`.
+        """Return whether the certificate is within `error_bound`.
 
         Collective. True on coarse grids, and where a smaller rtol is below rounding. `work`: a field to work in.
         """
@@ -56,14 +56,14 @@ class InexactStop(StoppingTest):
         return estimate(state, self.error_bound, work).error_bound <= self.error_bound
 
     def is_weak(self, state, h_on_contact):
-        """Return whether ||h|| on C [mm] is below 1% of ||h||: (5.1) is weak then.
+        """Return whether ||h|| on C [mm] is below 1% of ||h||.
 
-        The certificate is checked before a verification product then.
+        (5.1) is weak then. The certificate is checked before a verification product then.
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 
     def for_coarse_grid(self):
-        """Return the test of a coarse grid: coarse_rtol, whether or not C changes.
+        """Return the test of a coarse grid; C may change.
 
         Sec. 4.3, 3.b requires the opposite.
         """

@@ -1,4 +1,4 @@
-"""Eigenvalues of A continued periodically, and stencils that approximate them and their inverse.
+"""Eigenvalues of A continued periodically, and their stencils.
 
 Except for its mean, a patch that is continued periodically has the influence matrix of
 `app.halfspace.periodic_symbol` with ``love``'s cells. In units of a cell, its eigenvalues depend on the aspect of the
@@ -38,19 +38,19 @@ _WAVES = (np.arange(SAMPLED_WAVES) + 0.5) / SAMPLED_WAVES
 
 
 class StencilLevel(NamedTuple):
-    """Stencil of a level, and the factors to the next coarser one."""
+    """Stencil of a level and factors to the next."""
 
     stencil: np.ndarray  # (REACH + 1, REACH + 1), a quadrant [x, y], whose sides count twice, as cosines do
     factors: tuple  # (fy, fx)
 
 
 def coarsening_factors(near):
-    """Return the fine cells (in y, in x) per cell of the grid below some levels."""
+    """Return fine cells (in y, in x) per cell below some levels."""
     return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
 
 def eigenvalues(grid, compliance, x, y):
-    """Compute the eigenvalues of A continued periodically, except for the mean.
+    """Compute eigenvalues of A continued periodically, except the mean.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _smooth_part(dx, dy):
 
 
 def centre(grid):
-    """Return the entries of B between a cell and its neighbours, shape (3, 3), in some unit."""
+    """Return the 3 x 3 centre of B, in some unit."""
     side = max(grid.dx, grid.dy)
     return _centre(grid.dx / side, grid.dy / side)
 
@@ -161,7 +161,7 @@ def _coarsening(dx, dy):
 
 
 def near_field_correction(grid, levels):
-    """Return the remainder of A on the coarsest grid, minus the influence coefficients of that grid.
+    """Return the difference of coarsest symbol and influence coefficients.
 
     It vanishes at large distances, where only the load of a cell matters, not its shape.
 

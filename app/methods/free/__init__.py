@@ -1,49 +1,49 @@
-"""The default method, beyond the paper: FFT-preconditioned inexact active sets inside a nested iteration.
+"""Default method on free patches.
+
+It has inexact active sets with an FFT preconditioner inside a nested iteration.
 
 On each grid, from the coarsest to the target (`nested`):
 
-1. *Start.* Pressure and contact set come from the coarser grid by `lift`; the grid is worked on in a window around
-   contact (`windows`). The coarsest grid is solved directly.
-2. *Sets.* `iteration` repeats the steps of Sec. 4.1, each set solved a little by conjugate gradients that start from
-   the displacement there is (`tracking_cg`). Preconditioner is the inverse of A, continued periodically (`circulant`),
-   of the residual continued over the rim of contact (`rim`) and from one contact to the next (`between`). What
-   corrections of p do to u is computed by stencils on several grids, and so is the preconditioner (`levels`); after
-   some sets a product corrects what they leave. The predictor lets cells in by the displacement to come.
-3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
-   product in double precision on all cells; it decides (5.1), and with it the certificate must hold. For a window
-   all ranks make it (`verification_product`).
-4. *Load.* A prescribed load moves the approach along the way (`app.contact.prescribed_load`).
-5. *Safeguard.* Where the residual stagnates, `safeguard` takes over: slower, with a proof of convergence.
+1. *Start.* Pressure and contact set come from the coarser grid by `lift`. The grid is solved in a window around contact
+   (`windows`). The coarsest grid is solved directly.
+2. *Sets.* `iteration` repeats the steps of Sec. 4.1. Each set is solved a little by conjugate gradients that start from
+   the known displacement (`tracking_cg`). The preconditioner is the inverse of A continued periodically (`circulant`),
+   applied to the residual extended past the contact edge (`contact_edge`) and between contact spots (`block_average`).
+   The preconditioner and the changes of u are multilevel products (`app.methods.multilevel_operators`); after some sets
+   a product by FFT corrects their error. The predictor adds cells to C by the predicted displacement.
+3. *Stop.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one product
+   in double precision on all cells, which decides (5.1), and by the certificate. For a window all ranks compute that
+   product (`verification_product`).
+4. *Load.* A prescribed load moves the approach in each iteration (`app.contact.prescribed_load`).
+5. *Safeguard.* If the residual stagnates, `app.methods.safeguard` continues: slower, with a proof of convergence.
 
-Words of this room, and what the field calls it:
+Terms:
 
-- *Defect correction.* To solve by an operator that is nearly A, again and again, for what the true residual still is.
-  Here the cheap one is A by levels, multilevel multi-summation of the lowest order, and true residuals cost a product.
-- *Carried.* A displacement that has followed p by the changes of p, not computed anew: it costs no product to ask
-  which cells penetrate.
-- *Lift.* Prolongation of the pressure by way of the displacement. Pressures have infinite slopes at the rim of contact
-  and interpolate badly, displacements well; B, from displacement to pressure (Dirichlet to Neumann), leads back.
-- *Rim extension.* The inverse of A on C is a Schur complement of that on all cells, which is what the preconditioner
-  has; to continue the residual over some cells around C makes one of the other, approximately.
-- *Forcing term.* By how much the residual of a contact set is to become smaller, as in inexact Newton methods.
-- *Predictor.* What u will be where the residual of C is gone, by the same continuation: cells enter C by it.
-- *Tension.* The negative part of p, that step 4.a takes away.
-- *Rehearsal.* Steps 4 to 6 by the u that was carried along. Only what passes is worth the *verification product*, which
-  is in double precision and on all cells.
-- *Window.* A rectangle around contact, with p = 0 outside: the iteration does not look there, the verification does.
+- *Defect correction.* Repeated solution with a nearby operator, here multilevel A (multilevel multi-summation of the
+  lowest order), for the true residual, which costs a product by FFT.
+- *Updated displacement.* u that follows p by its changes. It costs no product to test which cells penetrate.
+- *Lift.* Prolongation of the pressure by the displacement. Pressures have infinite slopes at the contact edge, so they
+  interpolate badly and displacements well; B leads back from displacement to pressure (Dirichlet to Neumann).
+- *Edge extension.* The inverse of A on C is a Schur complement of that on all cells, which the preconditioner has. The
+  residual extended over some cells around C approximates it.
+- *Forcing term.* Reduction of the residual of a contact set, as in inexact Newton methods.
+- *Predictor.* u after the reduction of the residual on C, by the same extension; cells enter C by it.
+- *Tension.* The negative part of p, removed by step 4.a.
+- *Rehearsal.* Steps 4 to 6 by the updated u, before the *verification product* in double precision on all cells.
+- *Window.* A rectangle around contact with p = 0 outside, where only the verification looks.
 
-What each device gains, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
-punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and what it is good for
-beyond counts. docs/notebook/performance.md has them by load, too, and what happens if a constant is halved or doubled.
+The gain of each technique, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
+punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and other advantages.
+docs/notebook/performance.md also has them by load, and the effect of each constant.
 
 ===================  =========================  ===============================================================
-device               off by                     applications without it, of 8.4 with all
+technique            off by                     applications without it, of 8.4 with all
 ===================  =========================  ===============================================================
 defect correction    -lcp_defect_correction 0   16.3
 lift                 -lcp_prolongation copy     10.3
 predictor            -lcp_predictor 0           9.0
-between contacts     -pc_circulant_blocks 0     9.9; most where contact is scattered
-rim extension        -pc_circulant_extend 0     12.0, with the two devices above switched off, too
+block means          -pc_circulant_blocks 0     9.9; most where contact is scattered
+edge extension       -pc_circulant_extend 0     12.0, with the two techniques above switched off, too
 loose coarse grids   -lcp_coarse_rtol 1e-6      9.5
 windows              -lcp_window 0              9.0; most where contact is small in its patch
 single precision     -lcp_precision double      8.4; half the time of a product

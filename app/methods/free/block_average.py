@@ -1,4 +1,4 @@
-"""Block means of the residual, which extend it between contact spots.
+"""Block means of the residual between contact spots.
 
 The steps of `app.methods.free.contact_edge` reach one cell each. ``B E r`` can only vanish between contact spots that
 are further apart if E extends r from one to the next. So the steps start from means of r over the contact around: in
@@ -29,9 +29,9 @@ MIN_SCATTERED_FRACTION = 0.08  # of blocks in partial contact, from which on blo
 
 
 class BlockAverage:
-    """``P D S P^T`` and its transpose on one grid. Collective.
+    """Operator ``P D S P^T`` and its transpose.
 
-    Arrays hold the rows of this rank.
+    Collective. Arrays hold the rows of this rank.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class BlockAverage:
         self._means, self._weights, self._work = (np.zeros(self._shape) for _ in range(3))
 
     def set_contact(self, contact, r=None):
-        """Set the contact set; update the means of a residual, if given, by the same reduction.
+        """Set the contact set; update the means of a given residual.
 
         Returns
         -------
@@ -75,26 +75,26 @@ class BlockAverage:
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Subtract a share of q from the residual; `means`: sum of `local_means` of q over the ranks."""
+        """Subtract a share of q; `means`: global sum of its `local_means`."""
         self._means -= share * means.reshape(self._shape)
 
     def local_means(self, q):
-        """Return the part of this rank's rows in the block means of q on C."""
+        """Return the local part of the block means of q on C."""
         blocks = np.zeros(self._shape)
         _sum_blocks(q, self._contact, *self._places, blocks)
         return blocks
 
     def extend(self, r, out):
-        """Set `out` to r on C, elsewhere to the present means; r and `out` may be one array."""
+        """Set `out`, possibly r, to r on C, means elsewhere."""
         blocks = self._means.copy()
         _smooth(blocks, self._work)
         blocks *= self._weights
         _extend(r, self._contact, blocks, *self._places, out)
 
     def apply_transpose(self, r, b):
-        """Add the transpose of b outside C to b on C; return r.b for the last extended r.
+        """Add the transpose of b to b on C; return r.b.
 
-        r.b needs no further reduction, since the means of r are known.
+        r was extended last, so that r.b needs no further reduction.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)
@@ -110,13 +110,13 @@ class BlockAverage:
 
 @njit()
 def _block_rows(first, ny, cells):
-    """Return the range of block rows with some of `ny` rows from `first` on."""
+    """Return the range of block rows with local rows."""
     return range(first // cells, (first + ny - 1) // cells + 1)
 
 
 @njit()
 def _rows_in_block(k, cells, first, ny):
-    """Return the range of rows, counted from `first`, in block row k."""
+    """Return the range of local rows in block row k."""
     return range(max(k * cells - first, 0), min((k + 1) * cells - first, ny))
 
 
@@ -129,7 +129,7 @@ def _add_row_to_blocks(row, cells, blocks):
 
 @njit()
 def _sum_blocks(field, contact, cells, first, row, blocks):
-    """Add to each block the mean of a field on C over its cells on this rank."""
+    """Add means of a field on C to the blocks."""
     for k in _block_rows(first, len(field), cells):
         row[:] = 0
         for j in _rows_in_block(k, cells, first, len(field)):
@@ -149,7 +149,7 @@ def _sum_row_outside(r, b, contact, total):
 
 @njit()
 def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
-    """Add to each block the mean of b outside C; return r.b on C."""
+    """Add block means of b outside C; return r.b."""
     product = 0.0
     for k in _block_rows(first, len(b), cells):
         row[:] = 0
@@ -161,7 +161,7 @@ def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
 
 @njit()
 def _smooth(blocks, work):
-    """Compute binomial means over 3 x 3 blocks, zero outside, SMOOTHING_PASSES times."""
+    """Compute binomial means over 3 x 3 blocks, zero outside."""
     ny, nx = blocks.shape
     for _ in range(SMOOTHING_PASSES):
         for j in range(ny):

@@ -1,9 +1,9 @@
-"""Preconditioner ``C B C``: the inverse B of A continued periodically, on the contact set.
+"""Preconditioner ``C B C`` on the contact set.
 
-On a periodic patch A is circulant and inverted by FFT. A free patch is continued periodically, at some distance from
-its copies; on large grids its B is multilevel, in a third of the time (`app.methods.multilevel_operators`). Its
-eigenvalues 1 / lambda (`app.methods.symbol`) are positive. The periodic matrix of the zero-padded grid has negative
-ones and cannot be used.
+B is the inverse of A continued periodically. On a periodic patch A is circulant and inverted by FFT. A free patch is
+continued periodically, at some distance from its copies; on large grids its B is multilevel, in a third of the time
+(`app.methods.multilevel_operators`). Its eigenvalues 1 / lambda (`app.methods.symbol`) are positive. The periodic
+matrix of the zero-padded grid has negative ones and cannot be used.
 
 The residual may be extended past the contact edge first, see `Circulant`. Usable as a PC on the target grid and as a
 multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
@@ -35,7 +35,7 @@ MAX_SCALED_ASPECT = (
 
 
 def _create_periodic_inverse(grid, compliance, layout):
-    """Return the inverse of A; a constant has the compliance of the longest wave."""
+    """Return the inverse of A; constants have the longest wave's compliance."""
     eigenvalues = partial(influence_symbol, grid, compliance)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
 
@@ -49,7 +49,7 @@ def _create_periodic_inverse(grid, compliance, layout):
 
 
 def circulant_inverse(operator, apart=False):
-    """Return B on the grid of an operator, created on first use.
+    """Return B of an operator, created on first use.
 
     Collective over its ranks. On a periodic patch B is exact. `apart`: see `create_circulant_inverse`.
     """
@@ -61,9 +61,9 @@ def circulant_inverse(operator, apart=False):
 
 
 class Circulant:
-    """PC context ``C E^T B E C`` for an `InfluenceOperator`. Collective.
+    """PC context ``C E^T B E C`` for an `InfluenceOperator`.
 
-    E extends the residual past the contact edge by k steps with the 3 x 3 centre of B
+    Collective. E extends the residual past the contact edge by k steps with the 3 x 3 centre of B
     (`app.methods.free.contact_edge`). They start from zero or, on a free patch with scattered contact, from block means
     (`app.methods.free.block_average`). In this case the centre is scaled to keep constants, unless cells are long.
 
@@ -85,7 +85,7 @@ class Circulant:
         self.operator = None
 
     def setUp(self, pc):
-        """Prepare for the operator once, though PETSc calls it for each contact set."""
+        """Prepare for a new operator; PETSc calls it for each contact set."""
         operator = get_operator(pc.getOperators()[1], InfluenceOperator, "Circulant")
         if operator is self.operator:
             return
@@ -119,12 +119,12 @@ class Circulant:
             z *= operator.mask
 
     def precondition(self, r, z, reduced=None):
-        """Compute z = E^T B E r on C; z is arbitrary elsewhere.
+        """Compute z = E^T B E r on C.
 
         Parameters
         ----------
         r, z : ndarray of float64 or float32, shape `local_shape`
-            May be the same array; r vanishes outside C.
+            May be the same array; r vanishes outside C. z is arbitrary there.
         reduced : (float, ndarray), optional
             If r is that of the last call on this contact set minus a share of q: this share, and the sum of
             `local_terms` of q over the ranks. It saves a reduction.
@@ -145,11 +145,11 @@ class Circulant:
             return None if r is z else product
 
     def local_terms(self, q):
-        """Return the terms of `reduced` of this rank; empty on a single rank, where means of r cost less."""
+        """Return the local terms of `reduced`; none on a single rank."""
         return self.average.local_means(q) if self._scattered and self.operator.comm is not None else ()
 
     def extend(self, r, out=None, reduced=None):
-        """Extend a residual that is zero outside C past the contact edge; `reduced`: see `precondition`."""
+        """Extend a residual past the contact edge; `reduced`: see `precondition`."""
         out = r if out is None else out
         if self._contact_version != self.operator.contact_version:
             self._set_contact(r)
@@ -163,7 +163,7 @@ class Circulant:
         self.extension.extend(r, out)
 
     def _set_contact(self, r):
-        """Update to another contact set, and a residual on it."""
+        """Update to a new contact set with a residual."""
         before, extension, average = self._scattered, self.extension, self.average
         self._contact_version = self.operator.contact_version
         extension.set_contact(self.operator.mask)
@@ -192,7 +192,7 @@ class Circulant:
 
 
 def _scale_to_sum_zero(stencil):
-    """Return the stencil with its neighbours scaled so that the sum is zero."""
+    """Return the stencil with its neighbours scaled to sum zero."""
     middle = stencil[1, 1]
     scaled = stencil * (middle / (middle - stencil.sum()))
     scaled[1, 1] = middle

@@ -1,4 +1,4 @@
-"""Extension E of a residual past the contact edge, and its transpose, for ``C E^T B E C``.
+"""Extension E of a residual past the contact edge, and its transpose.
 
 B is nearly the inverse of A on all cells. The inverse of A on the contact set c is, with o the cells outside, by the
 formula of block inverses (a Schur complement)
@@ -35,9 +35,9 @@ MIN_EIGENVALUE_RATIO = 0.05  # smallest over largest eigenvalue of the stencil
 
 
 class EdgeExtension:
-    """``E`` and ``E^T`` on one grid. Collective.
+    """Extension E and its transpose on one grid.
 
-    Arrays hold the rows of this rank.
+    Collective. Arrays hold the rows of this rank.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class EdgeExtension:
         self.contact = self._contact[len(before) :][: len(mask)]
 
     def include_all_rows(self):
-        """Include rows far from the contact set, for fields that are not zero there."""
+        """Include rows far from contact, for fields nonzero there."""
         self._away[:], self.rows[:] = 0, True
 
     def extend(self, x, out=None):
@@ -147,7 +147,7 @@ class EdgeExtension:
             _all_steps(x, out, before, after, *places, back, *self._work_of(x.dtype))
 
     def _work_of(self, dtype):
-        """Return weights, step lengths and work rows for a type of fields."""
+        """Return weights, step lengths and work rows of a type."""
         if dtype not in self._works:
             nx = self.shape[1]
             room = np.empty((self.steps, 3, nx + 2), dtype), np.zeros(nx, dtype)
@@ -173,7 +173,7 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make another step of E^T, or one of E with a zero source."""
+    """Make another step of E^T, or of E (zero source)."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
         value = here[i + 1]
@@ -184,7 +184,7 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Finish E^T: b - N s on C, where s is zero, b - N s - s elsewhere."""
+    """Subtract N s + s from b, to finish E^T; s = 0 on C."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
         b[i] -= stencil_sum(above, here, below, i, x, y, d) + here[i + 1]
@@ -192,7 +192,7 @@ def _finish_row(above, here, below, weights, b):
 
 @njit()
 def _set_contact(before, mask, after, steps, contact, away, rows):
-    """Copy a contact set with its halo; find the distance of each row from contact.
+    """Copy a contact set with its halo; compute distances of rows.
 
     `away` is at most steps + 1; `rows` are those at most `steps` away.
     """
@@ -210,13 +210,13 @@ def _set_contact(before, mask, after, steps, contact, away, rows):
 
 @njit()
 def _pad_ends(row, periodic):
-    """Set the two cells beyond the ends of a padded row."""
+    """Set the cells beyond the ends of a padded row."""
     row[0], row[-1] = (row[-2], row[1]) if periodic else (row.dtype.type(0), row.dtype.type(0))
 
 
 @njit()
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
-    """Compute E x; if `back` E^T in place. `rings`: work rows; `zeros`: a row of zeros."""
+    """Compute E x, or E^T x in place if `back`."""
     steps, rows = lengths.size, len(contact)
     rings[...] = 0
     for first in range(rows + steps):

@@ -35,7 +35,7 @@ MIN_LOAD_FRACTION = (
 
 
 def inexact_active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid from the contact set and pressure of `state`.
+    """Solve (2.8)-(2.10) on one grid from C and p of `state`.
 
     Collective over the ranks of `state`. Parameters and result as of `active_set`; the solver is a TrackingSolver.
 
@@ -83,7 +83,7 @@ class _Exchanged(NamedTuple):
 
 
 class _ContactSets:
-    """Contact sets of one grid, and what carries over from one to the next. Collective.
+    """Sequence of contact sets of one grid. Collective.
 
     Attributes
     ----------
@@ -104,11 +104,11 @@ class _ContactSets:
         self._largest_load, self._load_has_fallen = 0.0, False
 
     def _max_multilevel_error(self, allowed):
-        """Return the largest error [mm] with which multilevel products are used further."""
+        """Return the largest acceptable error of multilevel products [mm]."""
         return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
-        """Steps 2 and 3, down to the allowed residual or the error of multilevel products."""
+        """Do steps 2 and 3, down to the goal."""
         stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
         if stop.final and multilevel:  # on coarse grids this error is below that of the grid
@@ -117,7 +117,7 @@ class _ContactSets:
         return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, multilevel)
 
     def exchange(self, solved):
-        """Step 4: go on, verify the target grid, or leave a coarse grid."""
+        """Do step 4: continue, verify, or leave a coarse grid."""
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
         # Solved, and with next to no negative pressure on the target grid: this may be the last contact set.
@@ -151,7 +151,7 @@ class _ContactSets:
             self.stop = self.stop.tighter(0.1)
 
     def _go_on(self, solved):
-        """Step 4 before the last set; u is updated, or recomputed by FFT."""
+        """Do step 4 before the last set; update or recompute u."""
         state, solver, allowed = self.state, self.solver, solved.allowed
         computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)
         released = solver.release(state, update=not computed)  # (4.a), and u along with it
@@ -164,9 +164,10 @@ class _ContactSets:
         return _Exchanged(state.activate_penetrating(expected), computed=computed)  # (4.b)
 
     def _verify(self, solved, tension):
-        """Steps 4 to 6 on the target grid, by a product in double precision.
+        """Do steps 4 to 6 by a product in double precision.
 
-        The load is met exactly. If a rehearsal with the updated displacement fails the product is saved.
+        On the target grid; the load is met exactly. If a rehearsal with the updated displacement fails the product is
+        saved.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
         # By approach a release of next to no pressure needs no rehearsal. By load the approach may move by it.
@@ -202,11 +203,11 @@ class _ContactSets:
         return _Exchanged(update, done, computed=True)
 
     def _passes(self, update):
-        """5. and 6. (5.1)."""
+        """Return whether C is unchanged and (5.1) holds."""
         return not update.changed and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
 
     def _leave_coarse(self, solved, tension):
-        """Step 4 on a coarse grid that is solved well enough.
+        """Do step 4 on a solved coarse grid.
 
         If the load is nearly met, u is not updated for the last release: the finer grid does that.
         """

@@ -1,4 +1,4 @@
-"""Lift: the pressure of the next finer grid, computed from displacements instead of copied.
+"""Lift: the pressure of the next finer grid from displacements.
 
 p = B T, B the inverse of A continued periodically and T the displacement that p causes on that patch. With p_H and u_H
 of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
@@ -23,9 +23,9 @@ MAX_LOAD_RATIO = (
 
 
 def lift(transfer, coarse, state):
-    """Set C and p of `state`, whose u is I u_H; u of the coarser grid is overwritten.
+    """Set C and p of `state` from the coarser grid.
 
-    Collective.
+    Collective. u of `state` is I u_H; u of the coarser grid is overwritten.
 
     Returns
     -------
@@ -56,6 +56,6 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Add the cells with h + u <= 0 to C; subtract h + u from `target` on C."""
+    """Add overlapping cells to C; subtract h + u from `target` there."""
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

@@ -1,4 +1,4 @@
-"""Nested iteration of the default method: Sec. 4.3 with lifted pressures and windows."""
+"""Nested iteration, Sec. 4.3, with lifted pressures and windows."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_COARSE_ERROR = 0.02  # of coarser grids, over the difference of pressures th
 def nested_iteration(
     hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, cache
 ):
-    """Solve on the target grid of a hierarchy, from the coarsest grid on.
+    """Solve on all grids, from the coarsest to the target.
 
     Collective. The ranks that share a grid or its window solve it, and broadcast the results to those that share the
     next one.

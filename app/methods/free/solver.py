@@ -1,4 +1,4 @@
-"""Linear solver of the default method, which updates u with p."""
+"""Linear solver that updates u with p."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ class TrackingSolver(LinearSolver):
         self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
     def begin(self, multilevel):
-        """Prepare the solution of a grid, with multilevel products if it has them."""
+        """Start a grid, with multilevel products if it has them."""
         self.multilevel = multilevel and multilevel_influence(self.operator) is not None
         self._change_not_in_u = False
 
     def improve(self, state, allowed, norm):
-        """Step 3: improve p towards (2.11) on C; u is not changed.
+        """Improve p towards (2.11) on C, step 3; keep u.
 
         Parameters
         ----------
@@ -82,26 +82,26 @@ class TrackingSolver(LinearSolver):
         return iterations, failure, self._cg.residual
 
     def _multiply(self, p, u):
-        """Compute u = A p, or nearly so by a multilevel product."""
+        """Compute u = A p, or a multilevel approximation."""
         if not self.multilevel:
             return self.operator.displacement(p, u)
         apply_logged(_event, multilevel_influence(self.operator), p, u)
 
     def free_work(self):
-        """Free what only the next contact set needs; the caller recomputes u."""
+        """Free work arrays; the caller recomputes u."""
         self._change_not_in_u = False
         if self._large:
             self._cg.rest()
 
     def check_multilevel(self, state, most):
-        """Switch to FFT if the residual of the recomputed u on C exceeds `most` [mm]."""
+        """Switch to FFT if the recomputed residual exceeds `most` [mm]."""
         if self.multilevel:
             self.multilevel = state.on_contact().residual <= most
 
     def release(self, state, tension=None, update=True):
-        """Step 4.a: release cells, and update u with p unless `update` is False.
+        """Release cells, step 4.a, and update u.
 
-        Returns whether cells left C. `tension`: that of the state, if known.
+        Returns whether cells left C. `update`: False leaves u for the caller. `tension`: that of the state, if known.
         """
         change = self._cg.change
         if not self._change_not_in_u:
@@ -112,14 +112,14 @@ class TrackingSolver(LinearSolver):
         return released
 
     def update_displacement(self, state):
-        """Add to u the effect of the last change of p, if not done yet."""
+        """Update u by the last change of p, if pending."""
         if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
             self._change_not_in_u, state.displacement_status = False, Displacement.UPDATED
 
     def predict(self, state, factor):
-        """Predict the change of u outside C that a zero residual would cause.
+        """Predict the change of u outside C by the residual.
 
         The method ``extend(r)`` of the preconditioner, if it has one, continues the residual past the contact edge. It
         has the contact set of the last solve, so that released cells are not predicted to return.

@@ -79,7 +79,7 @@ def _dots_row(d, q, r, contact):
 
 @njit_reassoc
 def _first_residual(b, shift, u, contact, spans, r):
-    """Compute r = b + shift - u on C, 0 elsewhere, and the span of C in each row.
+    """Compute r = b + shift - u on C, and spans of C.
 
     Returns r.r and the number of cells in these spans.
     """
@@ -96,7 +96,7 @@ def _first_residual(b, shift, u, contact, spans, r):
 
 @njit_reassoc
 def _advance(change, r, d, q, contact, spans, alpha):
-    """Add alpha d to `change`, subtract alpha q from r on C; return r.r."""
+    """Update `change` and r by a step; return r.r."""
     squares = 0.0
     for j in range(r.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -141,9 +141,9 @@ def _dots(d, q, r, contact, spans):
 
 
 class TrackingCG(KspContext):
-    """KSP context for C A C x = C b with an `InfluenceOperator`. Collective.
+    """KSP context for C A C x = C b with an `InfluenceOperator`.
 
-    Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
+    Collective. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class TrackingCG(KspContext):
     _z = _r = _d = _change = None
 
     def setUp(self, ksp):
-        """Make the work arrays; z and q are never needed at the same time and share one."""
+        """Make the work arrays; z and q share one."""
         mat = ksp.getOperators()[0]
         self._operator = operator = get_operator(mat, InfluenceOperator, "TrackingCG")
         check_unscaled(mat, "TrackingCG")
@@ -182,7 +182,7 @@ class TrackingCG(KspContext):
 
     @property
     def change(self):
-        """Change of x: in spare storage of the operator, or made when needed and freed by `rest`."""
+        """Change of x, in spare storage or freed by `rest`."""
         if self._lent is not None:
             return self._lent
         if self._change is None:
@@ -190,7 +190,7 @@ class TrackingCG(KspContext):
         return self._change
 
     def rest(self):
-        """Free the work arrays that the next solve can make again."""
+        """Free work arrays until the next solve."""
         self._r = self._d = self._change = None
 
     def solve(self, ksp, b, x):
@@ -236,7 +236,7 @@ class TrackingCG(KspContext):
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _direction_array(self, z):
-        """Return the array of d: behind q in `work`, if both are in single precision."""
+        """Return the array of d, behind q if both are single."""
         halves = self.work.reshape(-1).view(self._operator.dtype)
         if z is not self.work and halves.size > z.size:
             return halves[z.size :].reshape(z.shape)
@@ -245,7 +245,7 @@ class TrackingCG(KspContext):
         return self._d
 
     def _preconditioner(self, pc):
-        """Return the function that computes z from r, its `local_terms`, r and z.
+        """Return functions for z and its `local_terms`, r and z.
 
         They are in the operator's precision if the PC has `precondition` and `local_terms`, as `Circulant`; else Vecs.
         """
@@ -264,7 +264,7 @@ class TrackingCG(KspContext):
         return apply, lambda _: (), self._r, self.work
 
     def _start(self, ksp, b, x, r):
-        """Compute r = b + shift - u; return its norm and the number of cells in spans.
+        """Compute r = b + shift - u; return its norm and cells.
 
         Without `displacement` u is A x for the initial guess.
         """

@@ -1,7 +1,7 @@
-"""Verification product of a window: u = A p on all cells of the target grid.
+"""Verification product of a window, on all cells.
 
-It is in double precision. Ranks outside the window wait in `end` while the window is solved, and take part in each
-product.
+It is u = A p in double precision. Ranks outside the window wait in `end` while the window is solved, and take part in
+each product.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class VerificationProduct:
         self._scaled = self.u = None
 
     def apply(self, p, u):
-        """Compute u = A p in the window and outside. Collective over its ranks."""
+        """Compute u = A p. Collective over the ranks of the window."""
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)
         self.apply_on_all(p, u)
@@ -58,9 +58,10 @@ class VerificationProduct:
         self.u = None
 
     def end(self, state):
-        """End the products for the `state` of the window; ranks outside take part until then. Collective.
+        """End the products for the `state` of the window. Collective.
 
-        The factor on p since the last product is broadcast in the end; None if that is forgotten.
+        Ranks outside take part until then. The factor on p since the last product is broadcast in the end; None if that
+        is forgotten.
         """
         self._scaled = None if self.u is None else state.scaled
         if self._waiting and self._inner.active:
@@ -72,7 +73,7 @@ class VerificationProduct:
             self._scaled = message
 
     def displacement(self, state, converged):
-        """Return A p for the final p of `state`, by another product if necessary. Collective."""
+        """Return A p for the final p of `state`. Collective."""
         if self._scaled is None or not converged:
             self.apply_on_all(state.p, state.u)
         elif self._scaled != 1.0:

@@ -1,4 +1,4 @@
-"""Cache of linear solvers and of operators of windows, from one solve to the next.
+"""Cache of linear solvers and of operators of windows.
 
 They depend on the number and size of cells, not on the place of a window. So a window of the same shape, at another
 load or gap, needs no new spectra and no new PETSc objects. A large window with the same FFT length, as along a load
@@ -15,7 +15,7 @@ from app.multigrid.solver_cache import SolverCache, is_large
 
 
 class WindowCache(SolverCache):
-    """Cache of solvers, direct solvers and operators of windows of a hierarchy. Collective.
+    """Cache of solvers and window operators of a hierarchy. Collective.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class WindowCache(SolverCache):
         self._windows, self._spectra, self._direct = {}, {}, {}
 
     def window(self, place, grid, slabs, comm, verification=None):
-        """Return the operator of a window, ready for another contact set.
+        """Return the operator of a window.
 
         Collective over `comm`.
 
@@ -58,7 +58,7 @@ class WindowCache(SolverCache):
         return operator
 
     def direct(self, number, operator):
-        """Return the direct solver of a level, created on first use.
+        """Return the direct solver of a level.
 
         This is the coarsest level, or a finer one if a gap has no admissible cell there.
         """
@@ -67,7 +67,7 @@ class WindowCache(SolverCache):
         return self._direct[operator]
 
     def close(self, operator):
-        """Count the products of a window, and free it unless it is cached. Collective over its ranks."""
+        """Count the products of a window; free it unless cached. Collective."""
         self._hierarchy.count_window(operator)
         operator.spectra.drop_unused()
         if operator in self._windows.values():
@@ -76,7 +76,7 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Count the products of cached windows and free their exact products, after an error. Not collective."""
+        """Count products of windows and free their exact products, after errors."""
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)
             operator.free_exact_product()

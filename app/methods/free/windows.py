@@ -1,9 +1,9 @@
-"""Windows: a grid is solved in a rectangle around the contact area of the coarser grid.
+"""Windows: rectangles around the contact area of the coarser grid.
 
-The pressure vanishes outside. The verification product on all cells of the target grid shows whether the bodies
-penetrate there; if so, the iteration continues on all cells, which is expensive. Therefore each window also contains
-the cells where asperities of the target grid that are smaller than the cells of the finest grid without a window may
-touch (`Hierarchy.coarse_minimum`).
+A grid is solved in a window. The pressure vanishes outside. The verification product on all cells of the target grid
+shows whether the bodies penetrate there; if so, the iteration continues on all cells, which is expensive. Therefore
+each window also contains the cells where asperities of the target grid that are smaller than the cells of the finest
+grid without a window may touch (`Hierarchy.coarse_minimum`).
 
 Option ``-lcp_window`` (share of the extent of contact that is added on each side, 0: no windows). For the gain see
 `app.methods.free`.
@@ -32,7 +32,7 @@ MAX_WINDOW_FRACTION = 0.85  # of the cells: a larger window costs more for its s
 
 
 class CoarseSolution(NamedTuple):
-    """Solution of the coarser grid, cut to the window of the finer one."""
+    """Solution of the coarser grid in the window."""
 
     operator: InfluenceOperator
     u: np.ndarray
@@ -74,7 +74,7 @@ class WindowState(ContactState):
 
 
 class Boxes(NamedTuple):
-    """Boxes that determine the window of the next finer grid, in cells of this grid."""
+    """Boxes for the next finer window, in cells of this grid."""
 
     outer: Window  # the window of this grid
     contact: Window | None
@@ -82,7 +82,7 @@ class Boxes(NamedTuple):
 
 
 class WindowedLevel:
-    """Grid of a nested iteration, or a window of it, with the coarser solution. Collective.
+    """Grid or window of a nested iteration. Collective.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ class WindowedLevel:
 
     @PETSc.Log.EventDecorator("ContactWindow")
     def _make_window(self, coarse_window, outer):
-        """Make operators, transfer and state of a window, given in cells of the coarser grid."""
+        """Make operators, transfer and state of a window."""
         hierarchy, level = self._hierarchy, self._level
         coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
         self._window = window = coarse_window.refine(factors, level.grid)
@@ -146,7 +146,7 @@ class WindowedLevel:
         self.state = WindowState(fine, part)
 
     def boxes_for_next(self, coarse_minimum, depth):
-        """Return the boxes for the window of the next finer grid.
+        """Return the boxes for the next finer window.
 
         Collective over the ranks of the state.
 
@@ -175,18 +175,18 @@ class WindowedLevel:
         return Boxes(self._window, contact, others[0] if others else predicted)
 
     def end_verification(self):
-        """End the iteration in a window, also on ranks outside of it."""
+        """End the iteration in a window, on all ranks."""
         if self._verification:
             self._verification.end(self.state)
 
     def close(self):
-        """Release the operators of a window. Collective over the ranks of the state."""
+        """Release the operators of a window."""
         if self.windowed:
             for operator in self._operators:
                 self._cache.close(operator)
 
     def expand_to_grid(self, converged):
-        """Return the state on all cells of the target grid, from that in the window.
+        """Return the state on all cells of the target grid.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class WindowedLevel:
 
 
 def _choose_window(boxes, patch, margin, possible):
-    """Return the window of the coarser grid around its contact.
+    """Return the window around contact of the coarser grid.
 
     If a smaller window does not pay it is that of the coarser grid, or None if that had none.
 
@@ -241,13 +241,13 @@ def _choose_window(boxes, patch, margin, possible):
 
 
 def _widen(first, last, margin, lowest, highest):
-    """Add the margin on both sides, within the cells where contact is possible."""
+    """Add the margin on both sides, within bounds."""
     by = max(MIN_MARGIN, int(np.ceil(margin * (last - first))))
     return max(first - by, lowest), min(last + by, highest)
 
 
 def _round_up_size(first, last, lowest, highest):
-    """Round an interval up to a cached size or a fast FFT length; empty stays empty."""
+    """Round up to a cached or fast length; empty stays empty."""
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
         return lowest, lowest

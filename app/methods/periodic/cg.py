@@ -1,4 +1,4 @@
-"""Conjugate gradients for the displacement of the free cells, which update the pressure.
+"""Conjugate gradients for the displacement of free cells.
 
 ``p = B w + mean pressure`` shall vanish on the free cells O, so p is the residual. It is updated on all cells, with the
 change of w, in one pass: ``change += alpha d``, ``carried += alpha B d``. The right-hand side of the KSP is not used. B
@@ -40,7 +40,7 @@ def _dots_row(d, q, p, free):
 
 @njit()
 def _dots(d, q, p, free):
-    """Return d.q and d.p, for d = 0 outside O; p.p, p.q and q.q on O."""
+    """Return d.q, d.p; and p.p, p.q, q.q on O."""
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         sums = add_tuples(sums, _dots_row(d[j], q[j], p[j], free[j]))
@@ -56,14 +56,14 @@ def _first_step_row(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _first_step(p, d, q, alpha, left, change):
-    """Compute change = alpha d and left = p + alpha q."""
+    """Set `change` and `left` by the first step."""
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
 
 
 @njit_reassoc
 def _step(d, q, alpha, left, change):
-    """Add alpha d to `change` and alpha q to `left`."""
+    """Update `change` and `left` by a step."""
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])
         add_row(left[j], alpha, q[j])
@@ -135,7 +135,7 @@ class CarryingCG(KspContext):
     multilevel_share = residual = uncertainty = 0.0
 
     def setUp(self, ksp):
-        """Make the work arrays: z and `change` share a field of doubles in single precision."""
+        """Make the work arrays; single z and `change` share a field."""
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]

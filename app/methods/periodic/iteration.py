@@ -111,9 +111,9 @@ def primal_active_set(primal, solver, stop, history):
 
 
 def _finish_unsolved(primal, solver):
-    """Set a pressure >= 0 with the right load, and u = A p; return the residual (5.1). Collective.
+    """Set a valid pressure and u = A p; return the residual.
 
-    Without pressure the contact set bears the load evenly.
+    Collective. Without pressure the contact set bears the load evenly.
     """
     primal.commit(solver)
     state, p = primal.state, solver.scratch
@@ -150,7 +150,7 @@ class _Accuracy:
         self.verification_failed = self.exhausted = False
 
     def lower(self, reached, error, lowest):
-        """Lower the aim by the ratio of error and residual at a verification.
+        """Lower the aim by error over residual at a verification.
 
         Parameters
         ----------
@@ -179,9 +179,10 @@ class _Verdict(NamedTuple):
 
 
 def _judge(primal, p, stop, allowed):
-    """Step 6: `verify`; if the error is at most `allowed` [mm], `accept` and certify. Collective.
+    """Verify p, step 6; accept and certify it if `allowed` [mm].
 
-    No change may be pending: `p` is the solver's scratch field, which the certificate uses once p is accepted.
+    Collective. No change may be pending: `p` is the solver's scratch field, which the certificate uses once p is
+    accepted.
     """
     update = verify(primal, p)
     if update is None:
@@ -194,9 +195,9 @@ def _judge(primal, p, stop, allowed):
 
 
 def _continue(verdict, primal, solver, accuracy, reached, captured):
-    """Continue after a failed verification: recompute p if it has drifted, else aim lower. Collective.
+    """Recompute p, or aim lower, after a failed verification.
 
-    `reached`: error by the residual of the solver [mm]; `captured`: the last exchange captured cells.
+    Collective. `reached`: error by the residual of the solver [mm]; `captured`: the last exchange captured cells.
     """
     primal.restore_contact()
     drifted = verdict.error > MAX_ERROR_RATIO * reached
@@ -212,7 +213,7 @@ def _continue(verdict, primal, solver, accuracy, reached, captured):
 
 
 def allowed_gap(primal, stop):
-    """Return the largest root mean square error of the gap that passes [mm]. Collective.
+    """Return the largest rms gap that passes [mm]. Collective.
 
     This is (5.1) with the deviation of the shape from its mean in place of ||h||, which does not depend on the load.
     For flat surfaces with holes the length is the depth, or the displacement of a cell by the mean pressure if larger.
@@ -232,9 +233,10 @@ def allowed_gap(primal, stop):
 
 
 def verify(primal, p):
-    """Step 4 for a pressure >= 0 with the right load, by one product u = A p in double precision.
+    """Do step 4 for a valid pressure, by one exact product.
 
-    Collective. Sets the depth of the state, and adds overlapping cells to its contact set.
+    Collective. The pressure is >= 0 and has the right load. Sets the depth of the state, and adds overlapping cells to
+    its contact set.
 
     Parameters
     ----------

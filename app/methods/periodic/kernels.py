@@ -20,7 +20,7 @@ def _close_row(w, b, captured, z, share, change):
 
 @njit_reassoc
 def close(w, b, captured, z, share, change):
-    """Add `change` and a share of z to w; close captured cells.
+    """Update w by `change` and z; close captured cells.
 
     `change` becomes the change of w.
     """
@@ -40,7 +40,7 @@ def _touch_row(w, b, admissible, contact, change):
 
 @njit_reassoc
 def touch(w, b, admissible, contact, change):
-    """Add overlapping cells to C and set w = b there; `change` becomes that of w."""
+    """Add overlapping cells to C, set w = b; store the change."""
     for j in range(w.shape[0]):
         _touch_row(w[j], b[j], admissible[j], contact[j], change[j])
 
@@ -54,7 +54,7 @@ def _guess_row(p, w, b, admissible, scale, force, lowest):
 
 @njit_reassoc
 def guess_sources(p, w, b, admissible, scale, force, lowest):
-    """Compute right-hand side -p / B_00 and lower bound -e of the obstacle problem."""
+    """Compute right-hand side and lower bound of the obstacle problem."""
     for j in range(p.shape[0]):
         _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])
 
@@ -69,6 +69,6 @@ def _apply_guess_row(x, lowest, w, b, contact):
 
 @njit_reassoc
 def apply_guess(x, lowest, w, b, contact):
-    """Add x to w; set C = {x = lowest}, where w = b exactly."""
+    """Add x to w; set C and w = b at the bound."""
     for j in range(x.shape[0]):
         _apply_guess_row(x[j], lowest[j], w[j], b[j], contact[j])

@@ -1,4 +1,4 @@
-"""Nested iteration of the primal form: Sec. 4.3 with w in place of p and u."""
+"""Nested iteration, Sec. 4.3, of the primal form."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SAFEGUARD = {
 
 
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
-    """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
+    """Solve on all periodic grids, from the coarsest to the target.
 
     Collective. The ranks that share a grid solve it, and broadcast the results to those that share the next one.
 

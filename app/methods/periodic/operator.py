@@ -1,4 +1,4 @@
-"""Mat context of the inverse influence matrix on the free cells O, O B O."""
+"""Mat context of O B O, the inverse influence matrix on free cells."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _levels_event = PETSc.Log.Event("InverseByLevels")
 
 
 class InverseOperator:
-    """B = A^-1 of a periodic grid, on displacements without mean. Collective.
+    """Inverse B = A^-1 of a periodic grid.
 
-    Constants give no pressure.
+    Collective. It acts on displacements without mean; constants give no pressure.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class InverseOperator:
 
     @property
     def product(self):
-        """B in the precision of the iteration, created on first use."""
+        """B in the precision of the iteration."""
         return self.influence.inverse
 
     def spare_fields(self, *types):
@@ -54,11 +54,11 @@ class InverseOperator:
 
     @property
     def multilevel(self):
-        """Multilevel B, for corrections, or None; created on first use."""
+        """Multilevel B for corrections, or None."""
         return multilevel_inverse(self.influence)
 
     def mat(self, comm):
-        """Return a Mat with this context, for the caller to destroy. Collective over `comm`."""
+        """Return a Mat with this context. Collective over `comm`."""
         return symmetric_mat(self, comm)
 
     def mask_changed(self):
@@ -66,11 +66,11 @@ class InverseOperator:
         self.contact_version += 1
 
     def pressure(self, d, q):
-        """Compute q = B d on all cells; arrays of shape `local_shape`."""
+        """Compute q = B d on all cells."""
         apply_logged(_mult_event, self.product, d, q)
 
     def multilevel_pressure(self, d, q):
-        """Compute q = B d by `multilevel`; arrays of shape `local_shape`."""
+        """Compute q = B d by `multilevel`."""
         apply_logged(_levels_event, self.multilevel, d, q)
 
     def exact_pressure(self, w, p):

@@ -1,4 +1,4 @@
-"""Linear solver of the primal form on the free cells, which updates p = B w."""
+"""Linear solver of the primal form, which updates p."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ LONG_WAVE_LEVELS = 2  # levels down to the grid of the long waves in the precond
 
 
 class PrimalSolver(LinearSolver):
-    """Linear solver of O B O whose KSP is CarryingCG with `TwoGrid`. Collective.
+    """Linear solver of O B O: CarryingCG with `TwoGrid`.
 
-    To save memory, fields are shared by parts that work in turn:
+    Collective. To save memory, fields are shared by parts that work in turn:
 
     ===========  ==================================  ===========================================  ==================
     field        in CG                               between contact sets                         verification
@@ -73,10 +73,10 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def begin(self, state, loading, multilevel_share=0.0):
-        """Prepare the solution of a grid; a prescribed approach is kept by the mean of w.
+        """Start a grid.
 
-        u of the ContactState stores `carried` until the verification, and `end`. For `multilevel_share` see
-        `CarryingCG`.
+        A prescribed approach is kept by the mean of w. u of the ContactState stores `carried` until the verification,
+        and `end`. For `multilevel_share` see `CarryingCG`.
         """
         if multilevel_share and self.inverse.multilevel is None:
             multilevel_share = 0.0
@@ -86,16 +86,16 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def _set(self):
-        """Configure the KSP and the PC, which are new after an interrupted solve."""
+        """Configure the KSP and the PC, new after an interrupted solve."""
         self.preconditioner.constrained = self._constrained
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
     def end(self):
-        """Release the storage of `carried`, which belongs to the solution."""
+        """Release the storage of `carried`."""
         self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
-        """Reduce p on the free cells; the results are `change` of w and `carried`.
+        """Reduce p on the free cells; compute `change` and `carried`.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class PrimalSolver(LinearSolver):
 
 
 def prepare(hierarchy, multilevel):
-    """Make the products of all grids, which solvers share. Collective.
+    """Make the products of all grids. Collective.
 
     `multilevel`: also the multilevel ones.
     """
@@ -155,7 +155,7 @@ def prepare(hierarchy, multilevel):
 
 
 def _check_kinds(options):
-    """Raise for other solvers before PETSc sets them up on this operator."""
+    """Raise for other solvers before PETSc sets them up."""
     for name, kind in (("ksp", CarryingCG), ("pc", TwoGrid)):
         module, _, cls = options.getString(f"{name}_python_type", "").rpartition(".")
         is_python = options.getString(f"{name}_type", "") == "python" and module
@@ -167,5 +167,5 @@ def _check_kinds(options):
 
 
 def coarser_operator(hierarchy, number):
-    """Return A on the grid of the long waves, or None on the coarsest grid."""
+    """Return A on the long-wave grid; None on the coarsest grid."""
     return hierarchy.levels[max(number - LONG_WAVE_LEVELS, 0)] if number else None

@@ -1,4 +1,4 @@
-"""Unknowns of the primal form on one grid: w and p = B w + mean pressure."""
+"""Unknowns w and p of the primal form on one grid."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ CLOSING_DAMPING = (
 
 
 class PrimalState:
-    """Displacement w = u - approach and p on one grid; the gap is e = shape + w. Collective.
+    """Displacement w = u - approach, and p = B w + mean pressure.
 
-    Lengths are counted from the reference of the undeformed distance.
+    Collective. The gap is e = shape + w. Lengths are counted from the reference of the undeformed distance.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class PrimalState:
 
     @property
     def prescribed_depth(self):
-        """Depth of a prescribed approach, minus the mean of w; infinite under a load [mm]."""
+        """Prescribed depth, minus the mean of w; infinite under loads [mm]."""
         return self.loading.depth_on(self.state.distance)
 
     def mean(self, field):
@@ -92,7 +92,7 @@ class PrimalState:
         self.pending = self.approximate = False
 
     def balance_free_cells(self, solver):
-        """Remove the mean of p on the free cells, under a prescribed approach."""
+        """Remove the mean of p on the free cells."""
         p = solver.carried if self.pending else self.state.p
         total, cells = self.state.sum(
             [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
@@ -108,10 +108,10 @@ class PrimalState:
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
-        """Move w from the `depth` of the coarser grid to that `predicted` for this one [mm].
+        """Move w to the `predicted` depth of this grid [mm].
 
-        A constant has no pressure. A retreat is limited to most of the way to first touch, so that contact remains;
-        cells that touched still do.
+        `depth` is that of the coarser grid. A constant has no pressure. A retreat is limited to most of the way to
+        first touch, so that contact remains; cells that touched still do.
         """
         back, state = depth - predicted, self.state
         if back > 0:
@@ -129,7 +129,7 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore a prescribed mean of w by its free cells; add the same to `changes`."""
+        """Restore a prescribed mean of w; add the same to `changes`."""
         if self.loading.approach_is_known:
             missing = -self.cells * (self.prescribed_depth + self.mean(self.w))
             solver.preconditioner.shift(missing, self.w, *changes)
@@ -157,7 +157,7 @@ class PrimalState:
             self.mean_pressure = solution.mean_pressure
 
     def guess(self, solver, exact=False):
-        """Guess the contact set by projected sweeps; update w and p.
+        """Guess C by projected sweeps; update w and p.
 
         `exact`: p by a product in double precision, since changes are added to it later.
         """
@@ -179,7 +179,7 @@ class PrimalState:
         self.refresh(exact)
 
     def _touch(self):
-        """Set the cells with the smallest gap in contact, under a load."""
+        """Put the cells with the smallest gap in contact."""
         state = self.state
         gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
         least = float(state.minimum([gap.min(initial=np.inf)])[0])
@@ -187,7 +187,7 @@ class PrimalState:
         self.w -= least  # a constant has no pressure
 
     def exchange(self, solver, slack, least_gap, far, residual):
-        """Release cells with p < -slack, capture others with e < least_gap.
+        """Release cells with p < -slack, capture those with e < least_gap.
 
         p and w are those of `solver`. Under a load one cell stays in contact, under an approach below that of full
         contact one stays open, so that the system has a solution.
@@ -217,7 +217,7 @@ class PrimalState:
         return Update(cells, captured, released, residual, load=self.load, approach=approach, moves=moves)
 
     def _open_least(self, solver):
-        """Open the cells with the smallest pressure, which becomes zero; return their number."""
+        """Open the cells with the smallest pressure; return their number."""
         least = float(self.state.minimum([solver.carried.min(initial=np.inf)])[0])
         opened = solver.carried <= least
         self.state.contact[opened] = False
@@ -229,7 +229,7 @@ class PrimalState:
         np.copyto(self.w, self.state.distance.b, where=self._captured)
 
     def close_captured_gaps(self, solver):
-        """Close gaps of captured cells, add a smoothed residual elsewhere; p by a product."""
+        """Close captured gaps, smooth elsewhere, recompute p by a product."""
         state, z = self.state, solver.product
         solver.preconditioner.smooth(solver.carried, z)
         loops.close(self.w, state.distance.b, self._captured, z, -CLOSING_DAMPING, solver.change)
@@ -250,7 +250,7 @@ class PrimalState:
 
     @contextmanager
     def shown(self, solver):
-        """Context in which p is that of the solver, for callbacks."""
+        """Show p of the solver to callbacks, as a context."""
         before = self.state.p.copy()
         self.state.values[...] = solver.carried
         try:
@@ -263,6 +263,6 @@ class PrimalState:
         np.logical_not(self.inverse.mask, out=self.state.contact)
 
     def _update_free_cells(self, solver):
-        """Set the free cells to those that are not in contact."""
+        """Set the free cells to those without contact."""
         np.logical_not(self.state.contact, out=self.inverse.mask)
         solver.set_contact()

@@ -1,4 +1,4 @@
-"""Compiled sweeps with the 3 x 3 centre of B on the free cells.
+"""Compiled sweeps with the 3 x 3 centre of B.
 
 B decays like 1 / r^3, so its centre is enough for short waves. One pass over the rows makes all sweeps of a call, so
 that their rows stay in the cache: at time t row j = t - m + 1 gets its sweep m. ``swept[m]`` has the last three rows
@@ -138,10 +138,10 @@ def _contact_row(free, out):
 
 @njit()
 def free_in_cells(s, free, scale, coarse, skipped, factors, row):
-    """Sum scale times s over the free cells in each coarse cell, over ``fy fx``.
+    """Compute means of scale times s over coarse cells.
 
-    `factors` are (fy, fx), the rows and columns of a coarse cell. Of the first coarse row, `skipped` rows lie before
-    the slab. `row`: work row.
+    On free cells; s counts as zero elsewhere. `factors` are (fy, fx), the rows and columns of a coarse cell. Of the
+    first coarse row, `skipped` rows lie before the slab. `row`: work row.
     """
     fy, fx = factors
     coarse[...] = 0
@@ -152,7 +152,7 @@ def free_in_cells(s, free, scale, coarse, skipped, factors, row):
 
 @njit()
 def contact_in_cells(free, coarse, skipped, factors, row):
-    """Compute the share of each coarse cell that is not free; see `free_in_cells`."""
+    """Compute the share of contact in coarse cells, see `free_in_cells`."""
     fy, fx = factors
     coarse[...] = 0
     for j in range(free.shape[0]):
@@ -169,7 +169,7 @@ def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
 
 @njit()
 def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
-    """Sum the residual of sweeps, (s - B3 x) / B3_00, as `free_in_cells`; `work`: three rows."""
+    """Compute means of (s - B3 x) / B3_00, see `free_in_cells`."""
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
     if not len(x):
@@ -214,9 +214,9 @@ def sweep(
     s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, wave_rows, z,
     work,
 ):  # fmt: skip
-    """Sweep ``x += share (s - B3 x) / B3_00`` on the free cells, with long waves added.
+    """Sweep ``x += share (s - B3 x) / B3_00`` on the free cells.
 
-    The first sweep starts from zero.
+    Long waves are added to the first sweep. The first sweep starts from zero.
 
     Parameters
     ----------
@@ -279,9 +279,10 @@ def sweep(
 
 @njit()
 def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, work):
-    """Make projected Jacobi sweeps ``x = max(f - N x, low)`` from x = max(f, low); float32.
+    """Make projected Jacobi sweeps ``x = max(f - N x, low)``.
 
-    f is the right-hand side over B3_00. The halo must have ``steps - 1`` rows, or more.
+    All is float32, x starts as max(f, low). f is the right-hand side over B3_00. The halo must have ``steps - 1`` rows,
+    or more.
     """
     rows, nx = f.shape
     if not rows:
@@ -320,7 +321,7 @@ def _add_row(above, here, below, scale, wx, wy, wd, out):
 
 @njit()
 def add_centre(d, before, after, weights, work, out):
-    """Add the centre of B times d to `out`; the halo must have a row. `work`: three rows."""
+    """Add the centre of B times d; the halo has a row."""
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
     if not len(d):
         return
@@ -333,6 +334,6 @@ def add_centre(d, before, after, weights, work, out):
 
 
 def make_work(steps, nx, kind=bool):
-    """Return the work arrays of sweeps of rows of nx cells; `kind`: type of the second."""
+    """Return work arrays of sweeps; `kind`: type of the second."""
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     return sources, np.empty((steps + 1, nx), kind), swept

@@ -1,4 +1,4 @@
-"""Preconditioner of O B O: sweeps for short waves, A on a coarser grid for long ones."""
+"""Preconditioner of O B O: sweeps, and A on a coarser grid."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class TwoGrid:
         self.operator = None
 
     def setUp(self, pc):
-        """Prepare for the operator once, though PETSc calls it for each contact set."""
+        """Prepare for a new operator; PETSc calls it for each contact set."""
         operator = get_operator(pc.getOperators()[1], InverseOperator, "TwoGrid")
         if operator is self.operator:
             return
@@ -104,7 +104,7 @@ class TwoGrid:
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     def smooth(self, s, z):
-        """Compute z = M s on the free cells, zero elsewhere; z of float64 or float32."""
+        """Compute z = M s on the free cells, zero elsewhere."""
         self._update_contact()
         with _event:
             self._apply(s, z)
@@ -116,14 +116,14 @@ class TwoGrid:
             z -= share * response
 
     def shift(self, amount, *fields):
-        """Change the sums of fields by an amount, smoothly on the free cells."""
+        """Change sums of fields smoothly on the free cells."""
         self._update_contact()
         response, total_response = self._unit_response()
         for field in fields if total_response > 0 else ():
             field += amount / total_response * response
 
     def _update_contact(self):
-        """Fetch the halo of the free cells, once per contact set."""
+        """Fetch the halo of a new contact set."""
         if self._contact_version != self.operator.contact_version:
             self._contact_version, self._response = self.operator.contact_version, None
             mask, grid = self.operator.mask, self.operator.grid
@@ -136,7 +136,7 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return M times the constant B_00, and its sum, once per contact set."""
+        """Return M times the constant B_00, and its sum."""
         if self._response is None:
             response = np.empty(self.operator.local_shape)
             even = np.full_like(response, self.stiffness)  # of any unit, 1 in single precision
@@ -169,7 +169,7 @@ class TwoGrid:
 
 
 def _weights(centre, grid):
-    """Return the weights of sweeps; a cell that is the neighbour on both sides counts once."""
+    """Return weights of sweeps; neighbours on both sides count once."""
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
     middle = float(centre[1, 1]) or 1.0  # B of a single cell is zero
@@ -177,13 +177,13 @@ def _weights(centre, grid):
 
 
 def _highest(x, y, diagonal):
-    """Return the largest eigenvalue of the sweeps, of waves that alternate in x, y or both."""
+    """Return the largest eigenvalue of the sweeps, of alternating waves."""
     alternating = (x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y)
     return 1 + 2 * float(max(alternating))
 
 
 def _factor(n, coarse):
-    """Return the number of cells per coarse cell, a power of two."""
+    """Return the cells per coarse cell, a power of two."""
     factor = 1
     while -(-n // factor) > coarse:
         factor *= 2
@@ -225,7 +225,7 @@ class _LongWaves:
         self._three = np.empty((3, nx + 2), kind)
 
     def set_contact(self, free, share, spacing):
-        """Set the springs of contact, by the free share and the spacing of contact [mm]."""
+        """Set springs by free share and spacing of contact [mm]."""
         coarse = self.coarse
         stencil.contact_in_cells(free, self._sums, self._skipped, self._factors, self._row)
         contact = self._gather_coarse()
@@ -237,7 +237,7 @@ class _LongWaves:
             coarse.screened_product.screen(1 / (self._compliance * compliance * np.sqrt(share) * spacing))
 
     def apply(self, s, free, weights, x, *halo):
-        """Return A on springs times s on the free cells, or times the residual of x, for `sweep`."""
+        """Apply A on springs to s, or to the residual of x."""
         place = self._sums, self._skipped, self._factors
         if x.size:
             stencil.residual_in_cells(s, free, weights, x, *halo, *place, self._three, self._row)
@@ -252,7 +252,7 @@ class _LongWaves:
         return self._around(self._u), self._places, (self._wide, self._row)
 
     def _gather_coarse(self):
-        """Send the sums in coarse cells to the ranks of the coarse grid."""
+        """Gather the sums on the ranks of the coarse grid."""
         sums, rest = self._sums[bool(self._skipped) :], self._rest(self._sums[:1])
         if len(rest):
             sums[-1] += rest.sum(axis=0)
@@ -260,6 +260,6 @@ class _LongWaves:
 
 
 def _smooth(field):
-    """Return binomial means over 3 x 3 cells without the first and last row; columns are periodic."""
+    """Return binomial means over 3 x 3 cells of inner rows."""
     field = (field[:-2] + 2 * field[1:-1] + field[2:]) / 4
     return (np.roll(field, 1, axis=1) + 2 * field + np.roll(field, -1, axis=1)) / 4
