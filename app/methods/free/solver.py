@@ -91,7 +91,7 @@ class TrackingSolver(LinearSolver):
         """Free work arrays; the caller recomputes u."""
         self._change_not_in_u = False
         if self._large:
-            self._cg.rest()
+            self._cg.free_work()
 
     def check_multilevel(self, state, most):
         """Switch to FFT if the recomputed residual exceeds `most` [mm]."""

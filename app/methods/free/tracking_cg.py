@@ -182,14 +182,14 @@ class TrackingCG(KspContext):
 
     @property
     def change(self):
-        """Change of x, in spare storage or freed by `rest`."""
+        """Change of x, in spare storage or freed by `free_work`."""
         if self._lent is not None:
             return self._lent
         if self._change is None:
             self._change = np.zeros(self._operator.local_shape, self._operator.dtype)
         return self._change
 
-    def rest(self):
+    def free_work(self):
         """Free work arrays until the next solve."""
         self._r = self._d = self._change = None
 
@@ -281,7 +281,7 @@ class TrackingCG(KspContext):
 
     def reset(self, ksp):
         """Free the work vectors."""
-        self.rest()
+        self.free_work()
         if self._z is not None:
             self._z.destroy()
         self._z = self._lent = self.work = self.product = self.multiply = None
