@@ -5,9 +5,8 @@ import warnings
 
 import pytest
 from cases import hertz, periodic_rough
-from operators import asymmetry
 
-from app import ContactProblem, ContactSolver, Grid, solve
+from app import ContactProblem, ContactSolver, Grid
 from app.base.errors import InputError
 
 PROBLEM = hertz(16)
@@ -198,66 +197,6 @@ def test_a_method_that_is_missing_in_python_is_said_to_be():
 def test_monitors_of_errors_need_what_there_is_not(method):
     with pytest.raises(InputError, match=r"^-ksp_monitor_error: needs a DM of PETSc's, there is none$"):
         ContactSolver(PROBLEM, method, {"ksp_monitor_error": ""})
-
-
-def asymmetry_of(solver, contact):
-    """That of the preconditioner of a solver, on a contact set."""
-    linear, operator = solver._strategy.solver, solver.hierarchy.target
-    operator.mask[...] = contact
-    linear.set_contact()
-    return asymmetry(linear.ksp.getPC(), operator, linear.mat)
-
-
-CYCLES = [
-    ("norm", {}),
-    ("norm", {"pc_mg_cycle_type": "w", "mg_levels_ksp_max_it": 2}),
-    ("norm", {"mg_levels_2_pc_sor_omega": 0.5, "mg_levels_pc_sor_backward": ""}),
-    ("norm", {"mg_levels_pc_sor_symmetric": ""}),
-    ("fmg_v11", {}),  # whose file says forward
-    ("fmg_fft", {}),
-]
-
-
-@pytest.mark.parametrize("kind", ["cg", "minres"])
-@pytest.mark.parametrize(("method", "options"), CYCLES)
-def test_a_krylov_method_that_needs_a_symmetric_cycle_has_one(kind, method, options):
-    options = {"ksp_type": kind, "ksp_norm_type": "natural" if kind == "cg" else "preconditioned"} | options
-    with warnings.catch_warnings(), ContactSolver(hertz(32), method, options | {"pc_type": "mg"}) as solver:
-        warnings.simplefilter("ignore", RuntimeWarning)
-        assert asymmetry_of(solver, solver.solve(approach=0.1).contact) < 1e-14
-
-
-def test_other_methods_sweep_as_their_files_say():
-    for method, options in (("fmg_v11", {}), ("norm", {"pc_type": "mg", "ksp_type": "fcg"})):
-        with ContactSolver(hertz(32), method, options) as solver:
-            assert asymmetry_of(solver, solver.solve(approach=0.1).contact) > 1e-4
-
-
-def test_multigrid_speeds_up_conjugate_gradients():
-    options = {"ksp_type": "cg", "pc_type": "mg"}
-    with ContactSolver(hertz(64), "norm", options) as fast, ContactSolver(hertz(64), "norm") as plain:
-        fast, plain = fast.solve(approach=0.1), plain.solve(approach=0.1)
-    assert fast.converged and fast.inner_iterations < plain.inner_iterations / 2
-    assert fast.load == pytest.approx(plain.load, rel=fast.error_bound + plain.error_bound)
-
-
-@pytest.mark.parametrize("method", ["mg_v10", "fmg_v11"])
-def test_mg_is_short_for_the_multigrid_pc(method):
-    pc = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
-    short, long = (solve(hertz(32), approach=0.1, method=method, options=options) for options in ({}, pc))
-    assert short.converged and long.pressure.tolist() == short.pressure.tolist()
-    assert long.work_units == short.work_units
-    assert long.operator_applications == short.operator_applications
-
-
-def test_multigrid_in_windows():
-    """A window has coarser grids of its own, whose work is counted."""
-    with ContactSolver(hertz(160), "fast", {"pc_type": "mg"}) as solver:
-        first, second = (solver.solve(approach=0.1) for _ in range(2))
-    plain = solve(hertz(160), approach=0.1, method="fast")
-    assert first.converged
-    assert first.load == pytest.approx(plain.load, rel=first.error_bound + plain.error_bound)
-    assert second.operator_applications == pytest.approx(first.operator_applications)
 
 
 @pytest.mark.parametrize("length", [1e-12, 1e-16])

@@ -1,4 +1,4 @@
-"""NORM on several ranks."""
+"""The active set iteration on several ranks."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from running import solve
 
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("n", [32, 64, 128])
-def test_several_ranks_take_as_many_iterations(comm, n):
+def test_norm_takes_as_many_iterations_on_several_ranks(comm, n):
     together = solve(hertz(n), APPROACH)
     assert_counts_of_norm(n, together)
     if comm.rank == 0:
@@ -18,7 +18,7 @@ def test_several_ranks_take_as_many_iterations(comm, n):
 
 
 @pytest.mark.mpi(2, 3)
-def test_several_ranks_find_the_same(comm):
+def test_pressure_of_norm_is_independent_of_ranks(comm):
     pressure = np.vstack(comm.allgather(solve(hertz(45, 37), APPROACH, lcp_rtol=1e-12).pressure))
     if comm.rank == 0:
         expected = solve(hertz(45, 37), APPROACH, comm=MPI.COMM_SELF, lcp_rtol=1e-12)

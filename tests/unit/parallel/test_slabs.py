@@ -1,4 +1,4 @@
-"""Restriction and prolongation of Sec. 4.2 and 4.3, on even, odd and thin grids."""
+"""Slabs: the rows of each rank."""
 
 import pytest
 

@@ -1,0 +1,69 @@
+"""The multigrid PC in the solvers of options."""
+
+import warnings
+
+import pytest
+from cases import hertz
+from operators import asymmetry
+
+from app import ContactSolver, solve
+
+
+def asymmetry_of(solver, contact):
+    """That of the preconditioner of a solver, on a contact set."""
+    linear, operator = solver._strategy.solver, solver.hierarchy.target
+    operator.mask[...] = contact
+    linear.set_contact()
+    return asymmetry(linear.ksp.getPC(), operator, linear.mat)
+
+
+CYCLES = [
+    ("norm", {}),
+    ("norm", {"pc_mg_cycle_type": "w", "mg_levels_ksp_max_it": 2}),
+    ("norm", {"mg_levels_2_pc_sor_omega": 0.5, "mg_levels_pc_sor_backward": ""}),
+    ("norm", {"mg_levels_pc_sor_symmetric": ""}),
+    ("fmg_v11", {}),  # whose file says forward
+    ("fmg_fft", {}),
+]
+
+
+@pytest.mark.parametrize("kind", ["cg", "minres"])
+@pytest.mark.parametrize(("method", "options"), CYCLES)
+def test_cycle_is_symmetric_for_krylov_methods_that_need_it(kind, method, options):
+    options = {"ksp_type": kind, "ksp_norm_type": "natural" if kind == "cg" else "preconditioned"} | options
+    with warnings.catch_warnings(), ContactSolver(hertz(32), method, options | {"pc_type": "mg"}) as solver:
+        warnings.simplefilter("ignore", RuntimeWarning)
+        assert asymmetry_of(solver, solver.solve(approach=0.1).contact) < 1e-14
+
+
+def test_cycle_is_that_of_the_method_file_otherwise():
+    for method, options in (("fmg_v11", {}), ("norm", {"pc_type": "mg", "ksp_type": "fcg"})):
+        with ContactSolver(hertz(32), method, options) as solver:
+            assert asymmetry_of(solver, solver.solve(approach=0.1).contact) > 1e-4
+
+
+def test_multigrid_speeds_up_conjugate_gradients():
+    options = {"ksp_type": "cg", "pc_type": "mg"}
+    with ContactSolver(hertz(64), "norm", options) as fast, ContactSolver(hertz(64), "norm") as plain:
+        fast, plain = fast.solve(approach=0.1), plain.solve(approach=0.1)
+    assert fast.converged and fast.inner_iterations < plain.inner_iterations / 2
+    assert fast.load == pytest.approx(plain.load, rel=fast.error_bound + plain.error_bound)
+
+
+@pytest.mark.parametrize("method", ["mg_v10", "fmg_v11"])
+def test_mg_is_an_alias_of_the_multigrid_pc(method):
+    pc = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
+    short, long = (solve(hertz(32), approach=0.1, method=method, options=options) for options in ({}, pc))
+    assert short.converged and long.pressure.tolist() == short.pressure.tolist()
+    assert long.work_units == short.work_units
+    assert long.operator_applications == short.operator_applications
+
+
+def test_work_of_multigrid_in_windows_is_counted():
+    """A window has coarser grids of its own, whose work is counted."""
+    with ContactSolver(hertz(160), "fast", {"pc_type": "mg"}) as solver:
+        first, second = (solver.solve(approach=0.1) for _ in range(2))
+    plain = solve(hertz(160), approach=0.1, method="fast")
+    assert first.converged
+    assert first.load == pytest.approx(plain.load, rel=first.error_bound + plain.error_bound)
+    assert second.operator_applications == pytest.approx(first.operator_applications)
