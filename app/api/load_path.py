@@ -218,7 +218,7 @@ def _as_rows(rows, kind, numbers):
     return found
 
 
-def exactly_one(loadings):
+def check_one_kind(loadings):
     """Return the loadings of a path if they are one. Not collective."""
     if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
         raise InputError(f"path: needed: exactly one of {', '.join(LOADINGS)}, a number for each step")

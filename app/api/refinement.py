@@ -6,7 +6,7 @@ from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
-from app.api.method_solver import check_type
+from app.api.arguments import check_type
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact

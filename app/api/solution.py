@@ -283,7 +283,7 @@ class Solution(ContactFields):
             raise InputError(f"result file {path}: cannot be written: {error}") from None
 
 
-def identity(start):
+def fingerprint(start):
     """What tells a Solution from another one, the same on all ranks; of anything else its type. Not collective."""
     if not isinstance(start, Solution):
         return type(start).__name__

@@ -1,4 +1,4 @@
-"""The solver as a program calls it: set up once, solve as often as wanted, on any communicator.
+"""Solver of a contact problem: set up once, solve as often as wanted, on any communicator.
 
 >>> from app import ContactProblem, Grid, Material, solve
 >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
@@ -7,8 +7,8 @@
 >>> solution.converged, round(solution.load, -1)
 (True, 680.0)
 
-Options are PETSc's and those of `app.options.method`. Each solver has them under a prefix of its own in
-PETSc's database, and only while it is set up or solves.
+Options are PETSc's and those of `app.options.method`. Each solver has them in PETSc's database under a prefix of its
+own, during set-up and solves only.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from dataclasses import replace
 import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
-from app.api.load_path import LoadPath, exactly_one
-from app.api.method_solver import make_hierarchy, make_strategy, parse_method
+from app.api.arguments import parse_arguments
+from app.api.load_path import LoadPath, check_one_kind
 from app.api.notes import notes_on
-from app.api.solution import Solution, identity
+from app.api.solution import Solution, fingerprint
 from app.api.stiffness import contact_stiffness
-from app.api.strategy import check_single
+from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.petsc import Resources, mpi_comm, synchronized
 from app.contact import measures
@@ -36,7 +36,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
 from app.contact.loading_input import make_loading
 from app.halfspace.influence import influence_quadrant
-from app.multigrid.hierarchy import check_room
+from app.multigrid.hierarchy import Hierarchy, check_room
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
 from app.options.solver_options import SolverOptions
@@ -49,9 +49,9 @@ def solve(
     problem, *, approach=None, load=None, method=None, options=None, comm=None, start=None,
     mean_pressure=None, mean_gap=None,
 ):  # fmt: skip
-    """Solve a contact problem once, for exactly one of approach, load, mean pressure and mean gap.
+    """Solve a contact problem for one of approach, load, mean pressure and mean gap.
 
-    Collective over `comm`. More about each, and what is refused: `ContactSolver`, `ContactSolver.solve`.
+    Collective over `comm`. See `ContactSolver` and `ContactSolver.solve` for errors.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def solve(
     comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all.
     start : Solution, optional
-        To start from: of a similar loading.
+        Of a similar loading, to start from.
 
     Returns
     -------
     Solution
-        If it is not ``converged``, there is a warning, too.
+        A RuntimeWarning is issued unless it is ``converged``.
     """
     with ContactSolver(problem, method, options, comm) as solver:
         return solver.solve(
@@ -85,10 +85,10 @@ def solve(
 
 
 class ContactSolver:
-    """Solves one problem for any approach or load, and others on the same cells after an `update`.
+    """Solver of one problem for any loading, and of others on the same cells after `update`.
 
-    Collective over `comm`, as are all its methods. May be used in a ``with`` block; if it is not closed, it is freed
-    when it is forgotten, or at the end of the process. Threads wait for each other. It cannot be pickled; problems and
+    Collective over `comm`, as are all its methods. May be used in a ``with`` block; otherwise it is freed by `close`,
+    by garbage collection, or when the process ends. One thread calls it at a time. It cannot be pickled; problems and
     solutions can.
 
     Parameters
@@ -101,12 +101,13 @@ class ContactSolver:
     options : mapping, optional
         Options without dash, texts or numbers: {"lcp_rtol": 1e-8, "ksp_rtol": 0.1}. They override the file's.
     comm : communicator of mpi4py or petsc4py, optional
-        Ranks that share the grid; default: all. One of its own is made, and freed.
+        Ranks that share the grid; default: all. The solver works on a duplicate.
     prefix : str, optional
-        Of the solver's options in PETSc's database, such as "gear_" for ``-gear_ksp_view``; those of the user override.
-        Default: "contact0_", "contact1_", ... in order. With "" PETSc's options without a prefix count, too.
+        Of the solver's options in PETSc's database, such as ``"gear_"`` for ``-gear_ksp_view``. Options of the user
+        under the prefix override the solver's. Default: ``"contact0_"``, ``"contact1_"``, ... in order. With ``""``
+        PETSc's options without a prefix count, too.
     listeners : sequence of Listener
-        Hear of every iteration.
+        Called in every iteration.
 
     Attributes
     ----------
@@ -118,12 +119,12 @@ class ContactSolver:
         Approach at which the bodies just touch [mm].
     hierarchy : Hierarchy
     ksp : PETSc.KSP or None
-        Of the target grid; None where it is only made in a window, or there is none.
+        Of the target grid; None if the method has none there, or works in a window that is not known yet.
 
     Raises
     ------
     InputError
-        If something asked for cannot be done; before any work, on all ranks.
+        If a request cannot be met; before any work, on all ranks.
     """
 
     @synchronized
@@ -134,25 +135,30 @@ class ContactSolver:
         self.problem, self._outer_comm = problem, mpi_abort.abort_on_exception(comm)
         self._resources.add(mpi_abort.AbortGroup(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
-        self.hierarchy, self._strategy, self._cut_short = None, None, False  # was the last call?
-        self._judged = False  # the options that PETSc reads while it solves
+        self.hierarchy = self._strategy = None
+        self._was_interrupted = self._late_options_checked = False
         try:
             if prefix is None:
                 prefix = SolverOptions.new_prefix(self.comm)
-            chosen, self.options = call_collectively(
-                self.comm, parse_method, problem, method, options, prefix, listeners
+            self.settings, self.options = call_collectively(
+                self.comm, parse_arguments, problem, method, options, prefix, listeners
             )
-            self.settings = chosen
-            monitors = [Monitor()] if chosen.monitor and self.comm.rank == 0 else []
+            monitors = [Monitor()] if self.settings.monitor and self.comm.rank == 0 else []
             self.listeners, grid = [*listeners, *monitors], problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
-            check_equal_on_ranks(
-                self.comm, (grid.shape, grid.periodic, sizes, chosen, prefix), "grid, material or options"
-            )
-            self.comm.shares_memory = chosen.shared_memory
-            check_room(self.comm, grid, chosen)
-            self._prepare()
+            arguments = grid.shape, grid.periodic, sizes, self.settings, prefix
+            check_equal_on_ranks(self.comm, arguments, "grid, material or options")
+            self.comm.shares_memory = self.settings.shared_memory
+            check_room(self.comm, grid, self.settings)
+            with self.options.inserted():
+                self._set_up()
+            if unused := self.options.unused(self.comm):
+                # Rank 0 has a part of every grid, and so reads most options.
+                words = self.settings, unused, self.options.used
+                self.settings = call_collectively(self.comm, drop_unused, *words, only_root=True)
+                self.options.drop(unused)
+            self._measure_shapes()
         except BaseException:
             self.close()
             raise
@@ -162,34 +168,28 @@ class ContactSolver:
         grid, closed = self.problem.grid, "" if self._finalizer.alive else ", closed"
         return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
 
-    def _prepare(self):
-        """Make all that solves."""
-        with self.options.inserted():
-            self._set_up()
-        if unused := self.options.unused(self.comm):
-            # Rank 0 has a part in every grid, and so knows most names.
-            words = self.settings, unused, self.options.used
-            self.settings = call_collectively(self.comm, drop_unused, *words, only_root=True)
-            for name in unused:
-                self.options.drop(name)
-        self._measure_shapes()
-
     def _set_up(self):
-        chosen, problem = self.settings, self.problem
-        grid, compliance = problem.grid, problem.material.compliance
-        self._largest = None  # influence coefficient, which only single precision asks for [mm3/N]
-        if chosen.single:
+        """Make grids, operators and solvers."""
+        settings, grid, compliance = self.settings, self.problem.grid, self.problem.material.compliance
+        self._largest = None  # influence coefficient [mm3/N], needed for single precision
+        if settings.single:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             check_single("influence coefficients", self._largest, "mm3/N")
-        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen, self.options.prefix)
-        self._resources.add(hierarchy)
-        self._strategy = make_strategy(hierarchy, chosen)
+        self.hierarchy = Hierarchy(
+            grid, compliance, self.comm, settings.coarsest, settings.cells_per_rank,
+            target_only=STRATEGIES[settings.type].target_only,
+            dtype=np.float32 if settings.single else np.float64,
+            margin=settings.window,
+            prefix=self.options.prefix,
+        )  # fmt: skip
+        self._resources.add(self.hierarchy)
+        self._strategy = make_strategy(self.hierarchy, settings)
         self._resources.add(self._strategy)
         self._strategy.prepare()
 
     def _measure_shapes(self):
-        """Undeformed distance on all grids."""
+        """Compute the undeformed distance on all grids."""
         hierarchy, problem, comm = self.hierarchy, self.problem, self.comm
         shapes = hierarchy.shapes(problem)
         target = shapes[-1]
@@ -205,7 +205,8 @@ class ContactSolver:
         coarse_minimum = hierarchy.coarse_minimum(shapes)
         distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
         roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
-        before, self._distances = self._distances, distances  # which are complete
+        # From here on nothing fails.
+        before, self._distances = self._distances, distances
         self.touching, self._roughness = reference, roughness
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
@@ -213,16 +214,9 @@ class ContactSolver:
         for distance in before:
             self._resources.remove(distance)
 
-    def _mend(self):
-        """After a call that was cut short: an update may have come half way."""
-        if self._cut_short:
-            self.hierarchy.collect_garbage()
-            self._measure_shapes()
-            self._cut_short = False
-
     @property
     def ksp(self):
-        """KSP of the target grid, or None. Not collective."""
+        """KSP of the target grid, or None."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
     @synchronized
@@ -231,66 +225,62 @@ class ContactSolver:
 
         Parameters
         ----------
-        approach : float, optional
-            [mm]
-        load : float, optional
-            Total force [N], at least 0.
+        approach, load, mean_pressure, mean_gap : float, optional
+            As of `app.solve`.
         start : Solution, optional
-            Of the same grid and communicator, to start from: for a similar loading.
-        mean_pressure : float, optional
-            Load over the area of the patch [N/mm2].
-        mean_gap : float, optional
-            Of a periodic patch without holes [mm].
+            Of the same grid and communicator and a similar loading, to start from.
 
         Returns
         -------
         Solution
-            If it is not ``converged``, there is a warning, too.
+            A RuntimeWarning is issued unless it is ``converged``.
 
         Raises
         ------
         InputError
-            If the loading is not allowed, or PETSc finds that the chosen solvers do not go together.
+            If the loading is not allowed, or PETSc finds the chosen solvers incompatible.
         """
-        self._refuse_if_closed()
-        given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
+        self._check_open()
+        values = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         mpi_abort.abort_on_exception(self._outer_comm)
-        check_equal_on_ranks(self.comm, (given, identity(start)), "loading or start")
-        with ExitStack() as to_end:
+        check_equal_on_ranks(self.comm, (values, fingerprint(start)), "loading or start")
+        with ExitStack() as stack:
             for listener in self.listeners:
                 listener.begin(self.settings)
-                to_end.callback(listener.end)
-            solution = self._solve(given, start)
-        solution = self._judge_late_options(solution)
+                stack.callback(listener.end)
+            solution = self._note_late_options(self._solve(values, start))
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")
         return solution
 
-    def _judge_late_options(self, solution):
-        """Note options that the first solve of linear systems has left unused; some are read in it only."""
-        if self._judged or not sum(solution.history.get("inner_iterations", ())):
+    def _note_late_options(self, solution):
+        """Add a note on options that the first solve of linear systems has left unused."""
+        if self._late_options_checked or not sum(solution.history.get("inner_iterations", ())):
             return solution
-        self._judged = True
-        unused = set(self.options.unused(self.comm, late=True)).difference(self.settings.replaced)
+        self._late_options_checked = True
+        unused = set(self.options.unused(self.comm, late=True)).difference(self.settings.replaceable)
         if not unused:
             return solution
         return replace(solution, notes=(*solution.notes, describe_unknown_options(unused, (), "unused")))
 
-    def _solve(self, given, start):
-        started, before = time.perf_counter(), self.comm.traffic.copy()
+    def _solve(self, values, start):
+        started, traffic = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
-        self._mend()
-        loading, distance = self._loading(given), self._distances[-1]
+        if self._was_interrupted:  # maybe in an update
+            self.hierarchy.collect_garbage()
+            self._measure_shapes()
+            self._was_interrupted = False
+        loading = self._make_loading(values)
         if start is not None:
             self._strategy.check(start)
-        if loading.misses_contact(distance):
+        if loading.misses_contact(self._distances[-1]):
             start = None  # there is no pressure
-        history, self._cut_short = History(self.listeners), True
+        history, self._was_interrupted = History(self.listeners), True
         with self.options.inserted():
             state, outcome = self._strategy.run(loading, history, start)
-            self._cut_short = False
+            self._was_interrupted = False
             try:
-                return self._solution(state, loading, outcome, history, started, products, before)
+                return self._solution(state, loading, outcome, history, started, products, traffic)
             finally:
                 state.destroy()
 
@@ -302,7 +292,7 @@ class ContactSolver:
         stiffness : bool
             Solve for the exact stiffness of every step, too.
         rows : sequence of dict, optional
-            Of steps done already, see `app.api.load_path.LoadPath`.
+            Of finished steps, see `app.api.load_path.LoadPath`.
         **loadings : sequence of float
             Exactly one of load, approach, mean_pressure and mean_gap, as of `solve`.
 
@@ -316,44 +306,44 @@ class ContactSolver:
         InputError
             If a number is not allowed.
         """
-        self._refuse_if_closed()
-        [(kind, numbers)] = call_collectively(self.comm, exactly_one, loadings).items()
+        self._check_open()
+        [(kind, numbers)] = call_collectively(self.comm, check_one_kind, loadings).items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
     def check(self, **loading):
-        """Refuse a loading that `solve` would refuse. Collective."""
+        """Raise InputError if `solve` would, for a loading."""
         self.check_all([loading])
 
     @synchronized
     def check_all(self, loadings):
-        """Refuse the first of some loadings, as keywords of `solve`, that it would refuse. Collective."""
-        self._refuse_if_closed()
+        """Raise InputError if `solve` would, for any of some loadings (dicts of its keywords)."""
+        self._check_open()
         check_equal_on_ranks(self.comm, loadings, "loading")
-        for given in loadings:
-            self._loading(given)
+        for values in loadings:
+            self._make_loading(values)
 
     @synchronized
     def update(self, problem):
-        """Solve another problem from now on, of the same grid and material: a gap that is worn, or slides.
+        """Replace the problem by another one of the same grid and material, such as a worn gap.
 
-        Collective. What is set up stays, solutions stay what they are, and one may be a `start`. After an InputError
-        (another grid or material, contact impossible in all cells) the problem is the old one.
+        Solutions stay as they are, and one may be a `start`. The old problem stays after an InputError (another grid or
+        material, contact impossible in all cells).
         """
-        self._refuse_if_closed()
-        before, ours = self.problem, self.problem.fits(problem)
-        check_equal_on_ranks(self.comm, ours, "grid or material")
-        if not ours:
-            raise InputError("problem: needed: a ContactProblem of the solver's grid and material")
+        self._check_open()
+        before, fits = self.problem, self.problem.fits(problem)
+        check_equal_on_ranks(self.comm, fits, "grid or material")
+        if not fits:
+            raise InputError("problem: must be a ContactProblem of the solver's grid and material")
         self.problem = problem
         try:
             self._measure_shapes()
         except BaseException:
-            self.problem, self._cut_short = before, True
+            self.problem, self._was_interrupted = before, True
             raise
 
     @synchronized
     def stiffness(self, solution):
-        """Contact stiffness dF/d(approach) of a solution, exactly, by one more linear solve on its contact set.
+        """Compute the contact stiffness dF/d(approach) of a solution by one more linear solve.
 
         Parameters
         ----------
@@ -363,35 +353,35 @@ class ContactSolver:
         Returns
         -------
         float
-            [N/mm]; 0 without contact, infinite where a periodic patch is in contact everywhere, NaN if the linear
-            solver does not converge.
+            [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver does not
+            converge.
         """
-        self._refuse_if_closed()
+        self._check_open()
         self._strategy.check(solution, "solution")
         with self.options.inserted():
             return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
-    def _refuse_if_closed(self):
+    def _check_open(self):
         if not self._finalizer.alive:
             raise InputError("the solver is closed")
 
-    def _loading(self, given):
-        loading = make_loading(self.problem.grid, self._distances[-1], **given)
+    def _make_loading(self, values):
+        loading = make_loading(self.problem.grid, self._distances[-1], **values)
         self._strategy.check_loading(loading, self._largest)
         return loading
 
-    def _solution(self, state, loading, outcome, history, started, products, before):
-        proof = certify(state, self.settings.error_bound)  # which may take a product
+    def _solution(self, state, loading, outcome, history, started, products, traffic):
+        proof = certify(state, self.settings.error_bound)  # may take a product
         applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
-        found = measures.measure_contact(state)
-        proof = proof.under(loading.load, found.load)
+        measured = measures.measure_contact(state)
+        proof = proof.under(loading.load, measured.load)
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
-        found = loading.restore_prescribed(found)
+        measured = loading.restore_prescribed(measured)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
-        approach, extent = loading.solved_approach(state), measure_moments(state)
-        notes = notes_on(state, self.problem, found, self._roughness)
-        # Rank 0 has a part in every grid and window.
-        counted = applied, history.entries, self.comm.traffic.since(before)
+        approach, moments = loading.solved_approach(state), measure_moments(state)
+        notes = notes_on(state, self.problem, measured, self._roughness)
+        # Rank 0 has a part of every grid and window.
+        counted = applied, history.entries, self.comm.traffic.since(traffic)
         applied, history.entries, traffic = self.comm.bcast(counted)
         return Solution(
             pressure=state.p,
@@ -408,18 +398,18 @@ class ContactSolver:
             work_units=sum(entry["work_units"] for entry in history.entries),
             operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
-            **outcome.grid_errors.with_contact_edge(found)._asdict(),
+            **outcome.grid_errors.with_contact_edge(measured)._asdict(),
             fallbacks=outcome.fallbacks,
-            **found._asdict(),
-            **extent._asdict(),
+            **measured._asdict(),
+            **moments._asdict(),
             rms_height=self._roughness.rms_height,
             rms_slope=self._roughness.rms_slope,
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe()
-            | (analytic_values(self.problem, approach, loading.load) if found.load > 0 else {})
-            | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
+            | (analytic_values(self.problem, approach, loading.load) if measured.load > 0 else {})
+            | theories(self.problem, measured.mean_pressure, self._roughness.rms_slope),
             options=format_options(self.settings.texts),
             notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,

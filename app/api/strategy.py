@@ -1,4 +1,4 @@
-"""What -lcp_type names: chooses and runs the iteration of a method, from scratch or from a given solution."""
+"""Strategies (-lcp_type): the iteration of a method, from scratch or from a solution."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.api.solution import Solution
-from app.base.errors import InputError
+from app.base.errors import InputError, call_collectively
 from app.base.mpi import MPI
-from app.base.petsc import to_input_error
+from app.base.petsc import error_message, to_input_error, unwrap_errors
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
@@ -32,9 +32,7 @@ from app.multigrid.solver_cache import SolverCache
 
 
 class Strategy:
-    """Solves on the grids of a hierarchy by one of the strategies.
-
-    Collective.
+    """Base class of strategies, which solve on the grids of a hierarchy. Collective.
 
     Parameters
     ----------
@@ -44,11 +42,11 @@ class Strategy:
     Attributes
     ----------
     solver : LinearSolver, a reference solver, or None
-        Of the target grid; None where that is worked on in a window, whose solver is made when it is known.
+        Of the target grid; None if the iteration works there in a window, which is not known yet.
     """
 
-    target_only = False  # needs no coarser grid
-    finds_approach = True  # as under a load
+    target_only = False  # True: needs no coarser grid
+    finds_approach = True  # False: solves by approach only, not by load
 
     def __init__(self, settings, hierarchy: Hierarchy):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, None
@@ -58,14 +56,14 @@ class Strategy:
         return LinearSolver(self._hierarchy)
 
     def prepare(self):
-        """Make what depends on the grids alone. Collective."""
-        if self._settings.lifted:
+        """Make what depends on the grids alone."""
+        if self._settings.prolongation == "lift":
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
                     circulant.circulant_inverse(operator)
 
     def use_distances(self, distances, coarse_minimum):
-        """Solve for these undeformed distances from now on. Not collective.
+        """Set the undeformed distances to solve for.
 
         Parameters
         ----------
@@ -77,7 +75,7 @@ class Strategy:
         self._distances, self._coarse_minimum = distances, coarse_minimum
 
     def run(self, loading, history, start=None):
-        """Solve for a loading, from a Solution if one is given, which `check` has let pass.
+        """Solve for a loading, from a Solution `start` that `check` has accepted.
 
         Returns
         -------
@@ -87,7 +85,7 @@ class Strategy:
         Raises
         ------
         InputError
-            If PETSc finds that the chosen solvers do not go together.
+            If PETSc finds the chosen solvers incompatible.
         """
         try:
             return self._run(loading, history, start)
@@ -113,12 +111,12 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """The answer with all cells in contact, if that is one, in place of what was found. Collective."""
-        contact, other = state.contact.copy(), self._new_state()
-        if better := full.solve(other, loading, self._stop(), history):
+        """Return the solution with all cells in contact if there is one, otherwise the given one."""
+        contact, full_state = state.contact.copy(), self._new_state()
+        if full_outcome := full.solve(full_state, loading, self._stop(), history):
             state.destroy()
-            return other, better.after(outcome)
-        other.destroy()
+            return full_state, full_outcome.after(outcome)
+        full_state.destroy()
         state.contact[...] = contact
         return state, outcome
 
@@ -132,37 +130,34 @@ class Strategy:
         return contact_state(self._hierarchy.target, self._distances[-1])
 
     def destroy(self):
-        """Free the solver, and what is kept between solves. Collective."""
+        """Free the solver and what is cached between solves."""
         if self.solver is not None:
             self.solver.destroy()
 
     def check(self, start, name="start"):
-        """Refuse what is no Solution on the same grid and ranks. Collective."""
+        """Raise InputError unless `start` is a Solution on the same grid and ranks."""
         slabs = self._hierarchy.slabs
-        alike = (
-            isinstance(start, Solution)
-            and start.grid == self._hierarchy.target.grid
-            and start.slabs.rows == slabs.rows
-        )
-        if not self._hierarchy.comm.allreduce(alike, MPI.LAND):
-            raise InputError(f"{name}: needed: a Solution on the same grid and as many ranks")
+        fits = isinstance(start, Solution) and start.grid == self._hierarchy.target.grid
+        fits = fits and start.slabs.rows == slabs.rows
+        if not self._hierarchy.comm.allreduce(fits, MPI.LAND):
+            raise InputError(f"{name}: must be a Solution on the same grid and as many ranks")
 
     def check_loading(self, loading, largest):
-        """Refuse a loading that the method or its precision cannot do. Not collective.
+        """Raise InputError if the method or its precision cannot solve for a loading.
 
-        `largest`: influence coefficient [mm3/N]; only single precision asks for it.
+        Single precision needs the `largest` influence coefficient [mm3/N].
         """
         if not (loading.approach_is_known or self.finds_approach):
-            raise InputError(f"-lcp_type {self._settings.strategy}: works by approach only, not by load")
+            raise InputError(f"-lcp_type {self._settings.type}: works by approach only, not by load")
         if self._settings.single:
             pressure = loading.largest_pressure(self._distances[-1], self._hierarchy.target.grid, largest)
             check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
-        """State of the target grid as a solution left it, at the approach of the loading."""
+        """Return the state of a solution on the target grid, at the approach of the loading."""
         state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
         state.values[...] = start.pressure
-        state.project()  # that of a problem with other holes
+        state.project()  # the solution may be of a problem with other holes
         if state.sum([np.count_nonzero(state.p != start.pressure)])[0]:
             state.displacement_status = Displacement.STALE
         state.contact[...] = start.contact & state.admissible
@@ -171,33 +166,25 @@ class Strategy:
 
 
 class ActiveSet(Strategy):
-    """``active_set``, the paper's: around any KSP, in the nested iteration (FMG) or alone."""
+    """``active_set``: the paper's iteration around any KSP, nested (FMG) or alone."""
 
     def _solve(self, loading, history, start):
         if start is not None:
             state = self._started_from(start, loading)
             return state, active_set_or_search(state, self.solver, loading, self._stop(), history)
-        chosen = self._settings
-        prolong = lift.lift if chosen.lifted else None
+        settings = self._settings
         return full_multigrid(
-            self._hierarchy, self._distances, loading, self._stop(), history, chosen.nested, chosen.beta, prolong,
-            self.solver,
+            self._hierarchy, self._distances, loading, self._stop(), history, settings.nested, settings.beta,
+            lift.lift if settings.prolongation == "lift" else None, self.solver,
         )  # fmt: skip
 
 
 class Inexact(Strategy):
-    """The default methods: they ask for more by themselves as long as that helps the certificate."""
+    """Base class of the default methods, which solve linear systems inexactly."""
 
     def _inexact_stop(self):
-        chosen = self._settings
-        return InexactStop(
-            chosen.rtol,
-            chosen.max_it,
-            coarse_rtol=chosen.coarse_rtol,
-            predictor=chosen.predictor,
-            error_bound=chosen.error_bound,
-            defect_correction=chosen.defect_correction,
-        )
+        names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
+        return InexactStop(**{name: getattr(self._settings, name) for name in names})
 
     def _run(self, loading, history, start):
         state, outcome = super()._run(loading, history, start)
@@ -207,15 +194,14 @@ class Inexact(Strategy):
         """See `Strategy.prepare`."""
         super().prepare()
         if self._settings.nested:
-            self._kept.prepare(self._first())
+            self._cache.prepare(self._first_solver_level())
 
-    def _first(self):
-        """The level from which on linear solvers are needed."""
+    def _first_solver_level(self):
         return 0
 
     def destroy(self):
         """See `Strategy.destroy`."""
-        self._kept.destroy()
+        self._cache.destroy()
         super().destroy()
 
 
@@ -224,16 +210,18 @@ class Fast(Inexact):
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-        self._kept = WindowCache(hierarchy, self.solver)
-        tried = hierarchy.levels[hierarchy.finest_unwindowed]
-        if tried.active:
-            self._kept.solver(hierarchy.finest_unwindowed, tried)  # refuses what cannot be had
+        self._cache = WindowCache(hierarchy, self.solver)
+        operator = hierarchy.levels[hierarchy.finest_unwindowed]
+        if operator.active:
+            self._cache.solver(
+                hierarchy.finest_unwindowed, operator
+            )  # raises at options that are not allowed
 
     def _make_solver(self):
         hierarchy = self._hierarchy
         return None if hierarchy.may_be_windowed(hierarchy.target) else TrackingSolver(hierarchy)
 
-    def _first(self):
+    def _first_solver_level(self):
         return int(direct.starts_directly(self._hierarchy, 0))
 
     def prepare(self):
@@ -242,17 +230,19 @@ class Fast(Inexact):
         multilevel_operators.prepare(self._hierarchy.target.grid)
 
     def _solve(self, loading, history, start):
-        chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()
+        settings, hierarchy, stop = self._settings, self._hierarchy, self._inexact_stop()
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            return state, solve_level(hierarchy, last, state, loading, stop, history, first=False, cache=kept)
+            return state, solve_level(
+                hierarchy, last, state, loading, stop, history, first=False, cache=self._cache
+            )
         try:
             return nested_iteration(
-                hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
-                self._coarse_minimum, kept,
+                hierarchy, self._distances, loading, stop, history, settings.nested, settings.beta,
+                settings.prolongation == "lift", self._coarse_minimum, self._cache,
             )  # fmt: skip
         except BaseException:
-            kept.reset_windows()
+            self._cache.reset_windows()
             raise
 
 
@@ -261,7 +251,7 @@ class Primal(Inexact):
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-        self._kept = SolverCache(PrimalSolver, hierarchy, self.solver)
+        self._cache = SolverCache(PrimalSolver, hierarchy, self.solver)
 
     def _make_solver(self):
         primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
@@ -270,7 +260,7 @@ class Primal(Inexact):
     def _solve(self, loading, history, start):
         nested, stop = self._settings.nested, self._inexact_stop()
         return primal_iteration(
-            self._hierarchy, self._distances, loading, stop, history, nested, self._kept, start=start
+            self._hierarchy, self._distances, loading, stop, history, nested, self._cache, start=start
         )
 
 
@@ -280,7 +270,7 @@ class Reference(Strategy):
     target_only, finds_approach = True, False
 
     def _make_solver(self):
-        return REFERENCE_SOLVERS[self._settings.strategy](self._hierarchy, self._stop())
+        return REFERENCE_SOLVERS[self._settings.type](self._hierarchy, self._stop())
 
     def _solve(self, loading, history, start):
         state = self._new_state()
@@ -297,8 +287,35 @@ STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fr
 )
 
 
+def make_strategy(hierarchy, settings):
+    """Make the strategy of a method, with the solver of the target grid. Collective.
+
+    Raises
+    ------
+    InputError
+        If PETSc refuses the options.
+    """
+
+    def make():
+        try:
+            with unwrap_errors():
+                return STRATEGIES[settings.type](settings, hierarchy)
+        except PETSc.Error as error:
+            raise ValueError(error_message(error)) from None
+        except (ImportError, AttributeError) as error:
+            raise ValueError(str(error)) from None
+
+    try:
+        return call_collectively(hierarchy.comm, make)
+    except InputError as error:
+        message = f"solver options: {error}"
+    # Outside of the handler, where the error no longer refers to parts of the refused solver.
+    hierarchy.collect_garbage()
+    raise InputError(message)
+
+
 def check_single(what, value, unit):
-    """Refuse what single precision has no numbers for. Not collective."""
+    """Raise InputError if a value exceeds the range of single precision."""
     if value and not 1e-25 < value < 1e25:
         raise InputError(
             f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "

@@ -43,10 +43,10 @@ def doubles_per_cell(settings, periodic=False):
     periodic : bool or str
         As of `Grid.periodic`.
     """
-    doubles = DOUBLES[settings.strategy]
-    if settings.strategy in ("fast", "primal"):
+    doubles = DOUBLES[settings.type]
+    if settings.type in ("fast", "primal"):
         return doubles + DOUBLE_PRECISION * (not settings.single)
-    if settings.strategy != "active_set":
+    if settings.type != "active_set":
         return doubles
     of_pc = "pc_type", "pc_python_type"
     types = {text.rpartition(".")[2] for name, text in settings.texts.items() if name.endswith(of_pc)}

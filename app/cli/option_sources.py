@@ -20,12 +20,11 @@ from app.options.option_table import (
     FILES,
     Option,
     OptionReader,
-    check_place,
-    check_viewer,
     find_option_file,
     flag,
     is_off,
 )
+from app.options.viewers import check_output, check_viewer
 
 COMMAND_LINE = "on the command line"
 PETSC_START = "in PETSC_OPTIONS or .petscrc"
@@ -322,7 +321,7 @@ def _check_read_at_end(petsc_options):
     for viewer in re.split(",(?=:)", petsc_options.get("log_view", "")):
         check_viewer("log_view", viewer)
     for name in petsc_options.keys() & set(_OUTPUT_FILES):
-        check_place(name, petsc_options[name], petsc_options[name])
+        check_output(name, petsc_options[name], petsc_options[name])
     for name in petsc_options.keys() & set(_FLAGS):
         OptionReader([Option(name, flag, False, "")], petsc_options)[name]
 

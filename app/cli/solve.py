@@ -87,7 +87,7 @@ def main(given):
                 if request.stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
             notes = solution.notes
-    (refined if request.refine_until else solver).options.leave(request.texts)
+    (refined if request.refine_until else solver).options.insert_for_good(request.texts)
     with PETSc.Log.Stage("Output"):
         facts |= solution.count_patches()
     with done:

@@ -1,8 +1,8 @@
-"""How a problem is solved, from options: the method file, the options of this table, and PETSc's for the KSP.
+"""The method that solves a problem, from options.
 
-A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without a -ksp_type or -pc_type, it is the
-default, `DEFAULT`; of several the last one counts, as a whole. Options given with it override. An option without effect
-is refused, unless it stands in a method file and a later option has made it useless. The strategies (-lcp_type) are
+A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without -ksp_type or -pc_type, it is
+`DEFAULT`, or `PERIODIC` on periodic patches. The last of several method files counts, as a whole. Options given with it
+override it. The strategies (-lcp_type) are
 
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
@@ -16,7 +16,7 @@ is refused, unless it stands in a method file and a later option has made it use
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 from app.base.errors import InputError
 from app.options.option_table import (
@@ -39,9 +39,10 @@ DEFAULT, PERIODIC = "fast", "primal"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 _cells = integer(0, "a whole number from 0")
-_ACTIVE_SET = ("active_set", "fast", "primal")
+_INEXACT = (DEFAULT, PERIODIC)
+_COPIES = ("active_set", "fast")
+_ACTIVE_SET = ("active_set", *_INEXACT)
 _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
-_COPIES, _INEXACT = ("active_set", "fast"), ("fast", "primal")
 
 
 @dataclass(frozen=True)
@@ -52,35 +53,56 @@ class MethodOption(Option):
     only_nested: bool = False
 
 
+def _option(kind, default, meaning, strategies=_STRATEGIES, only_nested=False):
+    return field(default=default, metadata={"option": (kind, default, meaning, strategies, only_nested)})
+
+
+# fmt: off
+@dataclass(frozen=True)
+class Settings:
+    """Values of the options ``-lcp_NAME``, and the texts of all options."""
+
+    type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
+    nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
+    rtol: float = _option(_tolerance, 1e-6,
+        "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)")
+    error_bound: float = _option(_tolerance, 0.01,
+        "proved error (energy norm) up to which a solution counts as solved")
+    max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi")
+    coarse_rtol: float = _option(from_zero, 0.0,
+        "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol", _INEXACT, True)
+    predictor: float = _option(from_zero, 0.0,
+        "fast: share of the change of u to be expected that step 4.b believes", ("fast",))
+    defect_correction: float = _option(from_zero, 0.0,
+        "fast, primal: by levels till this share of r is left; 0: by FFT", _INEXACT)
+    prolongation: str = _option(choice("copy", "lift"), "copy",
+        "nested: of p, the paper's or by FFT preconditioner", _COPIES, True)
+    window: float = _option(from_zero, 0.0,
+        "fast: work in a window around contact, wider by this share; 0: all cells", ("fast",), True)
+    beta: float = _option(from_zero, 0.003,
+        "nested: start set after prolongation by copy, eq. (4.1)", _COPIES, True)
+    coarsest: int = _option(count, 4, "directions of up to this many cells are not coarsened", _ACTIVE_SET)
+    cells_per_rank: int = _option(count, 8192,
+        "least cells of a rank on coarser grids and windows; else fewer ranks")
+    shared_memory: bool = _option(flag, True,
+        "ranks on one machine send nothing for transforms: they share memory")
+    monitor: bool = _option(flag, False, "print a line for each active set iteration")
+    precision: str = _option(choice("double", "single"), "double",
+        "fast, primal: of products, verified in double", _INEXACT)
+    texts: dict = field(default_factory=dict)
+    warnings: tuple = ()
+    replaceable: tuple = ()  # names in method files; a later option may have made them useless
+
+    @property
+    def single(self):
+        """True with single precision inside."""
+        return self.precision == "single"
+# fmt: on
+
+
 METHOD_OPTIONS = [
-    MethodOption("lcp_type", choice(*_STRATEGIES), "active_set", "strategy"),
-    MethodOption("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET),
-    MethodOption("lcp_rtol", _tolerance, 1e-6,
-        "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)"),
-    MethodOption("lcp_error_bound", _tolerance, 0.01,
-        "proved error (energy norm) up to which a solution counts as solved"),
-    MethodOption("lcp_max_it", count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi"),
-    MethodOption("lcp_coarse_rtol", from_zero, 0.0,
-        "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol", _INEXACT, True),
-    MethodOption("lcp_predictor", from_zero, 0.0,
-        "fast: share of the change of u to be expected that step 4.b believes", ("fast",)),
-    MethodOption("lcp_defect_correction", from_zero, 0.0,
-        "fast, primal: by levels till this share of r is left; 0: by FFT", _INEXACT),
-    MethodOption("lcp_prolongation", choice("copy", "lift"), "copy",
-        "nested: of p, the paper's or by FFT preconditioner", _COPIES, True),
-    MethodOption("lcp_window", from_zero, 0.0,
-        "fast: work in a window around contact, wider by this share; 0: all cells", ("fast",), True),
-    MethodOption("lcp_beta", from_zero, 0.003,
-        "nested: start set after prolongation by copy, eq. (4.1)", _COPIES, True),
-    MethodOption("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened", _ACTIVE_SET),
-    MethodOption("lcp_cells_per_rank", count, 8192,
-        "least cells of a rank on coarser grids and windows; else fewer ranks"),
-    MethodOption("lcp_shared_memory", flag, True,
-        "ranks on one machine send nothing for transforms: they share memory"),
-    MethodOption("lcp_monitor", flag, False, "print a line for each active set iteration"),
-    MethodOption("lcp_precision", choice("double", "single"), "double",
-        "fast, primal: of products, verified in double", _INEXACT),
-]  # fmt: skip
+    MethodOption(f"lcp_{one.name}", *one.metadata["option"]) for one in fields(Settings) if one.metadata
+]
 # Read by the preconditioners themselves, as -pc_* are.
 PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
@@ -88,78 +110,44 @@ PART_OPTIONS = [
     Option("pc_two_grid_sweeps", count, 2, "TwoGrid: sweeps after the coarser grid, maybe before; at most 50"),
 ]  # fmt: skip
 _TABLE = {option.name: option for option in METHOD_OPTIONS}
-# An option so called chooses other solvers, or parts of them, which may not read what chosen ones would.
-_CHOICE = re.compile(r"\w+_type|pc_mg_\w+")
+# Options that choose other solvers, or switch parts of them off. They may make options of method files useless.
+_CHOICE = re.compile(r"\w+_type|pc_mg_\w+|lcp_nested|lcp_prolongation")
 _CHANGES = "what the linear solver makes is a change of the pressure, not PETSc's solution"
-_REFUSED = {  # PETSc's options by how their names end: strategies that they spoil, or end, and why
-    "ksp_error_if_not_converged": (
-        (DEFAULT, PERIODIC),
-        "the default methods end linear solves early on purpose",
-    ),
+_REFUSED = {  # end of the name of an option of PETSc -> strategies that it spoils or aborts, and why
+    "ksp_error_if_not_converged": (_INEXACT, "the default methods end linear solves early on purpose"),
     "ksp_guess_type": (
-        (DEFAULT, PERIODIC, "tao", "snesvi"),
+        (*_INEXACT, "tao", "snesvi"),
         "solutions of other contact sets do not fit the next one",
     ),
-    "ksp_knoll": ((DEFAULT, PERIODIC), _CHANGES),
+    "ksp_knoll": (_INEXACT, _CHANGES),
+    "ksp_monitor_solution": (_INEXACT, _CHANGES),
     "ksp_converged_rate": (("tao",), "PETSc crashes: TAO keeps no residuals of its linear solvers"),
     "ksp_monitor_error": (_STRATEGIES, "needs a DM of PETSc's, there is none"),
-    "ksp_monitor_solution": ((DEFAULT, PERIODIC), _CHANGES),
 }
-_NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # PETSc's preconditioners that crash without
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The options of the table, and the texts of all of them."""
-
-    strategy: str
-    nested: bool
-    rtol: float
-    error_bound: float
-    max_it: int
-    coarse_rtol: float
-    predictor: float
-    defect_correction: float
-    lifted: bool
-    window: float
-    beta: float
-    coarsest: int
-    cells_per_rank: int
-    shared_memory: bool
-    monitor: bool
-    single: bool
-    texts: dict
-    warnings: tuple = ()
-    replaced: tuple = ()  # names in method files that may be useless, as something later chooses other solvers
+_NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # preconditioners of PETSc that abort without
 
 
 def find_method_file(name):
-    """Path of a method file by its name. Not collective.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the path of a method file by its name; raise InputError if unknown."""
     if name not in {path.stem for path in FILES.glob("*.opts")}:
-        raise InputError(f"method {name!r}: allowed: {', '.join(list_methods())}")
+        raise InputError(f"method {name!r}: must be one of {', '.join(list_methods())}")
     return FILES / f"{name}.opts"
 
 
 def list_methods():
-    """Names of all method files, sorted. Not collective."""
+    """Return the names of all method files, sorted."""
     return sorted(
         path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
     )
 
 
 def read_method_file(name):
-    """Options of a method file, name -> text. Not collective; PETSc reads them."""
+    """Return the options of a method file, name -> text; PETSc reads them."""
     return read_option_file(find_method_file(name))
 
 
 def make_settings(method=None, options=None, periodic=False):
-    """Put a method together. Not collective.
+    """Combine method files and options.
 
     Parameters
     ----------
@@ -168,7 +156,7 @@ def make_settings(method=None, options=None, periodic=False):
     options : mapping, optional
         Names without dash, texts or numbers; they override the files'.
     periodic : bool
-        Whether it is for a periodic patch, which has another default.
+        Whether the patch is periodic.
 
     Returns
     -------
@@ -177,161 +165,125 @@ def make_settings(method=None, options=None, periodic=False):
     Raises
     ------
     InputError
-        If an option is not allowed, or has no effect with the others. What a file says may be idle if something later
-        has overridden it.
+        If an option is not allowed, or has no effect with the others. One of a method file may be useless if a later
+        option has chosen other solvers.
     """
-    given = to_texts(options or {})
+    typed = to_texts(options or {})
     if isinstance(method, str):
         method = {method: read_method_file(method)}
     files = {name: to_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
-    warnings = _give_way(files, given)
-    said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
-    default = PERIODIC if periodic else DEFAULT
-    if not said.keys() & {"ksp_type", "pc_type"} and said.get("lcp_type", default) == default:
+    warnings = _drop_overridden_methods(files, typed)
+    default, other = (PERIODIC, DEFAULT) if periodic else (DEFAULT, PERIODIC)
+    texts = {name: text for source in (*files.values(), typed) for name, text in source.items()}
+    if not texts.keys() & {"ksp_type", "pc_type"} and texts.get("lcp_type", default) == default:
         files = {default: read_method_file(default), **files}
-    files_so_far, texts = [], {}
-    for name in files:
-        texts = texts | files[name]
-        files_so_far.append((name, texts))
-    of_files = tuple(sorted(texts.keys() - given.keys()))
-    texts = texts | given
+        texts = files[default] | texts
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
         raise InputError(describe_unknown_options(unknown, _TABLE))
-    replaced = _replaced(files, given)
-    texts = _without_idle(texts, of_files, files_so_far)
-    reader = OptionReader(METHOD_OPTIONS, texts)
-    strategy = reader["lcp_type"]
-    if strategy == (DEFAULT if periodic else PERIODIC):
-        works, here = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
-        raise InputError(
-            f"-lcp_type {strategy}: works on {works}; allowed on {here} ones: {default}, active_set, tao, snesvi"
-        )
-    _refuse_what_fails(strategy, texts)
-    return Settings(
-        strategy,
-        lifted=reader["lcp_prolongation"] == "lift",
-        single=reader["lcp_precision"] == "single",
-        **{
-            part.name: reader[f"lcp_{part.name}"] for part in fields(Settings) if f"lcp_{part.name}" in _TABLE
-        },
-        texts=texts,
-        warnings=tuple(warnings),
-        replaced=tuple(sorted(replaced)),
-    )
-
-
-def _give_way(files, given):
-    """Remove method files in whose place another one comes later, or another strategy; return a line for each.
-
-    A file is a method if it chooses a strategy, or a KSP and a PC. Two of them mixed are neither.
-    """
-    warnings, wanted, kept = [], given.get("lcp_type"), None
-    for name in reversed(list(files)):
-        texts = files[name]
-        if not _is_method(texts):
-            continue
-        other = wanted is not None and texts.get("lcp_type", "active_set") != wanted
-        if later := f"-lcp_type {wanted}" if other else kept:
-            del files[name]
-            warnings.append(f"the method of {name} gives way to {later}")
-        else:
-            kept = name
-    return warnings[::-1]
-
-
-def _is_method(texts):
-    """Whether a file with these options is a method file."""
-    return "lcp_type" in texts or {"ksp_type", "pc_type"} <= texts.keys()
-
-
-def _replaced(files, given):
-    """Names in method files before others that choose solvers."""
-    later, found = set(given), set()
-    for texts in reversed(files.values()):
-        if _is_method(texts) and any(map(_CHOICE.fullmatch, later)):
-            found |= texts.keys() - later
-        later |= texts.keys()
-    return found
-
-
-def drop_unused(chosen, unused, known):
-    """Settings without unused options of replaced methods; refuse all other unused ones. Not collective.
-
-    Parameters
-    ----------
-    chosen : Settings
-    unused : iterable of str
-    known : iterable of str
-        Names like which one may have been meant.
-
-    Raises
-    ------
-    InputError
-    """
-    if mistakes := set(unused).difference(chosen.replaced):
-        ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
-        raise InputError(describe_unknown_options(mistakes, ours.union(known), "unknown or unused"))
-    return replace(chosen, texts={name: text for name, text in chosen.texts.items() if name not in unused})
-
-
-def _without_idle(texts, of_files, files_so_far):
-    """Texts without what files say that something later keeps from having an effect; refuse what else has none."""
-    left = dict(texts)
-    for name, needed in sorted(_idle(texts).items()):
-        overridden = name in of_files and any(
-            name in told and name not in _idle(told) for _, told in files_so_far
-        )
-        if not overridden:
+    replaceable = _find_replaceable(files, typed)
+    for name, needed in sorted(_find_useless(texts).items()):
+        if name not in replaceable:
             raise InputError(
                 f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needed}"
             )
-        del left[name]
-    return left
+        del texts[name]
+    reader = OptionReader(METHOD_OPTIONS, texts)
+    if (strategy := reader["lcp_type"]) == other:
+        works, here = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
+        raise InputError(
+            f"-lcp_type {strategy}: works on {works}; must be {default}, active_set, tao or snesvi on {here} ones"
+        )
+    _check_solvers(strategy, texts)
+    values = {name.removeprefix("lcp_"): reader[name] for name in _TABLE}
+    return Settings(**values, texts=texts, warnings=warnings, replaceable=tuple(sorted(replaceable)))
 
 
-def _idle(texts):
-    """Options that ask for something and can do nothing beside the others, and what they need: name -> text.
+def _is_method(texts):
+    """Return whether options are those of a method file: they choose a strategy, or KSP and PC."""
+    return "lcp_type" in texts or {"ksp_type", "pc_type"} <= texts.keys()
 
-    Raises
-    ------
-    InputError
-        If a value is not allowed.
+
+def _drop_overridden_methods(files, typed):
+    """Remove all method files but the last of the chosen strategy; return a warning for each."""
+    warnings, strategy, last = [], typed.get("lcp_type"), None
+    for name in [name for name in reversed(files) if _is_method(files[name])]:
+        mismatch = strategy is not None and files[name].get("lcp_type", "active_set") != strategy
+        if winner := f"-lcp_type {strategy}" if mismatch else last:
+            del files[name]
+            warnings.insert(0, f"the method of {name} gives way to {winner}")
+        else:
+            last = name
+    return tuple(warnings)
+
+
+def _find_replaceable(files, typed):
+    """Return the names in method files that are followed by a choice of other solvers."""
+    later, replaceable = set(typed), set()
+    for texts in reversed(files.values()):
+        if _is_method(texts) and any(map(_CHOICE.fullmatch, later)):
+            replaceable |= texts.keys() - later
+        later |= texts.keys()
+    return replaceable
+
+
+def drop_unused(settings, unused, known):
+    """Return settings without unused options of method files; raise InputError at others.
+
+    Parameters
+    ----------
+    settings : Settings
+    unused : iterable of str
+    known : iterable of str
+        Names to suggest.
     """
-    reader, idle = OptionReader(METHOD_OPTIONS, texts), {}
+    if mistakes := set(unused).difference(settings.replaceable):
+        ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
+        raise InputError(describe_unknown_options(mistakes, ours.union(known), "unknown or unused"))
+    return replace(
+        settings, texts={name: text for name, text in settings.texts.items() if name not in unused}
+    )
+
+
+def _find_useless(texts):
+    """Return options that are not at their default and have no effect: name -> what they need."""
+    reader, useless = OptionReader(METHOD_OPTIONS, texts), {}
     for name in texts.keys() & _TABLE.keys():
         option = _TABLE[name]
         if reader[name] == option.default:
             continue
         if reader["lcp_type"] not in option.strategies:
-            idle[name] = f"-lcp_type {' or '.join(option.strategies)} only"
+            useless[name] = f"-lcp_type {' or '.join(option.strategies)} only"
         elif option.only_nested and not reader["lcp_nested"]:
-            idle[name] = "-lcp_nested only"
+            useless[name] = "-lcp_nested only"
         elif name == "lcp_beta" and reader["lcp_prolongation"] == "lift":
-            idle[name] = "-lcp_prolongation copy only"
-    return idle
+            useless[name] = "-lcp_prolongation copy only"
+    return useless
 
 
-def _refuse_what_fails(strategy, texts):
-    bounded = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
+def _check_solvers(strategy, texts):
+    """Raise InputError at options of PETSc that spoil a strategy, or abort."""
+    has_bounds = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
     for name, text in texts.items():
-        for end, (spoilt, why) in _REFUSED.items():
+        for end, (spoilt, reason) in _REFUSED.items():
             if name.endswith(end) and strategy in spoilt and not is_off(text):
                 others = " or ".join(other for other in _STRATEGIES if other not in spoilt)
-                raise InputError(f"-{name}: {why}" + (f"; allowed with -lcp_type {others}" if others else ""))
+                raise InputError(
+                    f"-{name}: {reason}" + (f"; allowed with -lcp_type {others}" if others else "")
+                )
         if name.endswith("ksp_view_diagonal_scale"):
             scale = name.replace("_view", "")
             if is_off(texts.get(scale, "off")):
-                raise InputError(f"-{name}: there is none to be viewed; needed: -{scale}")
-        if name.endswith("ksp_type") and text == "chebyshev" and not bounded:
+                raise InputError(f"-{name}: there is none to be viewed; allowed with -{scale}")
+        if name.endswith("ksp_type") and text == "chebyshev" and not has_bounds:
             raise InputError(
                 f"-{name} chebyshev: PETSc estimates its bounds before there is a contact set; needed: "
                 f"-{name.removesuffix('type')}chebyshev_eigenvalues least,largest (0.5,30 with -pc_type jacobi)"
             )
         if name.endswith("pc_type") and text in _NEED_ENTRIES:
             raise InputError(f"-{name} {text}: needs the entries of the matrix, which are never stored")
-        # These work on parts of the operator, which are none of this program's.
-        of_ours = name.endswith("python_type") and text.startswith("app.")
-        if strategy not in _ACTIVE_SET and (of_ours or (name == "pc_type" and text == "mg")):
+        # These work on parts of the operator, which the reference solvers take from PETSc.
+        ours = name.endswith("python_type") and text.startswith("app.")
+        if strategy not in _ACTIVE_SET and (ours or (name == "pc_type" and text == "mg")):
             raise InputError(
                 f"-{name} {text}: works with active_set, fast and primal only, not with -lcp_type {strategy}"
             )

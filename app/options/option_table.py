@@ -1,7 +1,7 @@
-"""Options as tables: name, kind, default, meaning; and a reader of their values from a mapping of texts.
+"""Options as tables of name, kind, default and meaning, and a reader of their values from texts.
 
-The texts may come from anywhere: `app.cli.option_sources` reads files, the environment and the command line, a
-program has a dict. Options of the linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) are PETSc's and in no table.
+`app.cli.option_sources` takes the texts from files, environment and command line; a program from a dict. Options of
+linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) are PETSc's and in no table.
 """
 
 from __future__ import annotations
@@ -19,28 +19,17 @@ import numpy as np
 
 from app.base.errors import InputError, shorten
 
-LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
+LARGEST = 1e50  # 1 / LARGEST is the smallest number besides 0: neither squares nor quotients overflow
 REQUIRED = object()
-_VIEWERS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
-_TEXT = {("ascii", "default")}
-_DRAWN = _TEXT | {("draw", "default"), ("draw", "draw_lg")}
-# What PETSc can show of an option, viewer and format; it crashes at any other.
-_CAN_SHOW = [
-    (r"(\w+_)?ksp_monitor(_true_residual|_solution)?", _DRAWN),
-    (r"(\w+_)?ksp_monitor_(short|range|max|singular_value)|snes_converged_reason", _TEXT),
-]
 # The program's option files: inside of an installed package, beside app/ in a checkout.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
 
 def find_option_file(path):
-    """Path of an option file: as it is, or one of the program's own where ``petsc_options/F`` or ``F`` is none here.
-
-    Where there is neither, the same with ``.opts``.
-    """
+    """Return the path of an option file: itself, or one of `FILES`, also without ``.opts``."""
     for name in (path, f"{path}.opts"):
         own = FILES / Path(name).name
-        if os.path.exists(name):  # noqa: PTH110: no name is too long for it
+        if os.path.exists(name):  # noqa: PTH110: accepts names of any length
             return name
         if str(Path(name).parent) in (".", FILES.name) and os.path.isfile(own):  # noqa: PTH113
             return str(own)
@@ -48,7 +37,7 @@ def find_option_file(path):
 
 
 def list_named_files(text):
-    """Names of files that the text of an option may hold: all of it, what stands before ``:/DATASET``, or a module.
+    """Return names of files that an option may mean: its text, without ``:/DATASET``, as a module.
 
     Examples
     --------
@@ -60,49 +49,9 @@ def list_named_files(text):
     return [name for name in names if name]
 
 
-def check_viewer(name, text):
-    """Refuse a viewer of PETSc, ``KIND:FILE:FORMAT``, that does not exist or cannot show the option.
-
-    Not collective. PETSc itself checks it only when there is something to view, or not at all.
-
-    Raises
-    ------
-    InputError
-    """
-    kind, file, form, *_ = [*text.split(":"), "", ""]
-    if kind not in ("", *_VIEWERS):
-        raise InputError(
-            f"-{name} {shorten(text)}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
-        )
-    for pattern, shown in _CAN_SHOW:
-        if re.fullmatch(pattern, name) and (kind or "ascii", form.lower() or "default") not in shown:
-            kinds = ", ".join(sorted({f"{kind}:FILE" if kind == "ascii" else kind for kind, _ in shown}))
-            raise InputError(f"-{name} {text}: PETSc cannot show it so; allowed: nothing, or {kinds}")
-    if kind not in ("draw", "socket"):
-        check_place(name, text, file)
-
-
-def check_place(name, text, file):
-    """Refuse a file that PETSc is to write, by the option `name` with some text, where there can be none.
-
-    Not collective.
-
-    Raises
-    ------
-    InputError
-    """
-    folder = Path(file).parent
-    if not folder.is_dir():
-        raise InputError(f"-{name} {text}: there is no folder {folder}")
-    if file and Path(file).is_dir():
-        raise InputError(f"-{name} {text}: {file} is a folder")
-    if file and not os.access(file if Path(file).exists() else folder, os.W_OK):
-        raise InputError(f"-{name} {text}: {file} cannot be written")
-
-
 @dataclass(frozen=True)
 class Option:
-    """One option: its kind says how its text becomes a value and which values are allowed."""
+    """One option; its kind turns a text into a value, or raises ValueError with what is allowed."""
 
     name: str
     kind: object
@@ -111,22 +60,22 @@ class Option:
 
     @property
     def described(self):
-        """Its meaning, and the words it may be."""
+        """Meaning, and the words that are allowed."""
         names = getattr(self.kind, "names", ())
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
     def help(self, files=None):
-        """Return a line for ``-help``, with the values in some option files: name -> texts of its options."""
+        """Return a line for ``-help``, with the values in option files, name -> texts."""
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
             if self.name in texts:
                 values[file] = format_value(self.kind(texts[self.name]))
-        said = ", ".join(f"{place} {value}" for place, value in values.items())
-        return f"  -{self.name:<20} {self.described}" + (f" ({said})" if said else "")
+        shown = ", ".join(f"{source} {value}" for source, value in values.items())
+        return f"  -{self.name:<20} {self.described}" + (f" ({shown})" if shown else "")
 
 
 def format_value(value):
-    """Write a value as one would type it; nothing for None or `REQUIRED`.
+    """Write a value as a user would type it; nothing for None or `REQUIRED`.
 
     Examples
     --------
@@ -145,19 +94,16 @@ def format_value(value):
 class OptionReader:
     """Values of the options of a table.
 
-    Not collective.
-
     Parameters
     ----------
     table : iterable of Option
     texts : mapping of str to str or number
-        Names without dash; names are compared without regard to case, as PETSc does. Names that are not in the
-        table are none of the reader's business.
+        Names without dash, compared without regard to case, as in PETSc. Names outside the table are ignored.
 
     Attributes
     ----------
     asked : set of str
-        Names whose value somebody wanted so far.
+        Names whose values were read.
 
     Examples
     --------
@@ -177,16 +123,16 @@ class OptionReader:
         return list(self._table)
 
     def given(self, *names):
-        """Whether one of some options is set; does not count as asking for it."""
+        """Return whether one of some options is set; does not count as reading it."""
         return any(name.lower() in self._texts for name in names)
 
     def __getitem__(self, name):
-        """Value of an option, or its default.
+        """Return the value of an option, or its default.
 
         Raises
         ------
         InputError
-            If it is needed and not given, or its text is not allowed.
+            If a required one is missing, or the text is not allowed.
         """
         name = name.lower()
         option = self._table[name]
@@ -205,17 +151,17 @@ class OptionReader:
             raise InputError(f"{wrong}: must be {error}{unit}") from None
 
     def unused(self):
-        """Names of the table's options that are set and that nobody has asked for, sorted."""
+        """Return the names of the table's options that are set and were not read, sorted."""
         return sorted(self._table.keys() & self._texts.keys() - self.asked)
 
 
 def to_texts(options, what="options"):
-    """Options of a mapping as they would be written on a command line: names in lower case, values as text.
+    """Write options as on a command line: names in lower case, values as text.
 
     Raises
     ------
     InputError
-        If it is something else; `what` it should be.
+        If `options`, called `what` in the message, is no mapping of names.
 
     Examples
     --------
@@ -223,14 +169,22 @@ def to_texts(options, what="options"):
     {'lcp_nested': 'true', 'grid': '8,4', 'load': '0.5', 'lcp_monitor': ''}
     """
     if not isinstance(options, Mapping):
-        raise InputError(f"{what}: is {type(options).__name__}; needed: a mapping of names to values")
+        raise InputError(f"{what}: is {type(options).__name__}; must be a mapping of names to values")
     if not all(isinstance(name, str) for name in options):
-        raise InputError(f"{what}: {', '.join(map(repr, options))}: needed: names of options")
-    return {name.lower(): _text(value) for name, value in options.items()}
+        raise InputError(f"{what}: {', '.join(map(repr, options))}: must be names of options")
+    return {name.lower(): _to_text(value) for name, value in options.items()}
+
+
+def _to_text(value):
+    if isinstance(value, bool | np.bool_):
+        return str(value).lower()
+    if isinstance(value, tuple | list | np.ndarray):
+        return ",".join(map(_to_text, value))
+    return "" if value is None else str(value)
 
 
 def format_options(texts):
-    """Options as they would be written on a command line.
+    """Write options as on a command line.
 
     Examples
     --------
@@ -240,16 +194,8 @@ def format_options(texts):
     return " ".join(f"-{name} {texts[name]}".strip() for name in sorted(texts))
 
 
-def _text(value):
-    if isinstance(value, bool | np.bool_):
-        return str(value).lower()
-    if isinstance(value, tuple | list | np.ndarray):
-        return ",".join(map(_text, value))
-    return "" if value is None else str(value)
-
-
 def find_similar_name(name, known):
-    """The known name that differs by two letters at most, of a short name by a quarter; None if there is none.
+    """Return the known name that differs by two letters, or a quarter of a short name; or None.
 
     Examples
     --------
@@ -262,39 +208,28 @@ def find_similar_name(name, known):
 
 
 def describe_unknown_options(names, known, what="unknown"):
-    """Complain about unknown options; suggest a known name that is nearly the same.
-
-    Parameters
-    ----------
-    names : iterable of str
-    known : container of str
-    what : str
-        What they are called.
+    """List unknown options for a message, with similar known names.
 
     Examples
     --------
     >>> describe_unknown_options(["gird"], ["grid", "load"])
     'unknown option: -gird (did you mean -grid?)'
     """
-    said = []
-    for name in sorted(names):
-        near = find_similar_name(name, known)
-        said.append(f"-{name} (did you mean -{near}?)" if near else f"-{name}")
-    return f"{what} option{'s'[: len(said) > 1]}: {', '.join(said)}"
+    similar = {name: find_similar_name(name, known) for name in sorted(names)}
+    listed = [f"-{name} (did you mean -{near}?)" if near else f"-{name}" for name, near in similar.items()]
+    return f"{what} option{'s'[: len(listed) > 1]}: {', '.join(listed)}"
 
 
-# ------------------------------------------------------------------------------------------------- kinds
+# Kinds
 
 
 def number(text, kind=float, allowed="a number"):
-    """The number that a text is, by Python's type `kind`, but without the underscores that Python takes.
-
-    Not collective.
+    """Return the number of a text, by Python's type `kind`, without underscores.
 
     Raises
     ------
     ValueError
-        If it is none; the message is `allowed`.
+        With the message `allowed`, if it is none.
     """
     try:
         if "_" in text:
@@ -314,84 +249,31 @@ def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allow
 
 
 def real(allowed="a finite number", **limits):
-    """Kind: one real number within limits; inf is one if it is the highest."""
+    """Kind: a real number within limits; inf is allowed if it is the highest."""
     return partial(_real, allowed=allowed, **limits)
 
 
-def _whole(text, allowed):
-    return number(text, int, allowed)
-
-
-def _several(text, kind, count, allowed, fit):
-    """So many parts with commas between, each of a kind, that are allowed together."""
+def _several(text, kind, counts, allowed, fits):
+    """Return numbers with commas between, of some count, that are allowed together."""
     values = tuple(kind(part, allowed=allowed) for part in text.split(","))
-    if len(values) != count or not fit(*values):
+    if len(values) not in counts or not fits(*values):
         raise ValueError(allowed)
     return values
 
 
+_integer = partial(number, kind=int)
+
+
 def integer(lowest, allowed, highest=np.inf):
     """Kind: an integer from `lowest` to `highest`."""
-
-    def parse(text):
-        [value] = _several(text, _whole, 1, allowed, lambda value: lowest <= value <= highest)
-        return value
-
-    return parse
-
-
-def choice(*names):
-    """Kind: one of some words."""
-
-    def parse(text):
-        if text not in names:
-            raise ValueError("one of " + ", ".join(names))
-        return text
-
-    parse.names = names  # for the help
-    return parse
-
-
-def subset(*names):
-    """Kind: some of some words, with commas between, in any order."""
-
-    def parse(text):
-        found = tuple(text.split(","))
-        if not set(found) <= set(names):
-            raise ValueError("some, with commas between, of " + ", ".join(names))
-        return found
-
-    parse.names = names  # for the help
-    return parse
-
-
-def is_off(text):
-    """Whether a text switches off, as PETSc reads it, too. Not collective."""
-    return text.lower() in ("0", "false", "no", "off")
-
-
-def flag(text):
-    """Kind: on or off; the bare option means on."""
-    if text.lower() in ("", "1", "true", "yes", "on"):
-        return True
-    if is_off(text):
-        return False
-    raise ValueError("true or false")
-
-
-def word(text):
-    """Kind: any non-empty text."""
-    if not text:
-        raise ValueError("a name")
-    return text
+    return lambda text: _several(text, _integer, [1], allowed, lambda n: lowest <= n <= highest)[0]
 
 
 def pair(allowed, highest=np.inf):
-    """Kind: two whole numbers from 1 to a highest one, or one for both."""
+    """Kind: two integers from 1 to `highest`, or one for both."""
 
     def parse(text):
-        count = 2 if "," in text else 1
-        numbers = _several(text, _whole, count, allowed, lambda *n: 1 <= min(n) <= max(n) <= highest)
+        numbers = _several(text, _integer, [1, 2], allowed, lambda *n: 1 <= min(n) <= max(n) <= highest)
         return numbers[0], numbers[-1]
 
     return parse
@@ -400,17 +282,23 @@ def pair(allowed, highest=np.inf):
 def pair_of_reals(allowed, nonzero=False, **limits):
     """Kind: two real numbers within limits, see `real`."""
     kind = partial(_real, **limits)
-    return partial(_several, kind=kind, count=2, allowed=allowed, fit=lambda *n: not (nonzero and 0 in n))
+    return partial(_several, kind=kind, counts=[2], allowed=allowed, fits=lambda *n: not (nonzero and 0 in n))
 
 
 def cells(text):
     """Kind: ``i0,i1,j0,j1``, a range of columns and one of rows."""
     allowed = "i0,i1,j0,j1, whole numbers from 0 with i0 < i1 and j0 < j1"
-    return _several(text, _whole, 4, allowed, lambda i0, i1, j0, j1: 0 <= i0 < i1 and 0 <= j0 < j1)
+    return _several(text, _integer, [4], allowed, lambda i0, i1, j0, j1: 0 <= i0 < i1 and 0 <= j0 < j1)
+
+
+def domain(text):
+    """Kind: ``x0,x1,y0,y1``."""
+    allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
+    return _several(text, _real, [4], allowed, lambda x0, x1, y0, y1: x0 < x1 and y0 < y1)
 
 
 def series(text):
-    """Kind: ``first:last:n`` or ``first:last:n:log``, n numbers from first to last, or some with commas between.
+    """Kind: ``first:last:n`` or ``first:last:n:log``, n numbers from first to last; or ``a,b,c``.
 
     Examples
     --------
@@ -430,10 +318,50 @@ def series(text):
     return tuple((np.geomspace if spacing else np.linspace)(first, last, n).tolist())
 
 
-def domain(text):
-    """Kind: ``x0,x1,y0,y1``."""
-    allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
-    return _several(text, _real, 4, allowed, lambda x0, x1, y0, y1: x0 < x1 and y0 < y1)
+def choice(*names):
+    """Kind: one of some words."""
+
+    def parse(text):
+        if text not in names:
+            raise ValueError(f"one of {', '.join(names)}")
+        return text
+
+    parse.names = names  # for the help
+    return parse
+
+
+def subset(*names):
+    """Kind: some of some words, with commas between, in any order."""
+
+    def parse(text):
+        chosen = tuple(text.split(","))
+        if not set(chosen) <= set(names):
+            raise ValueError(f"some, with commas between, of {', '.join(names)}")
+        return chosen
+
+    parse.names = names  # for the help
+    return parse
+
+
+def is_off(text):
+    """Return whether a text means off, as in PETSc."""
+    return text.lower() in ("0", "false", "no", "off")
+
+
+def flag(text):
+    """Kind: on or off; without a value on."""
+    if text.lower() in ("", "1", "true", "yes", "on"):
+        return True
+    if is_off(text):
+        return False
+    raise ValueError("true or false")
+
+
+def word(text):
+    """Kind: any non-empty text."""
+    if not text:
+        raise ValueError("a name")
+    return text
 
 
 positive = real("a positive number", above=0)

@@ -1,7 +1,7 @@
 """Options of one solver, in PETSc's database under a prefix of its own.
 
-PETSc's database holds 512 options, so those of a solver are in it during set-up and solves only. What the user has set
-under the prefix stays there, and wins.
+PETSc's database holds 512 options. Those of a solver are in it during set-up and solves only. Options that the user has
+set under the prefix stay there, and override the solver's.
 """
 
 from __future__ import annotations
@@ -17,33 +17,32 @@ from app.base.errors import InputError
 from app.base.mpi import MPI
 from app.base.petsc import call, error_message, unwrap_errors
 
-# PETSc reads these while it solves, all others in set-up.
+# PETSc reads these options while it solves, all others in set-up.
 _READ_LATE = re.compile(
     r"(\w+_)?(ksp_converged_reason|mat_view|(snes|tao)_(converged_reason|\w*view\w*|test_\w+))"
 )
-_PROBE = "app_solver_options_probe"  # a name that no option has
+_PROBE = "app_solver_options_probe"  # name of no option
 
 
 class SolverOptions:
-    """Options of one solver, which PETSc and petsc4py read inside of `inserted`.
-
-    Not collective.
+    """Options of one solver, in PETSc's database inside of `inserted`.
 
     Parameters
     ----------
     prefix : str
         Begins with a letter, or is empty.
     texts : mapping of str to str
-        Names without dash and prefix, and values; the empty text for an option without one.
-    left_alone : iterable of str
+        Names without dash and prefix, and values; the empty text for an option without one. PETSc does not read
+        ``lcp_*``.
+    ignored : iterable of str
         Names that never count as unused.
-    ours : mapping of str to str, optional
-        Options that PETSc does not read.
 
     Attributes
     ----------
+    texts : dict of str to str
+        Options that PETSc reads.
     used : set of str
-        Names that this rank has looked up.
+        Names that this rank has read.
 
     Examples
     --------
@@ -57,9 +56,11 @@ class SolverOptions:
 
     _made = 0  # prefixes
 
-    def __init__(self, prefix, texts, left_alone=(), ours=None):
-        self.prefix, self.texts, self.used, self._ours = prefix, dict(texts), set(), dict(ours or {})
-        self._judged, self._inside = self.texts.keys() - set(left_alone), False
+    def __init__(self, prefix, texts, ignored=()):
+        self.prefix, self.used, self._is_inserted = prefix, set(), False
+        self._ours = {name: text for name, text in texts.items() if name.startswith("lcp_")}
+        self.texts = {name: text for name, text in texts.items() if name not in self._ours}
+        self._judged = self.texts.keys() - set(ignored)
 
     @classmethod
     def new_prefix(cls, comm):
@@ -74,49 +75,42 @@ class SolverOptions:
     @contextmanager
     def inserted(self):
         """Keep the options in PETSc's database inside the block, and note which are used."""
-        if self._inside:
+        if self._is_inserted:
             yield
             return
         database = PETSc.Options()
-        given = names_given(database)
-        ours = [name for name in self.texts if self.prefix + name not in given]
+        set_by_user = _names(database)
+        inserted = [name for name in self.texts if self.prefix + name not in set_by_user]
         try:
-            self._inside = True
-            for name in ours:
+            self._is_inserted = True
+            for name in inserted:
                 database.setValue(self.prefix + name, self.texts[name] or None)
             with unwrap_errors():
                 yield
         finally:
             self.used.update(name for name in self._judged - self.used if is_used(self.prefix + name))
-            for name in ours:
+            for name in inserted:
                 database.delValue(self.prefix + name)
-            self._inside = False
+            self._is_inserted = False
 
-    def leave(self, others=None):
-        """Put all options into PETSc's database for good, for its views and logs.
-
-        `others`: names and texts of more that count as used.
-        """
-        used = self._ours | (others or {})
+    def insert_for_good(self, others):
+        """Leave all options, and other used ones, in PETSc's database for its views and logs."""
+        used = self._ours | others
         for name, text in (self.texts | used).items():
             PETSc.Options().setValue(self.prefix + name, text or None)
         for name in self.used | used.keys():
-            mark_used(self.prefix + name)
+            _mark_used(self.prefix + name)
 
-    def drop(self, name):
-        """Forget an option."""
-        del self.texts[name]
-        self._judged.discard(name)
+    def drop(self, names):
+        """Remove options."""
+        for name in names:
+            del self.texts[name]
+        self._judged.difference_update(names)
 
     def unused(self, comm, late=False):
-        """Names of the options that no rank has used, sorted.
+        """Return the names of options that no rank has used, sorted.
 
-        Collective over the mpi4py communicator `comm`.
-
-        Parameters
-        ----------
-        late : bool
-            Count those that PETSc reads while it solves, too.
+        Collective over the mpi4py communicator `comm`. Options that PETSc reads while it solves count if `late`.
         """
         unused = self._judged - self.used
         if not late:
@@ -126,20 +120,20 @@ class SolverOptions:
 
 @contextmanager
 def temporary_options(prefix, defaults, forced):
-    """Set options of PETSc's database inside the block. Not collective.
+    """Set options of PETSc's database inside the block.
 
     Parameters
     ----------
     prefix : str
         Of all names.
     defaults, forced : mapping of str to str
-        For where the user has given none; in any case, None: as if not given. What is replaced counts as used.
+        Set unless the user has; set in any case, or removed if None. Replaced options count as used.
     """
     database = PETSc.Options()
-    given = names_given(database)
+    set_by_user = _names(database)
     defaults, forced = ({prefix + name: text for name, text in each.items()} for each in (defaults, forced))
-    before = {name: database.getString(name, "") for name in forced if name in given}
-    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
+    replaced = {name: database.getString(name, "") for name in forced if name in set_by_user}
+    temporary = {name: text for name, text in defaults.items() if name not in set_by_user} | forced
     try:
         for name, text in temporary.items():
             if text is None:
@@ -150,15 +144,13 @@ def temporary_options(prefix, defaults, forced):
     finally:
         for name in temporary:
             database.delValue(name)
-        for name, text in before.items():
+        for name, text in replaced.items():
             database.setValue(name, text or None)
-            mark_used(name)
+            _mark_used(name)
 
 
 def read_option_file(path, flag="-options_file"):
-    """Let PETSc read an option file that exists; return name -> text. Not collective.
-
-    `flag`: the option of PETSc that reads it.
+    """Return the options of a file, name -> text, as PETSc reads them by the option `flag`.
 
     Raises
     ------
@@ -173,16 +165,16 @@ def read_option_file(path, flag="-options_file"):
         raise InputError(message if str(path) in message else f"option file {path}: {message}") from None
     finally:
         pushed = _pop_prefixes(database)
-        found = options_with_prefix(prefix)
-        for name in found:
+        texts = options_with_prefix(prefix)
+        for name in texts:
             database.delValue(prefix + name)
     if pushed != 1:
         raise InputError(f"option file {path}: -prefix_push and -prefix_pop do not match")
-    return found
+    return texts
 
 
 def _pop_prefixes(database):
-    """Pop all prefixes that PETSc puts before new options; return how many there were."""
+    """Pop all prefixes that PETSc puts before new options; return their number."""
     for pushed in count():
         database.insertString(f"-{_PROBE}")
         [probe] = (name for name in database.getAll() if name.endswith(_PROBE))
@@ -193,30 +185,29 @@ def _pop_prefixes(database):
 
 
 def options_with_prefix(prefix):
-    """Options in PETSc's database that begin with a prefix: name without it -> text. Not collective."""
-    database, found = PETSc.Options(), {}
-    for name in database.getAll():  # which cuts values at blanks
+    """Return the options in PETSc's database that begin with a prefix: name without it -> text."""
+    database, texts = PETSc.Options(), {}
+    for name in database.getAll():  # cuts values at blanks
         if name.lower().startswith(prefix):
-            used = is_used(name)
-            text = found[name.lower().removeprefix(prefix)] = database.getString(name, "")
-            if not used:
+            was_used = is_used(name)
+            text = texts[name.lower().removeprefix(prefix)] = database.getString(name, "")
+            if not was_used:  # reading it must not count
                 database.delValue(name)
                 database.setValue(name, text or None)
-    return found
+    return texts
 
 
-def names_given(database):
-    """Names in PETSc's database, in lower case. Not collective; does not count as using them."""
+def _names(database):
+    """Return the names in PETSc's database, in lower case, without using them."""
     return {*map(str.lower, database.getAll())}
 
 
-def mark_used(name):
-    """Let an option of PETSc's database count as used. Not collective."""
+def _mark_used(name):
     PETSc.Options().getString(name, "")
 
 
 def is_used(name):
-    """Whether an option of PETSc's database was looked up; petsc4py 3.24 has ``Options.used``. Not collective."""
+    """Return whether an option of PETSc's database was read; petsc4py 3.24 has ``Options.used``."""
     used = ctypes.c_int()
     call("PetscOptionsUsed", None, name.encode(), ctypes.byref(used))
     return bool(used.value)

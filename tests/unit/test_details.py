@@ -76,8 +76,8 @@ def test_a_product_counts_once():
 @pytest.mark.parametrize("listeners", [[print], [Listener], [None], Listener(), 3])
 def test_what_is_no_listener_is_refused_before_any_work(listeners):
     with (
-        mock.patch("app.api.solver.make_hierarchy", side_effect=AssertionError),
-        pytest.raises(InputError, match="^listeners: is .*; needed: .*app.Listener$"),
+        mock.patch("app.api.solver.Hierarchy", side_effect=AssertionError),
+        pytest.raises(InputError, match="^listeners: is .*; must be .*app.Listener$"),
     ):
         ContactSolver(hertz(12), listeners=listeners)
 

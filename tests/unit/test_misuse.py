@@ -57,7 +57,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("most_cells 'a'", lambda: refine(BALL, 0.1, load=1.0, most_cells="a")),
         ("most_cells nan", lambda: refine(BALL, 0.1, load=1.0, most_cells=np.nan)),
         ("unused option: -", lambda: ContactSolver(BALL, options={"": 2})),
-        ("-ksp_view x: allowed: nothing, or ascii", lambda: ContactSolver(BALL, options={"ksp_view": "x"})),
+        ("-ksp_view x: must be nothing, or ascii", lambda: ContactSolver(BALL, options={"ksp_view": "x"})),
         ("no folder", lambda: ContactSolver(BALL, options={"ksp_view": "ascii:nowhere/a"})),
         ("is a folder", lambda: ContactSolver(BALL, options={"ksp_view": ":.:ascii_info"})),
         ("no folder", lambda: ContactSolver(BALL, options={"ksp_converged_reason": ":nowhere/a"})),
@@ -108,7 +108,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("a ContactProblem", lambda: ContactSolver(HEIGHTS)),
         ("a mapping", lambda: ContactSolver(BALL, options=["lcp_rtol"])),
         ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
-        ("-lcp_rtol: needed: names without", lambda: ContactSolver(BALL, options={"-lcp_rtol": 1e-8})),
+        ("-lcp_rtol: must be names without", lambda: ContactSolver(BALL, options={"-lcp_rtol": 1e-8})),
         ("list of 3; allowed: .*ContactSolver.path", lambda: solve(BALL, load=[1, 2, 3])),
         ("approach: ndarray of 1; allowed: a number", lambda: solve(BALL, approach=np.array([1e-3]))),
         ("load: is MaskedConstant; needed: a number", lambda: solve(BALL, load=np.ma.masked)),
@@ -373,7 +373,7 @@ class _Asking:
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        (3, "is int; needed: a class"),
+        (3, "is int; must be a class"),
         (object, r"has no method apply\(pc, x, y\)"),
         (_Asking, "PETSc makes it without arguments: missing a required argument: 'omega'"),
     ],

@@ -217,9 +217,9 @@ def test_start_on_a_periodic_patch(kind):
 def test_start_must_fit():
     with ContactSolver(hertz(16)) as solver, ContactSolver(hertz(32)) as other:
         start = other.solve(approach=APPROACH)
-        with pytest.raises(InputError, match="start: needed: a Solution on the same grid"):
+        with pytest.raises(InputError, match="start: must be a Solution on the same grid"):
             solver.solve(approach=APPROACH, start=start)
-        with pytest.raises(InputError, match="solution: needed: a Solution on the same grid"):
+        with pytest.raises(InputError, match="solution: must be a Solution on the same grid"):
             solver.stiffness(start)
 
 

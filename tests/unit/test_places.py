@@ -111,7 +111,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
 def test_place_for_the_log_that_there_is_not(view, read):
     """It is refused before any work; PETSc would look at it when all is done."""
     with pytest.raises(
-        InputError, match=r"-log_view .*: (there is no folder|allowed: nothing, or|\. is a folder)"
+        InputError, match=r"-log_view .*: (there is no folder|must be nothing, or|\. is a folder)"
     ):
         read(f"-log_view {view}")
 

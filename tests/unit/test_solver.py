@@ -146,7 +146,7 @@ def test_a_start_has_to_fit_without_pressure_too(loading):
     other = solve(punch(20), approach=0.1)
     with solver_of("fast") as solver:
         for start in "nonsense", other:
-            with pytest.raises(InputError, match="start: needed: a Solution on the same grid"):
+            with pytest.raises(InputError, match="start: must be a Solution on the same grid"):
                 solver.solve(**loading, start=start)
 
 
@@ -550,7 +550,7 @@ def test_a_closed_solver_solves_nothing(ask):
 
 
 OPTIONS = {
-    "unknown method": ({"method": "faster"}, "method 'faster': allowed: .*fmg_v11"),
+    "unknown method": ({"method": "faster"}, "method 'faster': must be one of .*fmg_v11"),
     "a problem is no method": ({"method": "hertz"}, "problem|hertz"),
     "unknown option": ({"options": {"lcp_foo": 1}}, "lcp_foo"),
     "misspelt option of PETSc": ({"options": {"ksp_rtoll": 1}}, "ksp_rtoll"),
@@ -617,7 +617,7 @@ def test_what_a_file_says_may_be_overridden(case):
 def test_an_option_at_its_default_asks_for_nothing(kind):
     defaults = {option.name: option.default for option in METHOD_OPTIONS} | {"lcp_type": kind}
     with ContactSolver(hertz(8), options=defaults) as solver:
-        assert solver.settings.strategy == kind
+        assert solver.settings.type == kind
 
 
 def test_residual_of_the_reference_solvers_is_that_of_the_paper():

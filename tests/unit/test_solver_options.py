@@ -53,14 +53,14 @@ def test_options_of_a_solver_are_in_the_database_inside_the_block_only(database)
 
 def test_unused_options_are_those_that_no_block_has_used(database):
     options = SolverOptions(
-        "x_", {"a": "", "b": "", "ksp_converged_reason": "", "other": ""}, left_alone=["other"]
+        "x_", {"a": "", "b": "", "ksp_converged_reason": "", "other": ""}, ignored=["other"]
     )
     for _ in range(2):
         with options.inserted():
             database.getString("x_a")
     assert options.unused(MPI.COMM_SELF) == ["b"]
     assert options.unused(MPI.COMM_SELF, late=True) == ["b", "ksp_converged_reason"]
-    options.leave()
+    options.insert_for_good({})
     assert database.getAll().keys() >= {"x_a", "x_b"}
 
 

@@ -1,0 +1,89 @@
+"""Checks of the arguments of `ContactSolver`, and the settings that follow from them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from inspect import signature
+from types import ModuleType
+
+from app.base.errors import InputError, format_error, shorten
+from app.base.numba_cache import check_compiler
+from app.base.petsc import check_cells
+from app.contact.history import Listener
+from app.options.method import make_settings
+from app.options.option_table import to_texts
+from app.options.solver_options import SolverOptions, options_with_prefix
+from app.options.viewers import check_viewers
+from app.problems.problem import Problem
+
+_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
+
+
+def check_type(name, value, kind, what):
+    """Raise InputError unless an argument has a type."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
+
+
+def parse_arguments(problem, method, options, prefix, listeners):
+    """Return settings, and options for PETSc, from the arguments of `ContactSolver`.
+
+    Returns
+    -------
+    app.options.method.Settings, SolverOptions
+
+    Raises
+    ------
+    InputError
+        If something is not allowed, or impossible on this machine.
+    """
+    check_type("problem", problem, Problem, "a ContactProblem")
+    check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")
+    check_type("listeners", listeners, Sequence, "a sequence of app.Listener")
+    for listener in listeners:
+        check_type("listeners", listener, Listener, "of a class made from app.Listener")
+    check_type("prefix", prefix, str, "a word")
+    if not re.fullmatch(r"([A-Za-z]\w*)?", prefix):
+        raise InputError(f"prefix {shorten(prefix)}: must begin with a letter and be a word")
+    prefix = prefix.lower()  # as PETSc compares names
+    own, in_database = to_texts(options or {}), options_with_prefix(prefix)
+    if prefix:
+        texts, ignored = own | in_database, ()
+    else:  # the database may have options of other programs
+        ignored = {name for name in in_database if _OF_SOLVERS.match(name)} - own.keys()
+        texts = {name: in_database[name] for name in sorted(ignored)} | own
+    check_compiler()
+    check_cells(problem.grid)
+    if dashed := [name for name in texts if name.startswith("-")]:
+        raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
+    settings = make_settings(method, texts, bool(problem.grid.periodic))
+    check_viewers(settings.texts)
+    _check_python_types(settings.texts)
+    return settings, SolverOptions(prefix, settings.texts, ignored)
+
+
+def _check_python_types(texts):
+    """Raise InputError at preconditioner classes at which PETSc would abort; it reports missing ones."""
+    for name, text in texts.items():
+        module, _, attribute = text.rpartition(".")
+        if not name.endswith("pc_python_type") or not module:
+            continue
+        try:
+            part = getattr(import_module(module), attribute)
+        except (ImportError, AttributeError):
+            continue
+        except Exception as error:
+            raise InputError(f"-{name} {text}: {format_error(error)}") from None
+        if not callable(part) and not isinstance(part, ModuleType):
+            raise InputError(f"-{name} {text}: is {type(part).__name__}; must be a class")
+        if isinstance(part, type):
+            if not hasattr(part, "apply") and not hasattr(part, "__getattr__"):
+                raise InputError(f"-{name} {text}: has no method apply(pc, x, y)")
+            try:
+                signature(part).bind()
+            except ValueError:  # a class without a signature
+                continue
+            except TypeError as error:
+                raise InputError(f"-{name} {text}: PETSc makes it without arguments: {error}") from None

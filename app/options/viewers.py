@@ -1,0 +1,53 @@
+"""Checks of viewers and files in PETSc's options, before any work.
+
+PETSc itself checks them only when there is something to view, and aborts at some of them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from app.base.errors import InputError, shorten
+
+_KINDS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
+_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_(view\w*|converged_reason)")
+# Options at which PETSc aborts unless they are shown as text; some may be drawn, too.
+_DRAWABLE = re.compile(r"(\w+_)?ksp_monitor(_true_residual|_solution)?")
+_TEXT_ONLY = re.compile(r"(\w+_)?ksp_monitor_(short|range|max|singular_value)|snes_converged_reason")
+_AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw_lg))?)?"
+
+
+def check_viewers(texts):
+    """Raise InputError if a viewer among the options of a solver is not allowed."""
+    for name, text in texts.items():
+        if any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY)):
+            check_viewer(name, text)
+
+
+def check_viewer(name, text):
+    """Raise InputError unless PETSc can show an option by a viewer ``KIND:FILE:FORMAT``."""
+    kind, file, *_ = [*text.split(":"), ""]
+    if kind not in ("", *_KINDS):
+        raise InputError(
+            f"-{name} {shorten(text)}: must be nothing, or ascii:FILE:FORMAT, with any of {', '.join(_KINDS)}"
+        )
+    if _DRAWABLE.fullmatch(name):
+        if not re.fullmatch(f"{_AS_TEXT}|{_DRAWN}", text, re.IGNORECASE):
+            raise InputError(f"-{name} {text}: must be nothing, ascii:FILE or draw")
+    elif _TEXT_ONLY.fullmatch(name) and not re.fullmatch(_AS_TEXT, text, re.IGNORECASE):
+        raise InputError(f"-{name} {text}: must be nothing or ascii:FILE")
+    if kind not in ("draw", "socket"):
+        check_output(name, text, file)
+
+
+def check_output(name, text, file):
+    """Raise InputError if PETSc cannot write a file that an option names."""
+    folder = Path(file).parent
+    if not folder.is_dir():
+        raise InputError(f"-{name} {text}: there is no folder {folder}")
+    if file and Path(file).is_dir():
+        raise InputError(f"-{name} {text}: {file} is a folder")
+    if file and not os.access(file if Path(file).exists() else folder, os.W_OK):
+        raise InputError(f"-{name} {text}: {file} cannot be written")
