@@ -141,7 +141,8 @@ def solve_row(rows, count, weight):
 
 @njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
-    """Compute y[t] += sum_s kernel[k + t - s + 3] w[b + s]."""
+    """Add the effect of four rows on four others."""
+    # y[t] += sum_s kernel[k + t - s + 3] w[b + s]
     for index in range(width):
         f = uintp(index)
         k0 = kernel[k + f]

@@ -1,1 +1,1 @@
-"""Stress below a pressure on the half-space."""
+"""Stress in the half-space below a surface pressure."""

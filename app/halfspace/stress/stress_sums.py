@@ -1,16 +1,16 @@
-"""Sums of stresses: below a periodic patch wave by wave, below a free one cell by cell.
+"""Sums of stresses below a pressure, over waves or cells.
 
-- On a periodic patch, wave by wave: with q = (qx, qy), n = q / |q| and s = |q| z, p_q exp(i q x) makes
+- Periodic patch: with q = (qx, qy), n = q / |q| and s = |q| z, the pressure wave p_q exp(i q x) makes
 
       xx  -p (nx^2 (1 - s) + 2 nu ny^2) e^-s      xy  -p nx ny (1 - s - 2 nu) e^-s
       yy  -p (ny^2 (1 - s) + 2 nu nx^2) e^-s      xz  i p nx s e^-s
       zz  -p (1 + s) e^-s                         yz  i p ny s e^-s
 
-  The mean pressure squeezes a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. With the symbol ``love``
-  the same waves are meant: deeper than a cell the two do not differ.
-- On a free patch, cell by cell: the stress below a uniformly loaded rectangle in closed form (Love 1929), summed up by
-  FFTs long enough that nothing comes around. So there are no images at any distance, and the answer is exact for a
-  pressure that is constant on cells.
+  The mean pressure compresses a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. The symbol ``love`` uses
+  the same waves: deeper than a cell the two symbols do not differ.
+- Free patch: the stress below a uniformly loaded rectangle in closed form (Love 1929), summed by zero-padded FFTs.
+There
+  are no images, so the result is exact for a pressure that is constant on cells.
 
 References
 ----------
@@ -28,12 +28,12 @@ from app.base.numba_cache import njit
 from app.halfspace.periodic_symbol import wave_numbers
 
 _ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
-_ROWS = 64  # of a kernel at a time
-_ON_EDGE = 1e-9  # of a cell: a point so near is on the edge
+_BLOCK_ROWS = 64  # of a kernel
+_EDGE_TOLERANCE = 1e-9  # of a cell: points this close are on the edge
 
 
-class Waves:
-    """Below a periodic patch; stresses in [N/mm2], lengths in mm."""
+class PeriodicStress:
+    """Stress below a periodic patch [N/mm2]; lengths in mm."""
 
     def __init__(self, pressure, grid, nu):
         self.grid, self.nu, self.pressure = grid, nu, pressure
@@ -41,41 +41,42 @@ class Waves:
         self._transform = scipy.fft.rfft2(pressure, norm="forward")
         qx, qy = wave_numbers(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
         self._q = np.hypot(qx, qy[:, None])
-        nowhere = np.zeros_like(self._q)
         self._direction = [
-            np.divide(np.broadcast_to(k, self._q.shape), self._q, out=nowhere.copy(), where=self._q > 0)
+            np.divide(
+                np.broadcast_to(k, self._q.shape), self._q, out=np.zeros_like(self._q), where=self._q > 0
+            )
             for k in (qx, qy[:, None])
         ]
-        # A sawtooth has no slope in the cell centres, and no direction in y.
+        # Odd components of a sawtooth wave are zero at the cell centres.
         self._odd = [np.where(2 * np.arange(grid.nx // 2 + 1) == grid.nx, 0.0, 1.0),
                      np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
 
     def _waves(self, depth):
-        """Transforms of the components, one after the other."""
+        """Yield transforms of the components."""
         s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
         p = self._transform * np.exp(-s)
-        sideways = 2 * self.nu
+        two_nu = 2 * self.nu
         mean = -self.nu / (1 - self.nu) * self._transform[0, 0]
         for along, across in ((nx, ny), (ny, nx)):
-            field = -p * (along**2 * (1 - s) + sideways * across**2)
+            field = -p * (along**2 * (1 - s) + two_nu * across**2)
             field[0, 0] = mean
             yield field
         yield -p * (1 + s)
-        yield -p * nx * ny * (1 - s - sideways) * odd_x * odd_y
+        yield -p * nx * ny * (1 - s - two_nu) * odd_x * odd_y
         yield 1j * p * nx * s * odd_x
         yield 1j * p * ny * s * odd_y
 
     def plane(self, depth):
-        """Components on a horizontal plane, shape (6, ny, nx)."""
+        """Return components on a horizontal plane, shape (6, ny, nx)."""
         return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
 
     def _phase_y(self, y):
         rows = scipy.fft.fftfreq(self.grid.ny, 1 / self.grid.ny)
         phase = np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
-        return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth goes neither way
+        return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # of a sawtooth wave: real
 
     def row(self, depth, x, y):
-        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny)."""
+        """Return components along x at `y`, or along y at `x`."""
         grid = self.grid
         if y is not None:
             phase = self._phase_y(y)
@@ -84,19 +85,18 @@ class Waves:
         return np.stack([scipy.fft.ifft(w @ phase, norm="forward").real for w in self._waves(depth)])
 
     def _phase_x(self, x):
-        """Of waves of which a real field keeps half."""
         columns = np.arange(self.grid.nx // 2 + 1)
-        twice = np.where((columns == 0) | (2 * columns == self.grid.nx), 1.0, 2.0)
-        return twice * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
+        multiplicity = np.where((columns == 0) | (2 * columns == self.grid.nx), 1.0, 2.0)
+        return multiplicity * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
 
     def point(self, depth, x, y):
-        """Components in a point, shape (6,)."""
+        """Return components at a point, shape (6,)."""
         in_x, in_y = self._phase_x(x), self._phase_y(y)
         return np.array([(in_y @ w @ in_x).real for w in self._waves(depth)])
 
 
-class Cells:
-    """Below a patch that is alone on its half-space; units as of `Waves`."""
+class FreeStress:
+    """Stress below a free patch [N/mm2]; lengths in mm."""
 
     def __init__(self, pressure, grid, nu):
         self.grid, self.nu, self.pressure = grid, nu, pressure
@@ -109,9 +109,9 @@ class Cells:
         self.extent = nx * grid.dx, ny * grid.dy
 
     def plane(self, depth):
-        """Components on a horizontal plane, shape (6, ny, nx)."""
+        """Return components on a horizontal plane, shape (6, ny, nx)."""
         grid, (rows, columns) = self.grid, self._loaded.shape
-        # Offsets from the last loaded cell to the first of the patch, up to those from the first to the last.
+        # Offsets of the cells of the patch from the loaded cells.
         lengths = grid.ny + rows - 1, grid.nx + columns - 1
         padded = [scipy.fft.next_fast_len(n, real=True) for n in lengths]
         mirror_y, mirror_x = (
@@ -124,18 +124,18 @@ class Cells:
         out = np.empty((6, *grid.shape))
         for k, field in enumerate(out):
             kernel = mirror_y.difference(mirror_x.difference(corners[k], 1, k in _ODD_X), 0, k in _ODD_Y)
-            whole = scipy.fft.irfft2(scipy.fft.rfft2(kernel, padded) * transform, padded)
-            field[...] = whole[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
+            product = scipy.fft.irfft2(scipy.fft.rfft2(kernel, padded) * transform, padded)
+            field[...] = product[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
         return out
 
     def row(self, depth, x, y):
-        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny)."""
+        """Return components along x at `y`, or along y at `x`."""
         if y is not None:
             return self._along(depth, self._loaded, y - self._y, 1)
         return self._along(depth, self._loaded.T, x - self._x, 0)
 
     def _along(self, depth, pressure, across, axis):
-        """Stress on a row of points along an axis of fields: sum over loaded rows of one-dimensional convolutions."""
+        """Return stress along an axis: a sum over rows of 1-d convolutions."""
         grid, loaded = self.grid, pressure.shape[1]
         steps, count = (grid.dy, grid.dx), grid.shape[axis] + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
@@ -143,8 +143,8 @@ class Cells:
         edges = _edges(across, steps[1 - axis])
         transform = scipy.fft.rfft(pressure, padded)
         sums = np.zeros((6, padded // 2 + 1), complex)
-        for first in range(0, len(across), _ROWS):
-            sides = edges[first : first + _ROWS + 1]
+        for first in range(0, len(across), _BLOCK_ROWS):
+            sides = edges[first : first + _BLOCK_ROWS + 1]
             if axis:
                 corners = np.empty((6, len(sides), mirror.edges))
                 _corners(mirror.edge(steps[1]), sides, depth, self.nu, corners)
@@ -155,55 +155,55 @@ class Cells:
             for k, part in enumerate(corners):
                 kernel = mirror.difference(-np.diff(part, axis=0), 1, k in (_ODD_X if axis else _ODD_Y))
                 sums[k] += np.einsum(
-                    "jk,jk->k", scipy.fft.rfft(kernel, padded), transform[first : first + _ROWS]
+                    "jk,jk->k", scipy.fft.rfft(kernel, padded), transform[first : first + _BLOCK_ROWS]
                 )
         return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
 
     def point(self, depth, x, y):
-        """Components in a point, shape (6,)."""
+        """Return components at a point, shape (6,)."""
         edges = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
         return _at_point(self._loaded, *edges, depth, self.nu)
 
 
 def _edges(offsets, step):
-    """Offsets of a point from the edges of cells, from those to their centres; neighbours share one [mm].
+    """Return offsets from cell edges, given those from centres [mm].
 
-    At the surface stresses jump from cell to cell: a point on an edge, but for rounding, gets the mean.
+    Stresses at the surface jump between cells. A point on an edge, to rounding, gets the mean.
     """
     edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
-    edges[np.abs(edges) < _ON_EDGE * step] = 0.0
+    edges[np.abs(edges) < _EDGE_TOLERANCE * step] = 0.0
     return edges
 
 
 class _Mirror:
-    """Offsets `first`, `first` + 1, ... of cells in a direction: positive edges tell of all."""
+    """Cell offsets in a direction, with symmetric edges computed once."""
 
     def __init__(self, first, count):
-        edge = np.arange(first - 1, first + count)  # number m is at (m + 1/2) cells
+        edge = np.arange(first - 1, first + count)  # edge m is at (m + 1/2) cells
         self._index, self._negative = np.where(edge < 0, -edge - 1, edge), edge < 0
         self.edges = int(self._index.max()) + 1
 
     def edge(self, step):
-        """Positive edges [mm]."""
+        """Return the positive edges [mm]."""
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):
-        """Differences between the edges of each cell; `odd`: the kernel changes sign, so its integral does not."""
-        whole = corners.take(self._index, axis)
+        """Return differences between cell edges of an odd or even kernel."""
+        mirrored = corners.take(self._index, axis)
         if not odd:
             sign = np.where(self._negative, -1.0, 1.0)
-            whole *= sign if axis else sign[:, None]
-        return np.diff(whole, axis=axis)
+            mirrored *= sign if axis else sign[:, None]
+        return np.diff(mirrored, axis=axis)
 
 
 @njit()
 def _corner(x, y, z, nu):
-    """Integral over a quarter plane: of 2 pi times the stress that a unit force makes at an offset."""
+    """Return 2 pi times the stress of a loaded quarter plane."""
     xx, yy, zz = x * x, y * y, z * z
     r = sqrt(xx + yy + zz)
     if r == 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # V: potential of a uniform layer, 1/r; chi: that of log(z + r), Love's names. Derivatives of both, integrated.
+    # Love's names: V is the potential 1/r of a uniform layer, chi that of log(z + r). Integrated derivatives of both.
     v_z = -atan2(x * y, z * r)
     in_x, in_y = xx + zz, yy + zz
     v_xx = -x * y / (in_x * r) if in_x > 0.0 else 0.0
@@ -234,7 +234,7 @@ def _corners(x, y, z, nu, out):
 
 @njit(makes_arrays=True)
 def _at_point(pressure, x, y, z, nu):
-    """Sum over the loaded cells, at offsets x, y from their edges."""
+    """Sum over loaded cells, with edges at offsets x, y."""
     total = np.zeros(6)
     for j in range(pressure.shape[0]):
         for i in range(pressure.shape[1]):

@@ -1,12 +1,10 @@
-"""Stress in a half-space below a normal pressure on its surface, without friction.
+"""Stress in a half-space below a frictionless pressure.
 
-z points into the body; both bodies of a contact see the same pressure, each from its own side and with its own nu.
-Young's modulus does not count. Compression is negative, as usual for stresses: sigma_zz = -p at z = 0.
+z points into the body. Both bodies of a contact have the same pressure, each with its own nu; the stress does not
+depend on Young's modulus. Compression is negative: sigma_zz = -p at z = 0. `stress_sums` has the sums.
 
-How it is summed up: `stress_sums`.
-
-Only cells from the first to the last that carry pressure are summed over. A plane takes some twenty arrays of the cells
-of the patch and the loaded ones together, a section those of a few rows.
+Only the bounding box of the loaded cells is summed over. A plane needs memory for about twenty arrays of the patch and
+the loaded cells together, a section for those of a few rows.
 """
 
 from __future__ import annotations
@@ -19,19 +17,19 @@ import numpy as np
 from app.base.errors import InputError
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
-_STARTS = 3  # cells below which the depth is refined
-_SMOOTH = 8  # cells: the search goes on with larger ones from twice this depth on
-_FINEST = 0.25  # of a cell: first depth below the surface that is looked at
+_REFINED_PEAKS = 3  # cells below which the depth is refined
+_MAX_CELLS_DEEP = 16  # cells: beyond this depth the search uses larger cells
+_FIRST_DEPTH = 0.25  # first depth of the search below the surface, in cells
 
 
 @dataclass(frozen=True)
 class StressMaximum:
-    """Where a stress is largest: that of von Mises, or the shear stress.
+    """Maximum of a stress, of von Mises or shear.
 
     Attributes
     ----------
     von_mises, max_shear : float
-        There [N/mm2].
+        Stresses at this point [N/mm2].
     x, y, depth : float
         [mm]
     stress : ndarray, shape (6,), [N/mm2]
@@ -46,18 +44,18 @@ class StressMaximum:
 
     @property
     def max_shear(self):
-        """See the class."""
+        """Largest shear stress at this point [N/mm2]."""
         return float(max_shear(self.stress))
 
 
 def von_mises(stress):
-    """Equivalent stress of von Mises of components (6, ...) [N/mm2]."""
+    """Return the von Mises stress of components (6, ...) [N/mm2]."""
     xx, yy, zz, xy, xz, yz = stress
     return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + xz**2 + yz**2))
 
 
 def max_shear(stress):
-    """Largest shear stress of components (6, ...), half of what principal ones differ [N/mm2]."""
+    """Return the largest shear stress of components (6, ...) [N/mm2]."""
     xx, yy, zz, xy, xz, yz = stress
     tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
     principal = np.linalg.eigvalsh(tensors)
@@ -65,30 +63,24 @@ def max_shear(stress):
 
 
 def _shear_where_large(stress):
-    """`max_shear` where it can be largest, else 0: it is 1/2 to 1/sqrt(3) of the von Mises stress."""
+    """Return `max_shear` where it can be largest, else 0."""
     mises = von_mises(stress)
-    there = mises >= 0.86 * mises.max()
+    large = mises >= 0.86 * mises.max()  # The shear stress is 1/2 to 1/sqrt(3) of it.
     shear = np.zeros_like(mises)
-    shear[there] = max_shear(stress[:, there])
+    shear[large] = max_shear(stress[:, large])
     return shear
 
 
 class SubsurfaceStress:
-    """Stress below a pressure, wherever it is asked for. No method is collective.
+    """Stress at any points below a pressure. Raises InputError for invalid numbers.
 
     Parameters
     ----------
     pressure : ndarray, shape (ny, nx), [N/mm2]
-        All of it.
+        Pressure on the whole grid.
     grid : Grid
-        Its cells; says whether the patch is periodic.
     poisson_ratio : float
-        Of the body looked at, from 0 to 0.5.
-
-    Raises
-    ------
-    InputError
-        If something is out of its range.
+        Of the body, from 0 to 0.5.
 
     Examples
     --------
@@ -106,27 +98,27 @@ class SubsurfaceStress:
             raise InputError("pressure: not finite everywhere; a run that diverged has no stresses")
         if not (isinstance(poisson_ratio, Real) and 0 <= poisson_ratio <= 0.5):
             raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
-        # Not before: who draws stresses need not wait for MPI, FFTs and numba.
-        from app.halfspace.stress.stress_sums import Cells, Waves
+        # Imported late, so that plots of stresses do not load MPI and numba.
+        from app.halfspace.stress.stress_sums import FreeStress, PeriodicStress
 
         self.grid, self.nu = grid, float(poisson_ratio)
-        self._below = Waves(pressure, grid, self.nu) if grid.periodic else Cells(pressure, grid, self.nu)
+        self._sums = (PeriodicStress if grid.periodic else FreeStress)(pressure, grid, self.nu)
 
     def __repr__(self):
         return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
 
     def plane(self, depth):
-        """Stress on a horizontal plane below the cell centres.
+        """Return the stress on a horizontal plane below the cell centres.
 
         Returns
         -------
         ndarray, shape (6, ny, nx), [N/mm2]
             In the order of `COMPONENTS`.
         """
-        return self._below.plane(_checked(depth))
+        return self._sums.plane(_checked(depth))
 
     def section(self, depths, x=None, y=None):
-        """Stress on a vertical plane: along x through `y`, or along y through `x`; give one of the two [mm].
+        """Return the stress on a vertical plane at x or y.
 
         Returns
         -------
@@ -136,79 +128,71 @@ class SubsurfaceStress:
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
         _check_places(**({"x": x} if y is None else {"y": y}))
-        return np.stack([self._below.row(depth, x, y) for depth in _depths(depths)], axis=1)
+        return np.stack([self._sums.row(depth, x, y) for depth in _depths(depths)], axis=1)
 
     def line(self, depths, x, y):
-        """Stress on a vertical line [mm].
+        """Return the stress on a vertical line; lengths in mm.
 
         Returns
         -------
         ndarray, shape (6, depths), [N/mm2]
         """
         _check_places(x=x, y=y)
-        return np.stack([self._below.point(depth, x, y) for depth in _depths(depths)], axis=1)
+        return np.stack([self._sums.point(depth, x, y) for depth in _depths(depths)], axis=1)
 
     def depths_to_search(self):
-        """Depths at which `maximum` looks at whole planes [mm]: the surface, then by factors of sqrt 2."""
-        extent = max(self._below.extent)
-        first = _FINEST * min(self.grid.dx, self.grid.dy)
+        """Return the depths that `maximum` searches first [mm]."""
+        extent = max(self._sums.extent)
+        first = _FIRST_DEPTH * min(self.grid.dx, self.grid.dy)
         steps = max(1, int(np.ceil(2 * np.log2(extent / first))))
         return np.concatenate([[0.0], extent / 2 ** (np.arange(steps, -1, -1) / 2)])
 
     def maximum(self):
-        """Find the largest von Mises stress.
+        """Return the largest von Mises stress, a `StressMaximum`.
 
-        Planes down to the width of the loaded part are looked at, one at a time, deep ones on larger cells; then the
-        depth is refined below the most stressed cells of all. Before that an asperity's own maximum is missed by 2% at
-        the most.
-
-        Returns
-        -------
-        StressMaximum
-            At the surface without pressure.
+        The search compares planes down to the width of the loaded part, deep ones on larger cells. Then the depth is
+        refined below the most stressed cells. Without refinement, an asperity's maximum is missed by at most 2%.
+        Without pressure it is at the surface.
         """
         return self._search(von_mises)[0]
 
     def maxima(self):
-        """Find the largest von Mises stress and the largest shear stress, in one search; see `maximum`.
-
-        Returns
-        -------
-        StressMaximum, StressMaximum
-        """
+        """Return the largest von Mises and shear stresses."""
         return self._search(von_mises, _shear_where_large)
 
     def _search(self, *measures):
-        """Where each of some measures of the stress is largest."""
-        depths, found = self.depths_to_search(), [[] for _ in measures]
-        below, grid = self._below, self.grid
+        """Return the maximum of each measure of the stress."""
+        depths, peaks = self.depths_to_search(), [[] for _ in measures]
+        sums, grid = self._sums, self.grid
         for level, depth in enumerate(depths):
-            while depth > 2 * _SMOOTH * max(grid.dx, grid.dy) and (halved := _halved(below.pressure, grid)):
-                pressure, grid = halved
-                below = type(below)(pressure, grid, self.nu)
-            stress = below.plane(depth)
-            for measure, peaks in zip(measures, found, strict=True):
+            while depth > _MAX_CELLS_DEEP * max(grid.dx, grid.dy) and (
+                coarse := _coarsen(sums.pressure, grid)
+            ):
+                pressure, grid = coarse
+                sums = type(sums)(pressure, grid, self.nu)
+            stress = sums.plane(depth)
+            for k, measure in enumerate(measures):
                 field = measure(stress)
-                peaks += [(field[j, i], level, grid.x()[i], grid.y()[j]) for j, i in _peaks(field)]
-        return [self._refined(measure, peaks, depths) for measure, peaks in zip(measures, found, strict=True)]
+                peaks[k] += [(field[j, i], level, grid.x()[i], grid.y()[j]) for j, i in _find_peaks(field)]
+        return [self._refine(*pair, depths) for pair in zip(measures, peaks, strict=True)]
 
-    def _refined(self, measure, peaks, depths):
-        """Largest of a measure below the highest peaks of the search, near their depths."""
+    def _refine(self, measure, peaks, depths):
+        """Return the maximum of a measure below the highest peaks."""
         from scipy.optimize import minimize_scalar
 
-        looked_at = {}
+        stresses = {}
 
-        def deficit(depth, x, y):
-            looked_at[x, y, depth] = self._below.point(depth, x, y)
-            return -float(measure(looked_at[x, y, depth]))
+        def negative(depth, x, y):
+            stresses[x, y, depth] = self._sums.point(depth, x, y)
+            return -float(measure(stresses[x, y, depth]))
 
-        for _, level, x, y in sorted(peaks, key=lambda peak: -peak[0])[:_STARTS]:
+        for _, level, x, y in sorted(peaks, key=lambda peak: -peak[0])[:_REFINED_PEAKS]:
             low, high = depths[max(level - 1, 0)], depths[min(level + 1, len(depths) - 1)]
-            deficit(depths[level], x, y)
+            negative(depths[level], x, y)
             if high > 0:
-                how = {"method": "bounded", "options": {"xatol": 2e-3 * high}}
-                minimize_scalar(deficit, args=(x, y), bounds=(low, high), **how)
-        place, stress = max(looked_at.items(), key=lambda item: measure(item[1]))
+                settings = {"method": "bounded", "options": {"xatol": 2e-3 * high}}
+                minimize_scalar(negative, args=(x, y), bounds=(low, high), **settings)
+        place, stress = max(stresses.items(), key=lambda item: measure(item[1]))
         return StressMaximum(float(von_mises(stress)), *map(float, place), stress)
 
 
@@ -225,25 +209,25 @@ def _check_places(**places):
 
 
 def _depths(depths):
-    found = [_checked(depth) for depth in np.atleast_1d(depths)]
-    if not found:
-        raise InputError("depths: needed: one at least")
-    return found
+    depths = [_checked(depth) for depth in np.atleast_1d(depths)]
+    if not depths:
+        raise InputError("depths: one at least is needed")
+    return depths
 
 
-def _peaks(field):
-    """Cells of the largest values that are no neighbours of each other."""
-    most = min(field.size, 50 * _STARTS)
-    order = np.argpartition(field, -most, axis=None)[-most:]
-    found, order = [], order[np.argsort(field.ravel()[order])[::-1]]
-    for cell in zip(*np.unravel_index(order, field.shape), strict=True):
-        if all(max(abs(cell[0] - j), abs(cell[1] - i)) > 1 for j, i in found):
-            found.append(cell)
-    return found[:_STARTS]
+def _find_peaks(field):
+    """Return the cells of the largest values that are not neighbours."""
+    count = min(field.size, 50 * _REFINED_PEAKS)
+    largest = np.argpartition(field, -count, axis=None)[-count:]
+    peaks, largest = [], largest[np.argsort(field.ravel()[largest])[::-1]]
+    for cell in zip(*np.unravel_index(largest, field.shape), strict=True):
+        if all(max(abs(cell[0] - j), abs(cell[1] - i)) > 1 for j, i in peaks):
+            peaks.append(cell)
+    return peaks[:_REFINED_PEAKS]
 
 
-def _halved(pressure, grid):
-    """Pressure and grid of cells joined by two; None where that is not possible."""
+def _coarsen(pressure, grid):
+    """Return pressure and grid of twice the cell sizes, or None."""
     fy, fx = (1 if n % 2 or n < 4 else 2 for n in grid.shape)
     if fx == fy == 1:
         return None
