@@ -1,8 +1,7 @@
-"""Formats of files: each is read, or refused with what to do."""
+"""Formats of files: each is read, or refused with advice."""
 
 import gzip
 
-import numpy as np
 import pytest
 
 from app import read_surface
@@ -12,7 +11,11 @@ from app.problems.gap_file import GapFile
 from app.problems.surfaces.formats import FORMATS, detect_format
 
 ROWS = "0.5 1.5 2\n3 4 5.25\n"
+
+
 WYKO = "Wyko ASCII Data File Format\t0\t1\t1\nX Size\t2\nRAW_DATA\t3\t280\n"
+
+
 REFUSED = [
     *[(suffix, known.description) for known in FORMATS if known.kind == "other" for suffix in known.suffixes],
     (".zip", "an archive: unpack it, unless it is of contact.engineering; python -m app.convert"),
@@ -22,7 +25,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("suffix", "message"), REFUSED, ids=[suffix for suffix, _ in REFUSED])
-def test_what_is_not_read_is_refused_with_what_to_do(tmp_path, capsys, suffix, message):
+def test_formats_that_are_not_read_are_refused_with_advice(tmp_path, capsys, suffix, message):
     path = tmp_path / f"s{suffix}"
     path.write_bytes(gzip.compress(b"\x00\xff") if suffix.endswith(".gz") else b"\x89PNG\r\n\x1a\n\x00")
     with pytest.raises(InputError) as refused:
@@ -35,38 +38,9 @@ def test_what_is_not_read_is_refused_with_what_to_do(tmp_path, capsys, suffix, m
     assert said.startswith("error: ") and said.count("\n") == 1
 
 
-def test_every_suffix_stands_once():
+def test_each_suffix_has_one_format():
     suffixes = [suffix for known in FORMATS for suffix in known.suffixes]
     assert len(suffixes) == len(set(suffixes))
-
-
-@pytest.mark.parametrize("name", ["s.txt.gz", "s.csv.GZ", "s.gz"])
-def test_compressed_texts_are_read(tmp_path, name):
-    (tmp_path / name).write_bytes(gzip.compress(ROWS.encode()))
-    expected = [[0.5, 1.5, 2], [3, 4, 5.25]]
-    np.testing.assert_array_equal(read_surface(tmp_path / name, "mm").heights(), expected)
-    np.testing.assert_array_equal(GapFile(tmp_path / name).rows(), expected)
-
-
-@pytest.mark.parametrize("share", [0.5, 0.9])
-def test_a_compressed_text_that_is_cut_off_is_refused(tmp_path, share):
-    packed = gzip.compress(ROWS.encode())
-    (tmp_path / "s.txt.gz").write_bytes(packed[: int(share * len(packed))])
-    with pytest.raises(InputError, match="cannot be read"):
-        read_surface(tmp_path / "s.txt.gz", "mm")
-
-
-def test_a_compressed_text_is_no_larger_than_the_memory(tmp_path, monkeypatch):
-    """A megabyte may unpack to a thousand."""
-    (tmp_path / "s.txt.gz").write_bytes(gzip.compress(b"0 " * 10**6))
-
-    def check_fits(size, what):
-        if size > 10**7:
-            raise MemoryError(f"{what} needs too much")
-
-    monkeypatch.setattr("app.problems.surfaces.array_file.check_fits", check_fits)
-    with pytest.raises(InputError, match="text, where .npy or .h5 take little needs too much"):
-        read_surface(tmp_path / "s.txt.gz", "mm")
 
 
 @pytest.mark.parametrize(
@@ -91,3 +65,13 @@ def test_binary_files_of_instruments_with_the_name_of_a_text_are_sent_to_their_r
     (tmp_path / "zygo.dat").write_bytes(b"\x88\x1b\x03\x6f\x00\x01\xff")
     with pytest.raises(InputError, match="app.convert FILE -o surface.h5 reads what instruments write"):
         read_surface(tmp_path / "zygo.dat", "um")
+
+
+@pytest.mark.parametrize(("name", "told"), [("scan.sdf", True), ("scan.x3p", True), ("scan.csv", False)])
+def test_instruments_files_are_sent_to_the_command_that_reads_them(tmp_path, name, told):
+    (tmp_path / name).write_bytes(
+        b"PK\x03\x04\xff\xfe" if name.endswith("x3p") else b"aISO-1.0\n1 2\n" if told else b"ISO-1.0\n1 2\n"
+    )
+    with pytest.raises(InputError) as refused:
+        read_surface(tmp_path / name, "um")
+    assert ("app.convert FILE" in str(refused.value)) == told

@@ -1,10 +1,9 @@
-"""-problem python: problems of the user's own, as functions and classes."""
+"""-problem python: user-defined problems, as functions and classes."""
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app import ContactProblem, Grid, Material, Sphere, solve
 from app.base.errors import InputError
 from app.cli.option_sources import ParsedOptions
 from app.cli.problem_options import PROBLEM_OPTIONS, Request, make_problem
@@ -161,27 +160,15 @@ def test_class_reads_options_of_its_own(make):
         ("typo.f", r"SyntaxError: .*line 1"),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(make, name, message):
+def test_errors_of_user_problems_are_one_line(make, name, message):
     with pytest.raises(InputError, match=message) as refusal:
         make(name)
     assert str(refusal.value).startswith(f"-problem_type {name}: ")
     assert "\n" not in str(refusal.value)
 
 
-def test_a_misspelt_option_of_its_own_is_told(make):
+def test_a_misspelt_option_of_a_user_problem_is_refused(make):
     texts = {"problem": "python", "problem_type": "my_module.Cone", "cone_slope": "1", "cone_slpoe": "2"}
     texts |= {"grid": "6,4", "domain": "-2,1,-1,1", "contact_modulus": "1", "load": "1"}
     with pytest.raises(InputError, match=r"unknown option: -cone_slpoe \(did you mean -cone_slope\?\)"):
         Request(ParsedOptions(texts), MPI.COMM_SELF)
-
-
-def test_a_problem_may_be_the_gap_of_another_one():
-    """Its shape is: what is solved has the material and the patch of the outer one."""
-    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
-    steel, soft = Material.pair((210000, np.inf), (0.3, 0.3)), Material.from_contact_modulus(5.0)
-    found = solve(ContactProblem(grid, steel, ContactProblem(grid, soft, Sphere(10))), load=100)
-    plain = solve(ContactProblem(grid, steel, Sphere(10)), load=100)
-    assert found.approach == plain.approach
-    assert found.problem["contact_modulus"] == steel.contact_modulus
-    assert found.problem["sphere_radius"] == plain.problem["sphere_radius"] == 10
-    assert "hertz_load" not in found.problem

@@ -1,19 +1,29 @@
-"""Measured surfaces on other cells than their own: volumes, exact surfaces, order, holes, and what is refused."""
+"""Resampled surfaces: volumes, exact surfaces, order, holes, and what is refused."""
 
 import h5py
 import numpy as np
 import pytest
-from mpi4py import MPI
 from running import assert_proved_equal
 
 from app import ContactProblem, Grid, Material, Sphere, read_surface, refine, solve
 from app.base.errors import InputError
-from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
-from app.options.option_table import OptionReader
+
+from ..from_options import problem_from
+
+
+def made(**texts):
+    return problem_from(problem="rough", surface_resample="", load=1, **texts)
+
 
 STEEL = Material.from_contact_modulus(115e3)
+
+
 ROUGH = np.random.default_rng(3).normal(size=(12, 18))
+
+
 CELL = 0.5, 0.25  # sides of 9 and 3
+
+
 PATCH = -4.5, 4.5, -1.5, 1.5
 
 
@@ -92,7 +102,7 @@ def test_cells_without_any_known_point_are_missing(n):
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 @pytest.mark.parametrize("periodic", [False, True])
-def test_few_heights(n, periodic):
+def test_few_heights_keep_their_mean(n, periodic):
     grid = Grid.from_domain(7, 5, (0, n, 0, 5), periodic)
     found = resampled(np.arange(5.0 * n).reshape(5, n), (1, 1)).heights_on(grid)
     assert found.mean() == pytest.approx((5 * n - 1) / 2) and np.isfinite(found).all()
@@ -124,13 +134,7 @@ def test_a_sphere_that_was_measured_is_a_sphere():
     assert refined.reached and refined.solution.grid.nx > 96
 
 
-def made(**given):
-    texts = {"problem": "rough", "contact_modulus": "1e5", "surface_resample": "", "load": "1"} | given
-    options = OptionReader(PROBLEM_OPTIONS, texts)
-    return make_problem(options, texts, MPI.COMM_SELF)[0]
-
-
-def test_two_files_of_different_cells(tmp_path):
+def test_two_files_of_different_cells_share_a_grid(tmp_path):
     """On the patch that both have, with the cells of the first, if nothing is said."""
     for name, n, width in (("a", 40, 0.01), ("b", 24, 0.015)):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
@@ -146,7 +150,7 @@ def test_two_files_of_different_cells(tmp_path):
         made(**files, domain="0,0.4,0,0.3")
 
 
-def test_filters_come_before(tmp_path):
+def test_filters_precede_resampling(tmp_path):
     np.save(tmp_path / "s.npy", ROUGH)
     given = {"surface_file": str(tmp_path / "s.npy"), "surface_unit": "mm", "surface_s_filter": "1.5"}
     given |= {"grid": "30,31", "domain": "-4.5,4.5,-1.5,1.5"}

@@ -1,13 +1,15 @@
-"""Rough surfaces and their statistics."""
+"""Random rough surfaces: waves, spectra, the same surface on every grid."""
 
 import numpy as np
 import pytest
 import scipy.fft
-from scipy.special import ndtri
 
 from app.halfspace.grid import Grid
+from app.halfspace.periodic_symbol import wave_numbers
 from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
+
+from .from_options import rough_problem
 
 DOMAIN = (-6.0, 6.0, -5.0, 5.0)
 
@@ -46,9 +48,6 @@ def every_wave(surface, x, y):
             phase_y = ky * (y - surface.origin[1]) / surface.period[1]
             total = total + (c * np.exp(2j * np.pi * (phase_x + phase_y[:, None]))).real
     return total
-
-
-# ------------------------------------------------------------------------------------------- wavy surface
 
 
 @pytest.mark.parametrize("decay", [0.5, 0.8, 0.95, 1.0])
@@ -155,12 +154,9 @@ def test_wavy_heights_become_gaussian_with_many_modes():
         ({"modes": (10**7, 10**7)}, "10000000 x 10000000 modes: needs .* of memory"),
     ],
 )
-def test_wavy_rejects(changes, message):
+def test_wrong_parameters_of_wavy_surfaces_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         wavy(**changes)
-
-
-# ------------------------------------------------------------------------------------ self-affine surface
 
 
 def test_self_affine_rms_height_is_exact_over_the_period():
@@ -298,7 +294,7 @@ def test_self_affine_is_isotropic():
         ({"shortest_wavelength": 1e-9}, "down to 1e-09 mm: needs .* of memory"),
     ],
 )
-def test_self_affine_rejects(changes, message):
+def test_wrong_parameters_of_self_affine_surfaces_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         self_affine(**changes)
 
@@ -313,97 +309,44 @@ def test_self_affine_refuses_to_repeat_itself():
         self_affine().check_grid(Grid(40, 60, 0.25, 0.25))
 
 
-# ----------------------------------------------------------------------------------------------- statistics
+def heights(problem):
+    return -problem.shape_on(problem.grid)
 
 
-def test_roughness_of_a_wave():
-    n, dx, dy, amplitude = 60, 0.1, 0.2, 0.3
-    q = 2 * np.pi * 4 / (n * dx)
-    height = 5 + amplitude * np.cos(q * np.arange(n) * dx) * np.ones((7, 1))
-    moments = roughness(height, dx, dy)
-    assert moments.rms_height == pytest.approx(amplitude / np.sqrt(2), rel=1e-12)
-    assert moments.skewness == pytest.approx(0, abs=1e-12)
-    assert moments.kurtosis == pytest.approx(1.5, rel=1e-12)
-    assert moments.arithmetic_mean_height == pytest.approx(
-        amplitude * 2 / np.pi, rel=0.01
-    )  # 15 points a wave
-    assert moments.maximum_height == pytest.approx(amplitude * (1 + np.cos(np.pi / 15)), rel=1e-12)
-    assert moments.rms_slope_y == 0
-    expected = q * amplitude / np.sqrt(2) * np.sin(q * dx / 2) / (q * dx / 2)
-    assert moments.rms_slope_x == pytest.approx(expected, rel=0.01)  # one face less than cells
+def spectrum(problem):
+    """Fourier coefficients of the height counted from the corner of the patch, up to 13 and 8 waves."""
+    grid = problem.grid
+    z = np.fft.rfft2(heights(problem)) / grid.n
+    kx, ky = np.arange(14), np.arange(-8, 9)
+    centre = np.exp(-1j * np.pi * (kx / grid.nx + ky[:, None] / grid.ny))
+    return z[ky, :14] * centre
 
 
-def test_roughness_of_a_plane():
-    x, y = np.arange(5) * 0.5, np.arange(4) * 0.25
-    moments = roughness(3 * x + 4 * y[:, None], 0.5, 0.25)
-    assert (moments.rms_slope_x, moments.rms_slope_y, moments.rms_slope) == pytest.approx(
-        (3, 4, 5), rel=1e-12
+@pytest.mark.parametrize("grid", ["32,20", "54,64", "27,33"])
+def test_every_grid_has_the_same_waves(grid):
+    # 12 waves of 0.25 mm fit into x, 8 into y.
+    np.testing.assert_allclose(
+        spectrum(rough_problem(grid)), spectrum(rough_problem("96")), rtol=0, atol=1e-14
     )
 
 
-def test_roughness_under_shift_scaling_and_reflection():
-    height = np.random.default_rng(2).exponential(size=(30, 20))
-    base, other = roughness(height, 1, 1), roughness(7 - 2 * height, 1, 1)
-    assert other.rms_height == pytest.approx(2 * base.rms_height)
-    assert other.rms_slope == pytest.approx(2 * base.rms_slope)
-    assert other.skewness == pytest.approx(-base.skewness)
-    assert other.kurtosis == pytest.approx(base.kurtosis)
-    assert other.arithmetic_mean_height == pytest.approx(2 * base.arithmetic_mean_height)
-    assert other.maximum_height == pytest.approx(2 * base.maximum_height)
-    assert base.skewness > 1
+@pytest.mark.parametrize("grid", ["32,20", "96"])
+def test_rms_values_are_those_of_the_spectrum(grid):
+    problem = rough_problem(grid)
+    z = np.fft.rfft2(heights(problem)) / problem.grid.n
+    g = problem.grid
+    i, j = np.arange(g.nx // 2 + 1), np.fft.fftfreq(g.ny, 1 / g.ny)
+    qx, qy = wave_numbers(g, i, j)
+    twice = np.where((i > 0) & (2 * i < g.nx), 2.0, 1.0)
+    assert np.sum(twice * np.abs(z) ** 2 * (qx**2 + qy[:, None] ** 2)) == pytest.approx(0.01, rel=1e-12)
+    facts = problem.describe()
+    assert facts["surface_rms_slope"] == pytest.approx(0.1, rel=1e-14)
+    assert facts["surface_rms_height"] == pytest.approx(heights(problem).std(), rel=1e-12)
+    assert abs(heights(problem).mean()) < 1e-15  # the mean plane
 
 
-def test_a_flat_surface_has_no_shape():
-    moments = roughness(np.full((4, 4), 0.1), 1, 1)
-    assert moments.rms_slope == 0
-    assert np.isnan([moments.skewness, moments.kurtosis, normal_plot(np.full(9, 0.1)).correlation]).all()
-
-
-def test_spectrum_adds_up_to_the_variance():
-    height = sampled(self_affine(), 100, 90)  # no wave beyond the last ring
-    spectrum = radial_spectrum(height, 12 / 100, 10 / 90)
-    assert np.sum(spectrum.count * spectrum.density) / 120 == pytest.approx(height.var(), rel=1e-12)
-
-
-@pytest.mark.parametrize("window", [False, True])
-def test_spectrum_of_white_noise_is_variance_times_cell_area(window):
-    dx, dy = 0.1, 0.3
-    height = np.random.default_rng(4).normal(scale=0.2, size=(128, 384))
-    spectrum = radial_spectrum(height, dx, dy, window)
-    mean = np.average(spectrum.density, weights=spectrum.count)
-    assert mean == pytest.approx(0.2**2 * dx * dy, rel=0.03)
-
-
-def test_spectrum_rings_are_closed():
-    count = radial_spectrum(np.eye(64), 1, 1).count
-    assert len(count) == 31
-    np.testing.assert_allclose(count[9:], 2 * np.pi * np.arange(10, 32), rtol=0.15)
-
-
-def test_window_suppresses_the_edges_of_a_tilted_patch():
-    x = np.arange(64) / 64
-    height = np.tile(x, (64, 1))  # not periodic: without a window its jump leaks into all wave numbers
-    plain, windowed = (radial_spectrum(height, 1 / 64, 1 / 64, window) for window in (False, True))
-    assert windowed.density[-1] < 1e-3 * plain.density[-1]
-
-
-def test_normal_plot_of_normal_quantiles_is_a_straight_line():
-    quantiles = ndtri((np.arange(50) + 0.5) / 50)
-    plot = normal_plot(np.random.default_rng(6).permutation(2 + 3 * quantiles).reshape(5, 10))
-    assert plot.correlation == pytest.approx(1, abs=1e-14)
-    np.testing.assert_allclose(plot.height, 2 + 3 * plot.quantile, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (lambda: roughness(np.zeros((1, 5)), 1, 1), "at least 2 x 2"),
-        (lambda: roughness(np.zeros(5), 1, 1), "need \\(ny, nx\\)"),
-        (lambda: roughness(np.full((3, 3), np.nan), 1, 1), "finite"),
-        (lambda: radial_spectrum(np.zeros((4, 3)), 1, 1), "at least 4 x 4"),
-        (lambda: normal_plot([1.0]), "at least 2 heights"),
-    ],
-)
-def test_statistics_reject(function, message):
-    with pytest.raises(ValueError, match=message):
-        function()
+def test_rows_of_a_rough_problem_do_not_depend_on_their_slab():
+    problem = rough_problem("32,24")
+    whole = problem.shape_on(problem.grid)
+    for rows in (slice(0, 9), slice(9, 10), slice(10, 24), slice(4, 4)):
+        np.testing.assert_allclose(problem.shape_on(problem.grid, rows), whole[rows], rtol=0, atol=1e-15)

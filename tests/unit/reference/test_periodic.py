@@ -1,4 +1,4 @@
-"""Analytic solutions of periodic bodies: the laws they obey, by quadrature and Fourier sums."""
+"""Periodic analytic solutions, by quadrature and Fourier sums."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,11 @@ from scipy.integrate import quad
 from app.reference import Bisinusoidal, Westergaard, full_contact_pressure
 
 E_STAR, AMPLITUDE, LENGTH = 900.0, 0.02, 1.7
+
+
 FULL = np.pi * E_STAR * AMPLITUDE / LENGTH
+
+
 SHARES = 0.01, 0.3, 0.8, 0.999
 
 
@@ -132,7 +136,7 @@ def test_crack_near_full_contact_follows_from_its_tension():
 @pytest.mark.parametrize(
     "wrong", [{"amplitude": 0}, {"wavelength": -1}, {"e_star": np.inf}, {"mean_pressure": np.nan}]
 )
-def test_refusals(kind, wrong):
+def test_wrong_parameters_of_waves_are_refused(kind, wrong):
     good = {"amplitude": 1, "wavelength": 1, "e_star": 1, "mean_pressure": 1}
     with pytest.raises(ValueError, match=next(iter(wrong))):
         kind(**(good | wrong))

@@ -1,58 +1,67 @@
-"""Gaps from files of every kind, and files that hold none."""
+"""Arrays in files: datasets, compressed texts, encodings, and broken files."""
 
+import gzip
 import re
 
 import h5py
 import numpy as np
 import pytest
-from cases import APPROACH, hertz
-from running import solve
 
-from app import ContactProblem
-from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app import read_surface
+from app.base.errors import InputError
 from app.problems.gap_file import GapFile
 
-
-def write_gap(path, shape):
-    if path.suffix == ".npy":
-        np.save(path, shape)
-    elif path.suffix == ".npz":
-        np.savez_compressed(path, shape=shape, x=shape[0])
-    elif path.suffix == ".h5":
-        with h5py.File(path, "w") as file:
-            file["measured/gap"] = shape
-    else:
-        np.savetxt(path, shape, fmt="%.17g", delimiter=", " if path.suffix == ".csv" else " ")
+ROWS = "0.5 1.5 2\n3 4 5.25\n"
 
 
-def gap_file(path, n):
-    problem = hertz(n)
-    return ContactProblem(problem.grid, problem.material, GapFile(path))
+@pytest.mark.parametrize("name", ["s.txt.gz", "s.csv.GZ", "s.gz"])
+def test_compressed_texts_are_read(tmp_path, name):
+    (tmp_path / name).write_bytes(gzip.compress(ROWS.encode()))
+    expected = [[0.5, 1.5, 2], [3, 4, 5.25]]
+    np.testing.assert_array_equal(read_surface(tmp_path / name, "mm").heights(), expected)
+    np.testing.assert_array_equal(GapFile(tmp_path / name).rows(), expected)
 
 
-@pytest.mark.parametrize("name", ["gap.npy", "gap.npz", "gap.h5", "gap.txt", "gap.csv"])
-def test_gap_from_a_file_is_the_same_problem(name, tmp_path):
-    problem = hertz(32)
-    write_gap(tmp_path / name, problem.shape_on(problem.grid))
-    solution = solve(gap_file(tmp_path / name, 32), APPROACH)
-    np.testing.assert_array_equal(solution.pressure, solve(problem, APPROACH).pressure)
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_compressed_text_that_is_cut_off_is_refused(tmp_path, share):
+    packed = gzip.compress(ROWS.encode())
+    (tmp_path / "s.txt.gz").write_bytes(packed[: int(share * len(packed))])
+    with pytest.raises(InputError, match="cannot be read"):
+        read_surface(tmp_path / "s.txt.gz", "mm")
 
 
-def test_dataset_by_name_integers_and_byte_order(tmp_path):
-    values = np.arange(12).reshape(3, 4)
-    with h5py.File(tmp_path / "many.h5", "w") as file:
-        file["a/b"], file["c"] = values.astype(">f4"), np.zeros((3, 4))
-    np.save(tmp_path / "big_endian.npy", values.astype(">i2"))
-    np.save(tmp_path / "fortran.npy", np.asfortranarray(values, float))
-    (tmp_path / "odd.txt").write_text("# a comment\n0 1\t2  3\n\n4\t5 6 7\n8 9 10 11e0\n")
-    np.savez(tmp_path / "many.npz", a=values, b=np.zeros((3, 4)))
-    for name in ("many.h5:/a/b", "many.npz:/a", "big_endian.npy", "fortran.npy", "odd.txt"):
-        gap = GapFile(str(tmp_path / name))
-        assert gap.shape == (3, 4)
-        rows = gap.rows(slice(1, 3))
-        assert rows.dtype == np.float64
-        np.testing.assert_array_equal(rows, values[1:])
+def test_a_compressed_text_is_no_larger_than_the_memory(tmp_path, monkeypatch):
+    """A megabyte may unpack to a thousand."""
+    (tmp_path / "s.txt.gz").write_bytes(gzip.compress(b"0 " * 10**6))
+
+    def check_fits(size, what):
+        if size > 10**7:
+            raise MemoryError(f"{what} needs too much")
+
+    monkeypatch.setattr("app.problems.surfaces.array_file.check_fits", check_fits)
+    with pytest.raises(InputError, match="text, where .npy or .h5 take little needs too much"):
+        read_surface(tmp_path / "s.txt.gz", "mm")
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
+def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
+    """What a microscope exports: a name, a unit, then numbers."""
+    path = tmp_path / "scan.csv"
+    path.write_text("Höhe;Plane 1\n[µm]\n0,5;1,5\n***;2\n", encoding=coding)
+    with pytest.raises(
+        InputError,
+        match=r"line 1: 'Höhe' is no number; skip the 2 lines at the head by skip=2 \(-surface_skip 2, ",
+    ):
+        read_surface(path, "um")
+    surface = read_surface(path, "um", skip=2)
+    np.testing.assert_allclose(surface.heights(), [[5e-4, 1.5e-3], [np.nan, 2e-3]], rtol=1e-15)
+    assert surface.missing_points == 1
+
+
+def test_lines_are_skipped_of_texts_only(tmp_path):
+    np.save(tmp_path / "s.npy", np.ones((2, 3)))
+    with pytest.raises(InputError, match="2 lines to skip: allowed of text"):
+        read_surface(tmp_path / "s.npy", "um", skip=2)
 
 
 def save_archive(path):
@@ -162,7 +171,7 @@ SQUARE = np.ones((8, 8))
         ("gap.txt", save_bytes(bytes(range(128, 256))), "cannot be read"),
     ],
 )
-def test_file_that_is_no_gap(name, save, message, tmp_path):
+def test_files_without_an_array_of_numbers_are_refused(name, save, message, tmp_path):
     path = str(tmp_path / name)
     save(tmp_path / name.partition(":")[0])
     with pytest.raises(ValueError, match=re.escape(message)) as refusal:
@@ -170,56 +179,17 @@ def test_file_that_is_no_gap(name, save, message, tmp_path):
     assert str(refusal.value).startswith(f"gap file {tmp_path}/gap.")
 
 
-X = np.arange(12) / 3
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        (np.stack([X, np.cos(X)], -1), "12 lines of 2 numbers are x, z of a line scan"),
-        (np.stack([X**2, X], -1), "12 lines of 2 numbers are x, z of a line scan"),
-        (np.stack([X[:5] ** 2, np.cos(X[:5])], -1), "5 lines of 2 numbers are x, z of a line scan"),
-        (np.stack([X, np.cos(X)]), "2 lines of 12 numbers are x, z of a line scan"),
-        (np.zeros((10, 3)), "10 lines of 3 numbers are points x, y, z"),
-    ],
-)
-def test_lists_of_points_are_no_gap(tmp_path, table, message):
-    """Equal steps or not; as .npy they are what they are."""
-    np.savetxt(tmp_path / "gap.txt", table)
-    with pytest.raises(ValueError, match=message):
-        GapFile(tmp_path / "gap.txt")
-    np.save(tmp_path / "gap.npy", table)
-    assert GapFile(tmp_path / "gap.npy").shape == table.shape
-
-
-def test_two_equal_rows_are_a_gap(tmp_path):
-    np.savetxt(tmp_path / "gap.txt", [X, X])
-    assert GapFile(tmp_path / "gap.txt").shape == (2, 12)
-
-
-@pytest.mark.parametrize(("unit", "read"), [("mm", True), ("m", False), ("V", False)])
-def test_a_gap_is_in_mm(tmp_path, unit, read):
-    np.savetxt(tmp_path / "gap.txt", SQUARE, header=f"Value units: {unit}")
-    if read:
-        assert GapFile(tmp_path / "gap.txt").shape == SQUARE.shape
-    else:
-        with pytest.raises(ValueError, match=f"says {unit}; needed: mm"):
-            GapFile(tmp_path / "gap.txt")
-
-
-def test_gap_of_another_shape_than_the_grid(tmp_path):
-    np.save(tmp_path / "gap.npy", np.ones((8, 9)))
-    with pytest.raises(ValueError, match=re.escape("-grid 8,9 needs (ny, nx) = (9, 8)")):
-        ContactProblem(Grid(8, 9, 1.0, 1.0), Material.combined(1.0, 0.3), GapFile(tmp_path / "gap.npy"))
-
-
-@pytest.mark.parametrize("value", [np.inf, -np.inf])
-def test_infinite_gap(value, tmp_path):
-    values = SQUARE.copy()
-    values[5, 2], values[6, 0] = value, np.nan
-    np.save(tmp_path / "gap.npy", values)
-    gap = GapFile(str(tmp_path / "gap.npy"))
-    with pytest.raises(ValueError, match="row 5, column 2"):
-        gap.check(slice(4, 8))
-    for rows in (slice(0, 4), slice(6, 8)):
-        gap.check(rows)
+def test_datasets_integers_and_byte_orders_are_read(tmp_path):
+    values = np.arange(12).reshape(3, 4)
+    with h5py.File(tmp_path / "many.h5", "w") as file:
+        file["a/b"], file["c"] = values.astype(">f4"), np.zeros((3, 4))
+    np.save(tmp_path / "big_endian.npy", values.astype(">i2"))
+    np.save(tmp_path / "fortran.npy", np.asfortranarray(values, float))
+    (tmp_path / "odd.txt").write_text("# a comment\n0 1\t2  3\n\n4\t5 6 7\n8 9 10 11e0\n")
+    np.savez(tmp_path / "many.npz", a=values, b=np.zeros((3, 4)))
+    for name in ("many.h5:/a/b", "many.npz:/a", "big_endian.npy", "fortran.npy", "odd.txt"):
+        gap = GapFile(str(tmp_path / name))
+        assert gap.shape == (3, 4)
+        rows = gap.rows(slice(1, 3))
+        assert rows.dtype == np.float64
+        np.testing.assert_array_equal(rows, values[1:])

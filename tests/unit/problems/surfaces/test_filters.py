@@ -11,9 +11,22 @@ from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.options.option_table import OptionReader
 from app.problems.surfaces.filters import band_pass
 
+from ..from_options import problem_from
+
+
+def made(path, **texts):
+    return problem_from(problem="rough", surface_file=path, **texts)
+
+
 NX, NY = 120, 72
+
+
 CELL = 0.5, 1.25  # sides of 60 and 90
+
+
 X, Y = CELL[0] * np.arange(NX), CELL[1] * np.arange(NY)[:, None]
+
+
 ROUGH = np.random.default_rng(3).normal(size=(NY, NX))
 
 
@@ -129,11 +142,6 @@ def saved(tmp_path):
     return tmp_path
 
 
-def made(path, **texts):
-    given = {"problem": "rough", "contact_modulus": "1", "surface_file": str(path), **texts}
-    return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)[0]
-
-
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("missing", ["hole", "fill"])
 def test_options_and_python_do_the_same_after_crop_missing_points_and_level(saved, missing, periodic):
@@ -177,7 +185,7 @@ def test_cells_are_averaged_after_filters_of_the_files_own(saved):
         ({"l_filter": "0.07"}, "l_filter 0.07 mm: not allowed .*; allowed: 0.0025 to 0.06 mm"),
     ],
 )
-def test_refused(saved, filters, message):
+def test_nesting_indices_out_of_range_are_refused(saved, filters, message):
     with pytest.raises(InputError, match=message):
         made(saved / "s.h5", **{f"surface_{name}": text for name, text in filters.items()})
     if "must be" not in message:
@@ -196,12 +204,12 @@ def test_refused(saved, filters, message):
         ({"s_filter": 0.01, "spacing": (1e-3, 1e-3), "crop": (3, 4, 5, 6)}, "one cell: nothing to filter"),
     ],
 )
-def test_refused_in_python(how, message):
+def test_wrong_filters_are_refused(how, message):
     with pytest.raises(InputError, match=message):
         read_surface(ROUGH, "nm", **how)
 
 
-def test_without_a_measured_surface_they_have_no_effect(saved):
+def test_filters_without_a_measured_surface_are_unused_options(saved):
     given = {"problem": "sphere", "sphere_radius": "1", "contact_modulus": "1"}
     given |= {"domain": "-1,1,-1,1", "grid": "8", "surface_s_filter": "0.1"}
     reader = OptionReader(PROBLEM_OPTIONS, given)
@@ -209,7 +217,7 @@ def test_without_a_measured_surface_they_have_no_effect(saved):
     assert reader.unused() == ["surface_s_filter"]
 
 
-def test_a_spacing_known_to_the_grid_only(saved):
+def test_filters_use_the_spacing_of_the_grid(saved):
     surface = read_surface(saved / "s.npy", "nm")
     grid = surface.grid((0, 0.06, 0, 0.09))
     filtered = surface.filtered(grid, s_filter=5e-3)

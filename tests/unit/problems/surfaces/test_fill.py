@@ -1,4 +1,4 @@
-"""Missing points that are filled: against dense solutions, planes, periods, other cells, and the load they carry."""
+"""Filled points: against dense solutions, planes, periods, other cells, and the load they carry."""
 
 from itertools import product
 
@@ -9,8 +9,14 @@ from app import ContactProblem, Grid, Material, read_surface, solve
 from app.problems.surfaces.moments import LEVELS
 
 NY, NX = 12, 15
+
+
 X, Y = np.arange(NX), np.arange(NY)[:, None]
+
+
 PLANE = 3e3 + 40 * X - 25 * Y
+
+
 HOLES = {
     "row": np.s_[-1],
     "columns": np.s_[:, :2],
@@ -134,7 +140,7 @@ def test_planes_are_kept_on_other_cells(where, missing):
 
 
 @pytest.mark.parametrize("cells", [None, (16, 16), (30, 40)])
-def test_the_load_that_filled_points_carry_is_noted(cells):
+def test_the_load_on_filled_points_is_noted(cells):
     """A summit that was not measured; one outside of the contact carries nothing."""
     x = np.linspace(-1, 1, 32)
     cap = -(x**2) - x[:, None] ** 2

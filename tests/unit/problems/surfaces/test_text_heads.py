@@ -1,4 +1,4 @@
-"""Heads of texts: channels one below the other, languages and units of Gwyddion's export, and what overrides them."""
+"""Heads of texts: channels, languages and units of Gwyddion's export, and options that override them."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,11 @@ from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 
 HEIGHTS = np.random.default_rng(8).normal(size=(2, 6, 9)).round(6)
+
+
 GERMAN = "Kanal", "Breite", "Höhe", "Einheiten"
+
+
 ENGLISH = "Channel", "Width", "Height", "Value units"
 
 
@@ -78,7 +82,7 @@ def test_a_footer_is_no_channel(written):
 
 
 @pytest.mark.parametrize("labels", [GERMAN, ("Canal", "Largeur", "Hauteur", "Unités"), ENGLISH])
-def test_heads_in_other_languages(written, labels):
+def test_heads_in_other_languages_are_read(written, labels):
     path = written(*head("Höhe", ("9,0 µm", "0,0012 cm"), "m", labels), *rows(HEIGHTS[0]))
     surface = read_surface(path)
     np.testing.assert_allclose(surface.heights(), 1e3 * HEIGHTS[0], rtol=1e-15)
@@ -88,7 +92,7 @@ def test_heads_in_other_languages(written, labels):
 @pytest.mark.parametrize(
     ("unit", "scale"), [("Å", 1e-7), ("\u212b", 1e-7), ("pm", 1e-9), ("in", 25.4), ("cm", 10), ("μm", 1e-3)]
 )
-def test_units_of_values(written, unit, scale):
+def test_units_of_values_are_read(written, unit, scale):
     path = written(*head(unit=unit), *rows(HEIGHTS[0]))
     np.testing.assert_allclose(read_surface(path).heights(), scale * HEIGHTS[0], rtol=1e-14)
 
@@ -107,7 +111,7 @@ def test_values_that_are_no_lengths_are_no_heights(written, tmp_path, unit):
     np.testing.assert_array_equal(read_surface(tmp_path / "s.h5").heights(), expected.heights())
 
 
-def test_a_wrong_width_is_corrected_where_that_is_said(written, tmp_path, capsys):
+def test_override_replaces_a_wrong_width(written, tmp_path, capsys):
     """A map of 160 m; what is not given anew stays as the file states it."""
     path = written(*head(sides=("160 m", "12 µm")), *rows(HEIGHTS[0]))
     spacing = (1e-3, 3e-3)
@@ -127,7 +131,7 @@ def test_a_wrong_width_is_corrected_where_that_is_said(written, tmp_path, capsys
             read_surface(path, override=True, **nothing)
 
 
-def test_the_unit_of_heights_alone_is_corrected(tmp_path):
+def test_override_replaces_the_unit_of_heights_alone(tmp_path):
     """Cells whose unit is that of the heights keep it under height_unit, and change with unit."""
     points = np.stack([*np.meshgrid(2.0 * np.arange(5), 3.0 * np.arange(4)), HEIGHTS[0][:4, :5]], -1).reshape(
         -1, 3
@@ -137,41 +141,3 @@ def test_the_unit_of_heights_alone_is_corrected(tmp_path):
     surface = read_surface(tmp_path / "s.h5", height_unit="nm", override=True)
     np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[0][:4, :5], rtol=1e-9)
     assert surface.spacing == pytest.approx((2e-3, 3e-3))
-
-
-SCAN = np.arange(40) / 7
-
-
-@pytest.mark.parametrize(
-    "x", [SCAN, SCAN[::-1], SCAN**2, SCAN[:5] ** 2, np.random.default_rng(1).permutation(SCAN)]
-)
-@pytest.mark.parametrize("z", [np.cos, np.square, np.ones_like])
-def test_a_line_scan_is_no_map(tmp_path, x, z):
-    """Equal steps or not, sorted or not; it is kept as a map of two columns only where that is said."""
-    np.savetxt(path := tmp_path / "s.txt", np.stack([x, z(x)], -1), fmt="%.9g")
-    with pytest.raises(InputError, match=f"{len(x)} lines of 2 numbers are x, z of a line scan, not a map"):
-        read_surface(path, "um")
-    words = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]
-    assert convert(words) == 2
-    assert convert([*words, "--crop", f"0,2,0,{len(x)}"]) == 0
-    assert read_surface(path, "um", crop=(0, 2, 0, len(x))).shape == (len(x), 2)
-
-
-def test_points_with_more_than_heights_are_no_map(tmp_path):
-    x, y = np.meshgrid(2.0 * np.arange(9), 3.0 * np.arange(6))
-    np.savetxt(
-        path := tmp_path / "s.txt", np.stack([x, y, HEIGHTS[0], 0 * x + 255], -1).reshape(-1, 4), fmt="%.6f"
-    )
-    for read in (lambda: read_surface(path, "um")), (lambda: GapFile(path)):
-        with pytest.raises(
-            InputError, match="54 lines of 4 numbers are points x, y, z with more behind z, not a map"
-        ):
-            read()
-
-
-def test_a_line_scan_in_two_rows_is_no_map(tmp_path):
-    np.savetxt(path := tmp_path / "s.txt", [SCAN, np.cos(SCAN)])
-    with pytest.raises(InputError, match="2 lines of 40 numbers are x, z of a line scan"):
-        read_surface(path, "um")
-    np.savetxt(path, np.cos([SCAN, SCAN + 1]))
-    assert read_surface(path, "um").shape == (2, 40)

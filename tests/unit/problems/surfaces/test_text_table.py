@@ -1,14 +1,13 @@
-"""Tables of numbers in text: every common way to write them gives the same numbers; what is not clear is refused."""
+"""Tables of numbers in text: every common way to write them, and ambiguous ones."""
 
 import numpy as np
 import pytest
 
-from app import read_surface
-from app.base.errors import InputError
-from app.problems.gap_file import GapFile
 from app.problems.surfaces.text_table import read_table
 
 VALUES = np.array([[0.12, -3.5, 4.0, 1e-3], [2.25, 0.5, -0.75, 10.0], [7.0, 1.5, 0.25, 8.0]])
+
+
 LINES = [["0.12", "-3.5", "4", "1e-3"], ["2.25", "0.5", "-0.75", "10"], ["7", "1.5", "+0.25", "8"]]
 
 
@@ -59,7 +58,7 @@ def test_whole_numbers_between_commas_are_no_decimals(text):
         ("Height\n1 2", "line 1: 'Height' is no number; lines that are no row of cells begin with #"),
     ],
 )
-def test_what_can_be_read_in_two_ways_is_refused(text, message):
+def test_ambiguous_texts_are_refused(text, message):
     with pytest.raises(ValueError, match=message):
         read_table(text.splitlines())
 
@@ -82,7 +81,7 @@ def test_what_can_be_read_in_two_ways_is_refused(text, message):
         "No Data",
     ],
 )
-def test_marks_of_missing_points(mark):
+def test_marks_of_missing_points_are_nan(mark):
     found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], heights=True)
     np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
 
@@ -101,7 +100,7 @@ def test_marks_of_missing_points(mark):
         ("#N/A 1\n# no row\n2 3", [[np.nan, 1], [2, 3]]),
     ],
 )
-def test_numbers_of_fortran_and_spreadsheets(text, expected):
+def test_numbers_of_fortran_and_spreadsheets_are_read(text, expected):
     np.testing.assert_array_equal(read_table(text.splitlines(), heights=True), expected)
 
 
@@ -117,48 +116,11 @@ def test_blanks_behind_the_last_separator_are_no_missing_point(lines):
     np.testing.assert_array_equal(read_table(lines, heights=True), [[1, 2], [3, 4]])
 
 
-@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
-def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
-    """What a microscope exports: a name, a unit, then numbers."""
-    path = tmp_path / "scan.csv"
-    path.write_text("Höhe;Plane 1\n[µm]\n0,5;1,5\n***;2\n", encoding=coding)
-    with pytest.raises(
-        InputError,
-        match=r"line 1: 'Höhe' is no number; skip the 2 lines at the head by skip=2 \(-surface_skip 2, ",
-    ):
-        read_surface(path, "um")
-    surface = read_surface(path, "um", skip=2)
-    np.testing.assert_allclose(surface.heights(), [[5e-4, 1.5e-3], [np.nan, 2e-3]], rtol=1e-15)
-    assert surface.missing_points == 1
-
-
-@pytest.mark.parametrize(("name", "told"), [("scan.sdf", True), ("scan.x3p", True), ("scan.csv", False)])
-def test_instruments_files_are_sent_to_the_command_that_reads_them(tmp_path, name, told):
-    (tmp_path / name).write_bytes(
-        b"PK\x03\x04\xff\xfe" if name.endswith("x3p") else b"aISO-1.0\n1 2\n" if told else b"ISO-1.0\n1 2\n"
-    )
-    with pytest.raises(InputError) as refused:
-        read_surface(tmp_path / name, "um")
-    assert ("app.convert FILE" in str(refused.value)) == told
-
-
-def test_lines_are_skipped_of_texts_only(tmp_path):
-    np.save(tmp_path / "s.npy", VALUES)
-    with pytest.raises(InputError, match="2 lines to skip: allowed of text"):
-        read_surface(tmp_path / "s.npy", "um", skip=2)
-
-
-def test_a_gap_has_no_marks(tmp_path):
-    (tmp_path / "gap.txt").write_text("1 ***\n2 3\n")
-    with pytest.raises(ValueError, match=r"line 1: '\*\*\*' is no number"):
-        GapFile(tmp_path / "gap.txt")
-
-
-def test_no_data_in_two_words_between_blanks():
+def test_no_data_between_blanks_is_one_missing_point():
     np.testing.assert_array_equal(read_table(["0 1 No Data", "0 2 0.5"], heights=True)[0], [0, 1, np.nan])
 
 
-def test_the_head_of_an_esri_grid_says_which_number_is_none():
+def test_nodata_value_of_a_skipped_head_is_missing():
     head = ["ncols 3", "nrows 2", "cellsize 0.5", "NODATA_value -9999"]
     rows = ["1 -9999 2", "-9999.0 3 -99"]
     expected = [[1, np.nan, 2], [np.nan, 3, -99]]

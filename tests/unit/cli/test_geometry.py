@@ -1,0 +1,110 @@
+"""Problems from options: shapes, surfaces, and the patch that follows from Hertz."""
+
+import numpy as np
+import pytest
+
+from app.base.errors import InputError
+
+from ..problems.from_options import problem_from, rough_problem
+
+
+def heights(problem):
+    return -problem.shape_on(problem.grid)
+
+
+def test_rms_height_and_combined_moduli_are_alternatives():
+    problem = rough_problem("32", without=["surface_rms_slope", "contact_modulus"], surface_rms_height="0.01",
+                   shear_modulus="72", poisson_ratio="0.28")  # fmt: skip
+    assert heights(problem).std() == pytest.approx(0.01, rel=1e-12)
+    assert problem.material.contact_modulus == pytest.approx(100)
+
+
+def test_the_default_roll_off_is_the_longest_side():
+    assert rough_problem("32", without=["surface_rolloff"]).describe()["surface_rolloff"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("grid", "without", "texts", "message"),
+    [
+        ("24,15", (), {}, r"cut-off 0.25: .* needed: at least 24,16 cells"),
+        ("16", (), {"domain": "0,1,0,1", "surface_cutoff": "0.1"}, "at least 20,20 cells"),
+        ("32", (), {"surface_cutoff": "1e-9"}, "at least 6000000000,4000000000 cells"),
+        ("32", ["surface_cutoff"], {}, "-surface_cutoff is missing"),
+        ("32", ["surface_rms_slope"], {}, "neither -surface_rms_slope nor -surface_rms_height"),
+        ("32", (), {"surface_rms_height": "1"}, "either its rms height or its rms slope"),
+        ("32", (), {"surface_hurst": "1.2"}, "-surface_hurst 1.2: must be"),
+        ("32", (), {"surface_rolloff": "0.2"}, "positive and in this order"),
+        ("32", ["contact_modulus"], {}, "neither -contact_modulus .* exactly one of these ways"),
+        ("32", ["contact_modulus"], {"shear_modulus": "1"}, "-poisson_ratio is missing"),
+        ("32", ["periodic"], {"periodic_symbol": "love"}, "-periodic_symbol: has no effect here"),
+    ],
+)
+def test_wrong_options_of_self_affine_surfaces_are_refused(grid, without, texts, message):
+    with pytest.raises((InputError, ValueError), match=message):
+        rough_problem(grid, without, **texts)
+
+
+def test_any_shape_takes_surfaces_from_options():
+    options = {"grid": "24", "domain": "-1,1,-1,1", "surface_cutoff": 0.25, "surface_rms_slope": 0.01}
+    smooth = problem_from(problem="cone", cone_angle=5, grid="24", domain="-1,1,-1,1")
+    rough = problem_from(problem="cone", cone_angle=5, **options)
+    plane = problem_from(problem="rough", **options)
+    both = problem_from(problem="cone", cone_angle=5, surface_sigma=1e-3, **options)
+    punch = problem_from(problem="punch", punch_diameter=1, **options)
+    assert smooth.sampled is False and len(both.surfaces) == 2 and len(punch.surfaces) == 1
+    g = rough.grid
+    np.testing.assert_allclose(rough.shape_on(g), smooth.shape_on(g) + plane.shape_on(g), atol=1e-16)
+    facts = both.describe()
+    assert facts["surface_hurst"] == 0.8 and facts["surface_sigma"] == 1e-3 and facts["surface_seed2"] == 7
+
+
+@pytest.mark.parametrize("shape", [{"problem": "sphere", "sphere_radius": 20},
+                                   {"problem": "hertz", "hertz_rx": 5, "hertz_ry": 30}])  # fmt: skip
+def test_default_patch_is_about_hertz_s_ellipse(shape):
+    by_approach = problem_from(**shape, approach=0.01)
+    exact = by_approach.reference(0.01)
+    by_load = problem_from(**shape, load=exact.load, grid="64,32")
+    assert by_approach.grid.shape == (256, 256) and by_load.grid.shape == (32, 64)
+    for grid in (by_approach.grid, by_load.grid):
+        assert (-grid.x0, -grid.y0) == pytest.approx((1.5 * exact.a, 1.5 * exact.b), rel=1e-12)
+        assert (grid.nx * grid.dx, grid.ny * grid.dy) == pytest.approx((3 * exact.a, 3 * exact.b), rel=1e-12)
+
+
+def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gap, heights = np.random.default_rng(3).random((2, 6, 8))
+    np.save("gap.npy", gap)
+    np.save("heights.npy", heights)
+    (tmp_path / "own_bowl.py").write_text("def bowl(x, y):\n    return x**2 + y**2\n")
+    options = {"surface_file": "heights.npy", "surface_unit": "um", "domain": "0,4,0,3"}
+    of_file = problem_from(problem="file", gap_file="gap.npy", **options)
+    np.testing.assert_allclose(of_file.shape_on(of_file.grid), gap - 1e-3 * heights, rtol=1e-14)
+    other = {name.replace("surface_file", "surface_file2"): text for name, text in options.items()}
+    on_other = problem_from(problem="file", gap_file="gap.npy", **other)
+    np.testing.assert_array_equal(on_other.shape_on(on_other.grid), of_file.shape_on(of_file.grid))
+    own = problem_from(problem="python", problem_type="own_bowl.py:bowl", **options)
+    x, y = own.grid.x(), own.grid.y()[:, None]
+    np.testing.assert_allclose(own.shape_on(own.grid), x**2 + y**2 - 1e-3 * heights, rtol=1e-13)
+    assert own.describe()["problem"] == "own_bowl.py:bowl" and own.describe()["surface_file"] == "heights.npy"
+    assert of_file.describe()["gap_file"] == "gap.npy"
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        ({"problem": "sphere", "sphere_radius": 2}, "-domain is missing"),
+        ({"problem": "sphere", "sphere_radius": 2, "load": 1, "periodic": ""}, "-domain is missing"),
+        ({"problem": "sphere", "sphere_radius": 2, "load": 1, "surface_cutoff": 1}, "-domain is missing"),
+        ({"problem": "sphere", "sphere_radius": 2, "approach": -1}, "without contact"),
+        ({"problem": "hertz"}, "neither -hertz_rx .* -body1_radii"),
+        ({"problem": "hertz", "body1_radii": "1,2"}, "-body2_radii is missing"),
+        ({"problem": "hertz", "body1_radii": "1,0", "body2_radii": "1,1"}, "-body1_radii 1,0: must be"),
+        ({"problem": "cone", "cone_angle": 90}, "-cone_angle 90: must be"),
+        ({"problem": "cylinder", "cylinder_radius": 1, "grid": "8,1", "domain": "0,1,0,1"}, "no line contact"),
+        ({"problem": "rough", "grid": "1,8", "domain": "0,1,0,1"}, "no line contact"),
+        ({"problem": "punch", "punch_diameter": 0.01, "grid": "8", "domain": "0,1,0,1"}, "no cell centre"),
+    ],
+)  # fmt: skip
+def test_wrong_options_of_shapes_are_refused(texts, message):
+    with pytest.raises((InputError, ValueError), match=message):
+        problem_from(**texts)

@@ -1,0 +1,345 @@
+"""Height maps: units, spacing, orientation, coordinates, ESRI grids, random texts."""
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+from app import read_surface
+from app.base.errors import InputError
+from app.cli.convert import main as convert
+from app.problems.gap_file import GapFile
+
+from .maps import DX, DY, FORMATS, HEIGHTS, TOLD
+
+
+def test_units(saved):
+    scales = {
+        "m": 1e3,
+        "cm": 10,
+        "mm": 1,
+        "um": 1e-3,
+        "nm": 1e-6,
+        "pm": 1e-9,
+        "Å": 1e-7,
+        "\u212b": 1e-7,
+        "in": 25.4,
+    }
+    for unit, scale in scales.items():
+        np.testing.assert_allclose(read_surface(saved(HEIGHTS), unit).heights(), scale * HEIGHTS, rtol=1e-15)
+
+
+def test_a_second_spacing_is_refused(saved):
+    assert read_surface(saved(HEIGHTS), "um", spacing=(0.1, 0.2)).grid().dy == pytest.approx(0.2)
+    with pytest.raises(InputError, match="spacing=: surface file .*s.h5 says 400 x 500 nm itself"):
+        read_surface(saved(HEIGHTS, "s.h5"), spacing=(0.1, 0.2))
+
+
+def test_heights_in_another_unit_than_points(saved):
+    points = saved(HEIGHTS, "s.xyz")
+    surface = read_surface(points, "mm", height_unit="um")
+    np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, rtol=1e-15)
+    assert surface.spacing == pytest.approx((DX, DY))
+    np.testing.assert_array_equal(read_surface(saved(HEIGHTS), height_unit="um").heights(), surface.heights())
+    with pytest.raises(
+        InputError, match=r"-surface_unit\) is missing: .* does not say the unit of its x and y"
+    ):
+        read_surface(points, height_unit="um")
+    with pytest.raises(InputError, match=r"-surface_height_unit\) nm: surface file .* says um"):
+        read_surface(saved(HEIGHTS, "s.h5"), height_unit="nm")
+
+
+TURNED = {
+    (): HEIGHTS,
+    ("transpose",): HEIGHTS.T,
+    ("flip_x",): HEIGHTS[:, ::-1],
+    ("flip_y",): HEIGHTS[::-1],
+    ("transpose", "flip_y"): HEIGHTS.T[::-1],
+    ("flip_y", "transpose"): HEIGHTS[::-1].T,
+    ("transpose", "flip_x", "transpose"): HEIGHTS[::-1],
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("orient", TURNED)
+def test_orientation_turns_rows_columns_and_spacing(saved, name, orient):
+    surface = read_surface(saved(HEIGHTS, name), None if name in TOLD else "um", orient=orient)
+    np.testing.assert_allclose(surface.heights(), 1e-3 * TURNED[orient], rtol=1e-15)
+    if surface.spacing:
+        turned = orient.count("transpose") % 2
+        assert surface.spacing == pytest.approx((1e-3 * DY, 1e-3 * DX) if turned else (1e-3 * DX, 1e-3 * DY))
+
+
+def test_orientation_is_a_text_or_a_sequence():
+    by_text, by_names = (
+        read_surface(HEIGHTS, "um", orient=orient) for orient in ("transpose,flip_y", ("transpose", "flip_y"))
+    )
+    np.testing.assert_array_equal(by_text.heights(), by_names.heights())
+    assert by_text.orient == by_names.orient and read_surface(HEIGHTS, "um", orient=None).orient == ()
+
+
+def test_a_part_of_a_map_with_more_cells_than_petsc_can_number(tmp_path):
+    with h5py.File(tmp_path / "large.h5", "w") as file:
+        file.create_dataset("heights", (60_000, 60_000), "f4", chunks=(1000, 1000))
+    surface = read_surface(tmp_path / "large.h5", "um", crop=(50_000, 50_015, 40_000, 40_012))
+    assert surface.shape == (12, 15) and not surface.heights().any()
+
+
+UNEVEN = np.random.default_rng(5).standard_normal((20, 30)).cumsum(axis=0).cumsum(axis=1)
+
+
+ALONG, UP = np.arange(30) / 3, np.arange(20)[:, None] / 7
+
+
+@pytest.mark.parametrize("tilt", [0, 3, 1000])
+@pytest.mark.parametrize("head", ["row", "column", "row and column"])
+def test_coordinates_at_the_rim_are_refused(tmp_path, head, tilt):
+    """Nor where the heights beside them go by nearly equal steps, too."""
+    column, row = (int(what in head) for what in ("column", "row"))
+    heights = UNEVEN + tilt * (7 * ALONG - 5 * UP)
+    table = np.hstack([UP, heights]) if column else heights
+    table = np.vstack([np.append(np.zeros(column), ALONG), table]) if row else table
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.6g")
+    ny, nx = table.shape
+    with pytest.raises(
+        InputError, match=f"first {head}: equal steps, .*-surface_crop {column},{nx},{row},{ny},"
+    ):
+        read_surface(path, "um")
+    converted = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,2"]
+    assert convert(converted) == 2
+    assert convert([*converted, "--crop", f"{column},{nx},{row},{ny}"]) == 0
+    left = read_surface(path, "um", crop=(column, nx, row, ny)).heights()
+    np.testing.assert_allclose(left, 1e-3 * heights, rtol=1e-5)
+    surface = read_surface(tmp_path / "s.h5")
+    np.testing.assert_array_equal(surface.heights(), left)
+    assert surface.spacing == (1, 2)
+    assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_coordinates_beside_smooth_heights_are_refused(tmp_path, seed):
+    """The steps of the second row may be much smaller than those of the third one."""
+    rng = np.random.default_rng(seed)
+    heights = rng.normal(size=(20, 30)).cumsum(axis=0).cumsum(axis=1)
+    heights[0] *= 0.2
+    np.savetxt(path := tmp_path / "s.txt", np.vstack([ALONG, heights]), fmt="%.6g")
+    with pytest.raises(InputError, match="first row: equal steps"):
+        read_surface(path, "um")
+
+
+@pytest.mark.parametrize("head", ["row", "column"])
+def test_coordinates_beside_missing_points_are_refused(tmp_path, head):
+    heights = UNEVEN.copy()
+    heights[[2, 5], [0, 1]] = heights[0, 4] = np.nan  # in both rows and both columns at the rim
+    heights[:, 2] = heights[1] = np.nan
+    table = np.hstack([UP, heights]) if head == "column" else np.vstack([ALONG, heights])
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.9g")
+    with pytest.raises(InputError, match=f"first {head}: equal steps"):
+        read_surface(path, "um")
+    np.savetxt(path, heights, fmt="%.9g")
+    assert read_surface(path, "um").shape == heights.shape
+
+
+@pytest.mark.parametrize("orient", ["flip_x", "flip_y", "transpose,flip_y"])
+def test_coordinates_are_refused_at_any_side(tmp_path, orient):
+    table = np.vstack([np.append(0, ALONG), np.hstack([UP, UNEVEN])])
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.9g")
+    with pytest.raises(InputError, match="first row and column: equal steps") as refused:
+        read_surface(path, "um", orient=orient)
+    crop = re.search(r"-surface_crop ([\d,]+),", str(refused.value))[1]
+    left = read_surface(path, "um", orient=orient, crop=[*map(int, crop.split(","))])
+    np.testing.assert_allclose(left.heights(), read_surface(UNEVEN, "um", orient=orient).heights(), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        ALONG + UP,
+        UNEVEN,
+        UNEVEN + 100 * UP,
+        UNEVEN + 1000 * ALONG,
+        ALONG * UP + ALONG,
+        (ALONG - 5) ** 2 + UP,
+        np.maximum(0, 9 - (ALONG - 5) ** 2 - (UP - 1) ** 2) + UP,
+        UP + 1e-2 * UNEVEN * np.outer(np.hanning(20), np.hanning(30)),
+    ],
+    ids=[
+        "plane",
+        "rough",
+        "tilted",
+        "tilted along rows",
+        "twisted",
+        "cylinder",
+        "cap on a plane",
+        "tapered to a plane",
+    ],
+)
+def test_heights_are_not_taken_for_coordinates(tmp_path, heights):
+    np.savetxt(path := tmp_path / "s.txt", heights, fmt="%.4g")
+    assert read_surface(path, "um").shape == heights.shape
+
+
+ESRI = "ncols 15\nNROWS 12\nxllcorner 0\nyllcorner 0\n{}\nNODATA_value -9999\n"
+
+
+@pytest.mark.parametrize(
+    ("cells", "sides"),
+    [("cellsize 0.4", (0.4, 0.4)), ("DX 0,4\ndy 0.5", (0.4, 0.5)), ("cellsize wide", None)],
+)
+def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, sides):
+    """In the unit of x and y, which is told as that of points is."""
+    head = ESRI.format(cells)
+    np.savetxt(path := tmp_path / "s.asc", HEIGHTS[::-1], fmt="%.9f", header=head, comments="")
+    how = {"skip": head.count("\n") + 1, "orient": "flip_y"}
+    if sides is None:
+        with pytest.raises(InputError, match="s.asc: spacing .*wide.* needed: two positive numbers"):
+            read_surface(path, "um", **how)
+        return
+    surface = read_surface(path, "um", **how)
+    assert surface.spacing == pytest.approx([1e-3 * side for side in sides])
+    np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, atol=1e-12)
+    (led := tmp_path / "led.asc").write_text("\n# by hand\n" + path.read_text())
+    for file, skip in (path, 0), (path, how["skip"]), (led, 0), (led, how["skip"] + 2):
+        bare = read_surface(file, "um", skip=skip)  # the head and the way of the rows are known
+        assert bare.spacing == surface.spacing and bare.orient == surface.orient == ("flip_y",)
+        np.testing.assert_array_equal(bare.heights(), surface.heights())
+    as_written = read_surface(path, "um", orient="flip_y,flip_y").heights()
+    np.testing.assert_array_equal(as_written, surface.heights()[::-1])
+    other = read_surface(path, "mm", height_unit="um", **how)
+    np.testing.assert_array_equal(other.heights(), surface.heights())
+    assert other.spacing == pytest.approx(sides)
+    with pytest.raises(
+        InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; allowed"
+    ):
+        read_surface(path, **how)
+    for more in ("--skip", how["skip"], "--orient", "flip_y"), ():
+        words = [path, "-o", tmp_path / "s.h5", "--unit", "mm", "--height-unit", "um", *more]
+        assert convert([*map(str, words)]) == 0
+        assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
+        np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), surface.heights(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "what"), [((24, 10), "24 lines of 10"), ((4, 15), "4 lines of 15")])
+def test_an_esri_grid_whose_lines_are_no_rows_is_refused(tmp_path, shape, what):
+    """Its rows may go on in the next line; cut off, it is another map, too."""
+    heights = np.resize(HEIGHTS, shape)
+    head = ESRI.format("cellsize 1")
+    np.savetxt(path := tmp_path / "s.asc", heights, header=head, comments="")
+    for skip in (0, head.count("\n") + 1):
+        with pytest.raises(
+            InputError, match=f"nrows 12, ncols 15; there are {what} numbers; needed: all rows"
+        ):
+            read_surface(path, "um", skip=skip)
+
+
+LABELS = [("Channel", "Width", "Height", "Value units"), ("Kanal", "Breite", "Höhe", "Einheiten")]
+
+
+SCALES = {"m": 1e3, "nm": 1e-6, "Å": 1e-7, "pm": 1e-9, "in": 25.4, "cm": 10.0}
+
+
+MARKS = ["nan", "***", "BAD", "#N/A", "-1.#IND", "n/a"]
+
+
+class Texts:
+    """Random tables of numbers as programs write them."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        self.comma, self.quoted = self.rng.random(2) < 0.3
+        separators = [" ", "\t", ";", "; "] if self.comma and not self.quoted else [" ", "\t", ";", ", ", ","]
+        self.separator, self.exponent = self.rng.choice(separators), self.rng.choice(["e", "E", "D"])
+        self.mark = self.rng.choice(MARKS)
+
+    def number(self, value):
+        text = self.mark if np.isnan(value) else f"{value:.6e}".replace("e", self.exponent)
+        text = text.replace(".", ",") if self.comma else text
+        return f'"{text}"' if self.quoted else text
+
+    def lines(self, table):
+        return [self.separator.join(map(self.number, row)) for row in table]
+
+    def heights(self):
+        heights = self.rng.normal(size=self.rng.integers(8, 16, 2))
+        heights = heights.cumsum(0).cumsum(1) if self.rng.random() < 0.3 else heights
+        heights[self.rng.random(heights.shape) < 0.05] = np.nan
+        return np.vectorize(lambda value: float(f"{value:.6e}"))(heights)
+
+    def channel(self, name="Z"):
+        """Lines of a channel with its head, heights, unit and cells."""
+        heights, unit = self.heights(), self.rng.choice([*SCALES, "V"])
+        sides = self.rng.integers(1, 900, 2) / 10
+        texts = name, *(f"{side:.1f} µm" for side in sides), unit
+        texts = [text.replace(".", ",") for text in texts] if self.comma else texts
+        labels = LABELS[self.rng.integers(len(LABELS))]
+        head = [f"# {label}: {text}" for label, text in zip(labels, texts, strict=True)]
+        return head + self.lines(heights), heights, unit, 1e-3 * sides / heights.shape[::-1]
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(lines):
+        (tmp_path / "s.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return tmp_path / "s.txt"
+
+    return write
+
+
+def is_read(path, heights, spacing=None, **how):
+    surface = read_surface(path, **how)
+    np.testing.assert_allclose(surface.heights(), heights, rtol=1e-12)
+    assert spacing is None or surface.spacing == pytest.approx(spacing, rel=1e-4)
+
+
+def is_refused(path, *, gap=False, **how):
+    with pytest.raises(InputError):
+        read_surface(path, **how)
+    if gap:
+        with pytest.raises(InputError):
+            GapFile(path)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_matrices_are_read_and_coordinates_refused(write, seed):
+    texts = Texts(seed)
+    heights = texts.heights()
+    lines, words = texts.lines(heights), ["Instrument A7", "Sample;12"]
+    for head in [], ["# by hand", ""]:
+        is_read(write(head + lines), heights, unit="mm")
+    is_read(write(words + lines), heights, unit="mm", skip=2)
+    is_refused(write(words + lines), unit="mm")
+    x = 0.7 + np.arange(heights.shape[1]) * texts.rng.uniform(0.1, 3)
+    is_refused(write(texts.lines(np.vstack([x, heights]))), unit="mm")
+    is_refused(write([*lines, texts.rng.choice(["", "# next"]), *lines]), unit="mm", gap=True)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_channels_are_read_one_at_a_time(write, seed):
+    texts = Texts(seed)
+    names = "Z", texts.rng.choice(["Z", "Z2"])
+    channels = [texts.channel(name) for name in names]
+    path = write([line for lines, *_ in channels for line in lines])
+    is_refused(path, gap=True)
+    for k, (_, heights, unit, spacing) in enumerate(channels):
+        for name in {k, names[k]} if names[0] != names[1] else {k}:
+            if unit in SCALES:
+                is_read(path, SCALES[unit] * heights, spacing, channel=name)
+            else:
+                is_refused(path, channel=name)
+    if names[0] == names[1]:
+        is_refused(path, channel="Z")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_points_are_read_and_line_scans_refused(write, seed):
+    texts = Texts(seed)
+    heights = np.nan_to_num(texts.heights(), nan=0.5)
+    ny, nx = heights.shape
+    dx, dy = texts.rng.uniform(0.1, 3, 2)
+    x, y = np.meshgrid(5 + dx * np.arange(nx), dy * np.arange(ny))
+    points = np.stack([x, y, heights], -1).reshape(-1, 3)
+    for order in range(nx * ny), texts.rng.permutation(nx * ny), np.lexsort(points[:, :2].T):
+        is_read(write(texts.lines(points[order])), heights, (dx, dy), unit="mm")
+    x = dx * np.arange(ny) if seed % 2 else texts.rng.uniform(0, 9, ny).cumsum()
+    is_refused(write(texts.lines(np.stack([x, heights[:, 0]], -1))), unit="mm", gap=True)

@@ -1,0 +1,173 @@
+"""Measured surfaces: averages, grids, texts, notes on units and spikes."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, Material, read_surface, solve
+from app.api.notes import note_doubtful_units, note_spike
+from app.base.errors import InputError
+from app.base.units import format_lengths
+
+from ..from_options import problem_from
+from .maps import DX, HEIGHTS, NX, NY, X, Y
+
+
+def made(path, **texts):
+    return problem_from(problem="rough", surface_file=path, **texts)
+
+
+def test_filled_points_are_harmonic(saved):
+    plane = 3 + 2 * X - Y
+    holes = np.random.default_rng(2).random((NY, NX)) < 0.3
+    holes[[0, -1]] = holes[:, [0, -1]] = False
+    filled = read_surface(saved(np.where(holes, np.nan, plane)), "mm", missing="fill")
+    np.testing.assert_allclose(filled.heights(), plane, rtol=1e-12)
+    assert filled.missing_points == holes.sum()
+    assert f"{holes.sum()} of {holes.size} points were missing and are filled" in filled.notes[0]
+    assert filled.describe()["surface_missing_points"] == holes.sum()
+    grid = filled.grid((0, 1, 0, 1))
+    assert f", {holes.sum()} of {holes.size} points filled; about" in filled.understood(grid)
+    np.testing.assert_array_equal(filled.heights(slice(4, 7)), filled.heights()[4:7])
+    rough = read_surface(saved(np.where(holes, np.nan, HEIGHTS)), "mm", missing="fill").heights()
+    mean = (rough[:-2, 1:-1] + rough[2:, 1:-1] + rough[1:-1, :-2] + rough[1:-1, 2:]) / 4
+    np.testing.assert_allclose(rough[1:-1, 1:-1][holes[1:-1, 1:-1]], mean[holes[1:-1, 1:-1]], atol=1e-12)
+    np.testing.assert_array_equal(rough[~holes], HEIGHTS[~holes])
+
+
+def test_coarser_grid_takes_means_of_whole_blocks(saved):
+    path = saved(HEIGHTS, "s.h5")
+    problem = made(path, grid="5,6")
+    expected = 1e-3 * HEIGHTS.reshape(6, 2, 5, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(-problem.shape_on(problem.grid), expected, rtol=1e-12)
+    np.testing.assert_array_equal(
+        problem.shape_on(problem.grid, slice(2, 5)), problem.shape_on(problem.grid)[2:5]
+    )
+    assert problem.grid.dx * 5 == pytest.approx(1e-3 * DX * NX) and "averaged" in problem.notes[0]
+    with pytest.raises(InputError, match=r"has 15 x 12 cells; allowed: -grid 15,12 and whole fractions"):
+        made(path, grid="6,6")
+
+
+def test_heights_of_both_bodies_are_subtracted(saved, tmp_path):
+    np.save(tmp_path / "other.npy", HEIGHTS[::-1] ** 2)
+    path = saved(HEIGHTS, "s.h5")
+    problem = made(path, surface_file2=str(tmp_path / "other.npy"), surface_unit="um")
+    np.testing.assert_allclose(
+        problem.shape_on(problem.grid), -1e-3 * (HEIGHTS + HEIGHTS[::-1] ** 2), rtol=1e-12
+    )
+    facts = problem.describe()
+    assert facts["surface_file"].endswith("s.h5") and facts["surface_file2"].endswith("other.npy")
+    np.save(tmp_path / "other.npy", HEIGHTS[:, 1:])
+    with pytest.raises(InputError, match=r"other.npy: has 14 x 12 cells, the grid 15 x 12"):
+        made(path, surface_file2=str(tmp_path / "other.npy"), surface_unit="um")
+
+
+def test_a_surface_is_printed_as_it_was_understood(saved):
+    path = saved(HEIGHTS, "s.h5")
+    text = str(read_surface(path))
+    assert text.startswith(
+        f"surface file {path}: 15 x 12 heights in um, cells of 0.4 x 0.5 um, patch of 6 x 6 um"
+    )
+    heights = HEIGHTS + 100 * X
+    surface = read_surface(heights, "um")
+    rms = f"rms height about the best plane {format_lengths(surface.rms_level)}"
+    assert (
+        repr(surface)
+        == f"<Surface (array): 15 x 12 heights in um, {rms}, in cells of a size it does not say>"
+    )
+    assert repr(read_surface(path)) == f"<Surface {text.removeprefix('surface file ')}>"
+
+
+def test_a_surface_of_known_spacing_needs_no_grid(saved):
+    surface = read_surface(saved(HEIGHTS, "s.h5")).averaged((6, 5))
+    assert surface.rms_slope() == surface.rms_slope(surface.grid())
+    assert surface.understood() == surface.understood(surface.grid())
+    with pytest.raises(InputError, match="does not say its spacing"):
+        read_surface(HEIGHTS, "um").rms_slope()
+
+
+def test_spikes_are_noted_and_surfaces_are_not(saved):
+    rng = np.random.default_rng(2)
+    noise = rng.normal(size=(200, 300))
+    smooth = np.cumsum(np.cumsum(noise, axis=0), axis=1)
+    edge = np.where(np.indices(noise.shape)[1] > 150, 50.0, 0.0) + 0.01 * noise
+    for heights in (noise, smooth, edge, np.zeros((200, 300)), noise[:1], noise[:1, :1]):
+        assert note_spike(read_surface(heights, "um")) is None
+    noise[120, 30] += 100
+    noise[120, 31] = np.nan
+    surface = read_surface(noise, "um", spacing=(0.001, 0.001))
+    assert "row 120, column 30 stands 101 um above all beside it" in note_spike(surface)
+    filtered = surface.filtered(surface.grid(), s_filter=0.005)
+    assert note_spike(filtered) == note_spike(surface)  # smeared, but still there
+    assert note_spike(read_surface(-noise, "um")) is None  # pits carry nothing
+    found = solve(
+        ContactProblem(surface.grid(), Material.from_contact_modulus(1e3), surfaces=[surface]), load=0.01
+    )
+    assert sum("has spikes" in note for note in found.notes) == 1
+
+
+@pytest.mark.parametrize("tilt", [(0, 0), (0.5, 0.3), (-20, 7), (1e3, 0)])
+def test_a_spike_on_a_tilt_is_noted_and_a_tilt_is_not(tilt):
+    noise = 0.03 * np.random.default_rng(2).normal(size=(40, 60))
+    heights = noise + tilt[0] * np.arange(60) + tilt[1] * np.arange(40)[:, None]
+    assert note_spike(read_surface(heights, "um")) is None
+    heights[12, 30] += 2
+    assert "row 12, column 30 stands " in note_spike(read_surface(heights, "um"))
+
+
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+@pytest.mark.parametrize(
+    ("heights", "level"),
+    [
+        (0.1 * X - 0.7 * Y, "none"),
+        (1 / 3 + 0 * HEIGHTS, "mean"),
+        (1e3 * X + Y / 7, "plane"),
+        (300 + X**2 - X * Y / 3, "quadratic"),
+        (np.pi * Y + 0 * X, "none"),
+        (0.011 * X + 0.26 * Y + 350, "mean"),
+    ],
+)
+def test_rounding_is_neither_spikes_nor_flatness(heights, level, precision):
+    surface = read_surface(heights.astype(precision), "um", level, spacing=(1e-3, 1e-3))
+    assert note_spike(surface) is None
+    assert "flatter" not in (note_doubtful_units(surface, surface.grid()) or "")
+    assert note_spike(surface.resampled()) is None
+
+
+# What is measured: size of a cell [um], rms slope.
+SURFACES = {
+    "wafer, AFM": (0.01, 8e-3),
+    "polished glass, interferometer": (1.0, 5e-4),
+    "lapped gauge block": (1.0, 5e-3),
+    "race of a bearing": (1.0, 0.03),
+    "ground": (2.0, 0.08),
+    "honed": (2.0, 0.1),
+    "turned": (5.0, 0.12),
+    "cast": (10.0, 0.3),
+    "blasted": (2.0, 0.45),
+}
+
+
+MISTAKES = {
+    "none": (1, 1),
+    "spacing um for mm": (1e3, 1),
+    "heights um for mm": (1, 1e3),
+    "heights mm for um": (1, 1e-3),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistaken_unit_is_noted_and_a_right_one_is_not(saved, mistake):
+    """The table of docs/surfaces.md."""
+    told, (wider, higher) = 0, MISTAKES[mistake]
+    heights = np.random.default_rng(8).normal(size=(48, 64))
+    step = np.sqrt(sum(np.mean(np.diff(heights, axis=axis) ** 2) for axis in (0, 1)))
+    for cell, slope in SURFACES.values():
+        surface = read_surface(saved(higher * slope * cell / step * heights), "um")
+        side = 1e-3 * cell * wider
+        grid = surface.grid((0, 64 * side, 0, 48 * side))
+        problem = ContactProblem(grid, Material.combined(1.0, 0.3), surfaces=[surface])
+        told += note_doubtful_units(surface, grid) is not None
+        assert "64 x 48 heights in um, cells of " in problem.describe()["surface_read"]
+    assert (
+        told == {"none": 0, "spacing um for mm": 9, "heights um for mm": 8, "heights mm for um": 7}[mistake]
+    )

@@ -1,0 +1,96 @@
+"""Contact problems: shapes and surfaces on them."""
+
+import itertools
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app import (
+    Cone,
+    ContactProblem,
+    Cylinder,
+    FlatPunch,
+    Grid,
+    Material,
+    Paraboloid,
+    Plane,
+    Sphere,
+    read_surface,
+    solve,
+)
+from app.problems.random_surfaces import SelfAffineSurface, WavySurface
+
+GRID = Grid.from_domain(12, 8, (-3.0, 3.0, -2.0, 2.0))
+
+
+STEEL = Material.from_contact_modulus(1e5)
+
+
+SHAPES = (Plane(), Paraboloid(5.0, 7.0), Sphere(6.0), Cylinder(4.0, 3.0), Cone(10.0), FlatPunch(3.0))
+
+
+def test_gap_is_the_shape_less_all_heights():
+    heights = np.random.default_rng(1).random(GRID.shape)
+    waves = WavySurface((3, 2), 0.8, 0.1, 1, (6.0, 4.0), (-3.0, -2.0))
+    fractal = SelfAffineSurface(0.8, 3.0, 1.0, (6.0, 4.0), 2, rms_height=0.1, origin=(-3.0, -2.0))
+    surfaces = (heights, waves, fractal, lambda x, y: 0.1 * x * y)
+    total = heights + waves.heights_on(GRID) + fractal.heights_on(GRID) + 0.1 * GRID.x() * GRID.y()[:, None]
+    for shape, rows in itertools.product(SHAPES, (slice(None), slice(3, 5), slice(4, 4))):
+        smooth = ContactProblem(GRID, STEEL, shape)
+        rough = ContactProblem(GRID, STEEL, shape, surfaces=surfaces)
+        np.testing.assert_allclose(
+            smooth.shape_on(GRID, rows) - rough.shape_on(GRID, rows),
+            np.where(np.isnan(smooth.shape_on(GRID, rows)), np.nan, total[rows]), atol=1e-14,
+        )  # fmt: skip
+        assert (smooth.sampled, rough.sampled) == (False, True)
+        assert rough.reference(0.1) is None
+        assert rough.describe()["problem"] == shape.name and rough.describe()["surfaces"] == 4
+
+
+@pytest.mark.parametrize("of_grid", ["", "spectral", "love"])
+@pytest.mark.parametrize("given", [None, False, True, "love"])
+def test_a_problem_and_its_grid_are_periodic_alike(of_grid, given):
+    grid = Grid.from_domain(8, 8, (0, 1, 0, 1), of_grid)
+    expected = {None: of_grid, False: "", True: of_grid or "spectral", "love": "love"}[given]
+    problem = ContactProblem(grid, Material.isotropic(1e5, 0.3), Sphere(1.0), periodic=given)
+    for same in (problem, replace(problem, gap=Sphere(2.0)), pickle.loads(pickle.dumps(problem))):
+        assert same.periodic == same.grid.periodic == same.describe()["periodic_symbol"] == expected
+    assert replace(problem, periodic=False).periodic == problem.on(Grid(4, 4, 1.0, 1.0)).periodic == ""
+
+
+def test_facts_of_nested_surfaces_are_numbered():
+    """However many lie on however many: numbers go on, and all surfaces are counted."""
+    grid, material = Grid.from_domain(16, 16, (0, 1, 0, 1)), Material.combined(82000.0, 0.28)
+    seeds = [[1], [2, 3], [4]]
+    problem = None
+    for of_it in seeds:
+        rough = [SelfAffineSurface(0.8, 1.0, 0.2, (1, 1), seed, rms_slope=0.1) for seed in of_it]
+        problem = ContactProblem(grid, material, problem, surfaces=rough)
+    facts = problem.describe()
+    assert [facts[f"surface_seed{k}"] for k in ("", 2, 3, 4)] == [1, 2, 3, 4]
+    assert facts["surfaces"] == 4
+    assert ContactProblem(grid, material, problem).describe()["surfaces"] == 4
+
+
+def test_a_problem_may_be_the_gap_of_another_one():
+    """Its shape is: what is solved has the material and the patch of the outer one."""
+    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    steel, soft = Material.pair((210000, np.inf), (0.3, 0.3)), Material.from_contact_modulus(5.0)
+    found = solve(ContactProblem(grid, steel, ContactProblem(grid, soft, Sphere(10))), load=100)
+    plain = solve(ContactProblem(grid, steel, Sphere(10)), load=100)
+    assert found.approach == plain.approach
+    assert found.problem["contact_modulus"] == steel.contact_modulus
+    assert found.problem["sphere_radius"] == plain.problem["sphere_radius"] == 10
+    assert "hertz_load" not in found.problem
+
+
+def test_facts_of_several_surfaces_are_numbered(tmp_path):
+    np.save(tmp_path / "s.npy", np.random.default_rng(3).normal(size=(8, 8)))
+    levels = ["none", "mean", "plane"]
+    surfaces = [read_surface(tmp_path / "s.npy", "um", level=level, spacing=(0.1, 0.1)) for level in levels]
+    facts = ContactProblem(
+        surfaces[0].grid(), Material.from_contact_modulus(1e3), surfaces=surfaces
+    ).describe()
+    assert [facts[name] for name in ("surface_level", "surface_level2", "surface_level3")] == levels
