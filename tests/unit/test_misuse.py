@@ -1,6 +1,5 @@
 """What a program may hand over by mistake is refused in a line, or does what it says; nothing of it is overlooked."""
 
-import copy
 import math
 import pickle
 import re
@@ -19,11 +18,9 @@ from app import (
     ContactSolver,
     Grid,
     Material,
-    Paraboloid,
     SelfAffineSurface,
     Sphere,
     read_result,
-    read_surface,
     refine,
     solve,
 )
@@ -31,11 +28,7 @@ from app.base.errors import InputError
 from app.cli.subsurface import stress
 from app.halfspace.stress.subsurface import SubsurfaceStress
 from app.options.option_table import Option, OptionReader, domain, series
-from app.problems.gap_file import GapFile
 from app.problems.problem import Problem
-from app.problems.random_surfaces import WavySurface
-from app.problems.statistics import normal_plot, radial_spectrum, roughness
-from app.reference import EllipticHertz
 
 STEEL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
@@ -47,12 +40,6 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
 @pytest.mark.parametrize(
     ("message", "wrong"),
     [
-        ("real numbers", lambda: ContactProblem(GRID, STEEL, HEIGHTS + 1j)),
-        ("real numbers", lambda: ContactProblem(GRID, STEEL, HEIGHTS.astype(str))),
-        ("real numbers", lambda: ContactProblem(GRID, STEEL, lambda x, y: x + 1j * y).shape_on(GRID)),
-        ("Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, Sphere)),
-        ("a function of x and y", lambda: ContactProblem(GRID, STEEL, lambda x, y: None).shape_on(GRID)),
-        ("a Grid", lambda: ContactProblem(STEEL, GRID, HEIGHTS)),
         ("a relative error", lambda: refine(BALL, "0.1", load=1.0)),
         ("most_cells 'a'", lambda: refine(BALL, 0.1, load=1.0, most_cells="a")),
         ("most_cells nan", lambda: refine(BALL, 0.1, load=1.0, most_cells=np.nan)),
@@ -70,10 +57,6 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("rows: needed: those of an", lambda: ContactSolver(BALL).path(load=[1, 2], rows=3)),
         ("path table None: the name", lambda: ContactSolver(BALL).path(load=[1, 2]).save(None)),
         ("result file None: needed: a path", lambda: read_result(None)),
-        ("periodic: 'no'; allowed", lambda: read_surface(HEIGHTS, unit="mm", periodic="no")),
-        ("grid 0,0: surface file", lambda: read_surface(HEIGHTS, unit="mm").averaged((0, 0))),
-        ("period 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, 1, 1, rms_height=1e-4)),
-        ("origin 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4, origin=1)),
         ("body 0: allowed: 1, 2", lambda: stress(solve(BALL, approach=0.001), body=0)),
         (
             "x nan: must be a finite",
@@ -81,19 +64,8 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ),
         ("y '0': must be a finite", lambda: stress(solve(BALL, approach=0.001), 0.3).section([0.1], y="0")),
         ("a ContactProblem", lambda: refine("x", 0.1, load=1)),
-        ("shape \\(3,\\)", lambda: read_surface([1.0, 2.0, 3.0], unit="mm", orient="flip_x")),
-        ("angle nan", lambda: Paraboloid.between((20, 20), (20, 20), angle=np.nan)),
-        ("angle 'x'", lambda: Paraboloid.between((20, 20), (20, 20), angle="x")),
         ("one at least", lambda: stress(solve(BALL, approach=0.001), 0.3).line([], 0.0, 0.0)),
-        ("a Material", lambda: ContactProblem(GRID, 1e5, HEIGHTS)),
-        ("surfaces: .*a sequence", lambda: ContactProblem(GRID, STEEL, surfaces=Sphere(10))),
-        ("periodic: .*surfaces=", lambda: ContactProblem(GRID, STEEL, Sphere(10), [HEIGHTS])),
-        ("periodic: .*surfaces=", lambda: ContactProblem(GRID, STEEL, Sphere(10), HEIGHTS)),
         ("read_result", lambda: stress("ball.h5")),
-        ("body 1: .*two numbers", lambda: Paraboloid.between(12, 60)),
-        ("body 2: .*two numbers", lambda: Paraboloid.between((12, 400), ("60", "inf"))),
-        ("surface: .*Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, surfaces=[Sphere])),
-        ("shape \\(3, 3\\)", lambda: ContactProblem(GRID, STEEL, lambda x, y: np.eye(3)).shape_on(GRID)),
         ("whole numbers", lambda: Grid.from_domain(16.5, 12, (0, 1, 0, 1))),
         ("whole numbers", lambda: Grid(8.5, 8, 1.0, 1.0)),
         ("at least one cell", lambda: Grid(8, 0, 1.0, 1.0)),
@@ -104,7 +76,6 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("spectral", lambda: Grid(8, 8, 1.0, 1.0, periodic="yes")),
         ("four numbers", lambda: Grid.from_domain(16, 12, "0,1,0,1")),
         ("a number", lambda: Material.from_contact_modulus("steel")),
-        ("a number", lambda: Sphere("10")),
         ("a ContactProblem", lambda: ContactSolver(HEIGHTS)),
         ("a mapping", lambda: ContactSolver(BALL, options=["lcp_rtol"])),
         ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
@@ -119,29 +90,9 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("approach: is complex", lambda: solve(BALL, approach=1e-3 + 0j)),
         ("load inf: allowed: a number of size", lambda: solve(BALL, load=10**400)),
         ("load: is str", lambda: ContactSolver(BALL).path(load=[1, "2"])),
-        (r"in surfaces=\[...\]", lambda: ContactProblem(GRID, STEEL, ROUGH)),
-        ("at most 1", lambda: SelfAffineSurface(1.8, 1, 0.5, (3, 3), 1)),
-        (
-            "at least 2,2 cells",
-            lambda: ContactProblem(Grid.from_domain(1, 1, (0, 1, 0, 1)), STEEL, surfaces=[ROUGH]),
-        ),
         ("method file", lambda: ContactSolver(BALL, method=3)),
         ("'own': is int; .*mapping", lambda: ContactSolver(BALL, method={"own": 3})),
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
-        ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
-        ("heights: needed: an array of real", lambda: roughness(HEIGHTS + 1j, 0.1, 0.1)),
-        ("heights: needed: an array of real", lambda: radial_spectrum("heights.npy", 0.1, 0.1)),
-        ("heights: needed: an array of real", lambda: normal_plot(["high", "low"])),
-        ("dx 0: must be positive", lambda: roughness(HEIGHTS, 0, 0.1)),
-        ("dy -0.1: must be positive", lambda: radial_spectrum(HEIGHTS, 0.1, -0.1)),
-        ("dy '1': must be a number", lambda: radial_spectrum(HEIGHTS, 0.1, "1")),
-        ("rx '10': must be a number", lambda: EllipticHertz.from_load("10", 10, 1e5, 100)),
-        ("exponent 'a': must be a number", lambda: SelfAffineSurface("a", 1, 1, (3, 3), 1, rms_slope=0.1)),
-        ("shortest_wavelength '1'", lambda: SelfAffineSurface(0.8, 1, "1", (3, 3), 1, rms_slope=0.1)),
-        ("value '1': must be a number", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_slope="1")),
-        (r"shapes \(2, 2\) and \(2, 2\); .* \(nx,\)", lambda: ROUGH.height(*np.ones((2, 2, 2)))),
-        (r"shapes \(\) and \(1,\)", lambda: WavySurface((2, 2), 0.8, 0.1, 7, (12, 10)).height(0, [1])),
-        ("x: needed: columns of a lattice", lambda: ROUGH.height(["a"], [0.1])),
         ("no such file", lambda: read_result("nothing.h5")),
         ("from 0 to 0.5", lambda: SubsurfaceStress(HEIGHTS, GRID, "0.3")),
     ],
@@ -158,14 +109,6 @@ def test_masked_cells_of_a_field_are_missing_in_the_file(tmp_path):
     np.testing.assert_array_equal(
         read_result(tmp_path / "a.h5").extra["wear"], wear.astype(float).filled(np.nan)
     )
-
-
-def test_masked_points_are_missing_points():
-    masked = np.ma.masked_greater(HEIGHTS, 5e-4)
-    by_array = ContactProblem(GRID, STEEL, masked).shape_on(GRID)
-    by_function = ContactProblem(GRID, STEEL, lambda x, y: masked).shape_on(GRID)
-    np.testing.assert_array_equal(by_array, np.where(masked.mask, np.nan, HEIGHTS))
-    np.testing.assert_array_equal(by_function, by_array)
 
 
 @pytest.mark.parametrize("number", [2, Fraction(2), np.float32(2), np.int8(2), np.array(2.0), np.array(2)])
@@ -206,28 +149,7 @@ def test_a_solver_cannot_be_pickled_and_says_what_can():
     assert "load 5 N" in repr(there)
 
 
-def test_problems_of_files_can_be_pickled(tmp_path):
-    """Also of HDF5, which is read from the open file."""
-    heights = np.random.default_rng(0).normal(size=(6, 8)) * 1e-3
-    np.save(tmp_path / "z.npy", heights)
-    with h5py.File(tmp_path / "z.h5", "w") as file:
-        file["heights"] = heights
-    for name in ("z.npy", "z.h5"):
-        for turn in ((), ("transpose",)):
-            surface = read_surface(tmp_path / name, "mm", orient=turn, spacing=(0.1, 0.1))
-            problem = ContactProblem(surface.grid(), STEEL, surfaces=[surface])
-            for same in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
-                np.testing.assert_array_equal(same.shape_on(same.grid), problem.shape_on(problem.grid))
-        gap = GapFile(tmp_path / name)
-        np.testing.assert_array_equal(pickle.loads(pickle.dumps(gap)).rows(), heights)
-
-
 def test_what_is_printed_at_a_prompt_says_what_it_is():
-    assert repr(BALL).startswith("<ContactProblem: sphere, 8 x 6 cells of ") and BALL.surfaces == ()
-    wavy = ContactProblem(GRID, BALL.material, surfaces=[ROUGH], periodic=True)
-    assert repr(wavy).endswith(f", periodic, E* {BALL.material.contact_modulus:g} N/mm2, 1 surface>")
-    assert len(repr(wavy)) < 120 and "\n" not in repr(wavy)
-    assert repr(ROUGH) == f"<SelfAffineSurface: Hurst exponent 0.8, rms slope {ROUGH.rms_slope:.4g}, seed 1>"
     with ContactSolver(BALL) as solver:
         assert repr(solver) == "<ContactSolver: 8 x 6 cells>"
         found = solver.solve(load=5)
@@ -261,7 +183,6 @@ def test_a_result_read_is_as_good_as_the_solution(tmp_path):
 
 def test_what_there_is_can_be_looked_up():
     assert dir(app) == sorted(app.__all__)
-    assert dir(app.reference) == sorted(app.reference.__all__)
     for name in ("approach", "load", "method", "options", "comm", "start", "mean_pressure", "mean_gap"):
         assert re.search(rf"^ *(\w+, )*{name}(, \w+)* : ", solve.__doc__, re.MULTILINE)
 
@@ -355,11 +276,6 @@ def test_numbers_of_the_file_have_its_names_in_a_solution():
 def test_a_result_needs_the_name_of_a_file(name, tmp_path):
     with pytest.raises(InputError, match="result file"):
         solve(BALL, load=5).save(f"{tmp_path}/{name}" if isinstance(name, str) else name)
-
-
-def test_an_array_has_no_lines_to_skip():
-    with pytest.raises(InputError, match="surface skip 3: an array has no lines"):
-        read_surface(HEIGHTS, "um", skip=3, spacing=(1e-3, 1e-3))
 
 
 class _Asking:

@@ -20,6 +20,7 @@ from app import (
     read_surface,
     solve,
 )
+from app.base.errors import InputError
 from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 
 GRID = Grid.from_domain(12, 8, (-3.0, 3.0, -2.0, 2.0))
@@ -94,3 +95,50 @@ def test_facts_of_several_surfaces_are_numbered(tmp_path):
         surfaces[0].grid(), Material.from_contact_modulus(1e3), surfaces=surfaces
     ).describe()
     assert [facts[name] for name in ("surface_level", "surface_level2", "surface_level3")] == levels
+
+
+HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3
+ROUGH = SelfAffineSurface(0.8, 1, 1, (10, 10), 1, rms_height=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("message", "wrong"),
+    [
+        ("real numbers", lambda: ContactProblem(GRID, STEEL, HEIGHTS + 1j)),
+        ("real numbers", lambda: ContactProblem(GRID, STEEL, HEIGHTS.astype(str))),
+        ("real numbers", lambda: ContactProblem(GRID, STEEL, lambda x, y: x + 1j * y).shape_on(GRID)),
+        ("Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, Sphere)),
+        ("a function of x and y", lambda: ContactProblem(GRID, STEEL, lambda x, y: None).shape_on(GRID)),
+        ("a Grid", lambda: ContactProblem(STEEL, GRID, HEIGHTS)),
+        ("a Material", lambda: ContactProblem(GRID, 1e5, HEIGHTS)),
+        ("surfaces: .*a sequence", lambda: ContactProblem(GRID, STEEL, surfaces=Sphere(10))),
+        ("periodic: .*surfaces=", lambda: ContactProblem(GRID, STEEL, Sphere(10), [HEIGHTS])),
+        ("periodic: .*surfaces=", lambda: ContactProblem(GRID, STEEL, Sphere(10), HEIGHTS)),
+        ("surface: .*Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, surfaces=[Sphere])),
+        ("shape \\(3, 3\\)", lambda: ContactProblem(GRID, STEEL, lambda x, y: np.eye(3)).shape_on(GRID)),
+        (r"in surfaces=\[...\]", lambda: ContactProblem(GRID, STEEL, ROUGH)),
+        (
+            "at least 2,2 cells",
+            lambda: ContactProblem(Grid.from_domain(1, 1, (0, 1, 0, 1)), STEEL, surfaces=[ROUGH]),
+        ),
+    ],
+)
+def test_wrong_parts_of_a_problem_are_refused(message, wrong):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)
+
+
+def test_masked_points_are_missing_points():
+    masked = np.ma.masked_greater(HEIGHTS, 5e-4)
+    by_array = ContactProblem(GRID, STEEL, masked).shape_on(GRID)
+    by_function = ContactProblem(GRID, STEEL, lambda x, y: masked).shape_on(GRID)
+    np.testing.assert_array_equal(by_array, np.where(masked.mask, np.nan, HEIGHTS))
+    np.testing.assert_array_equal(by_function, by_array)
+
+
+def test_a_problem_is_printed_in_one_line():
+    wavy = ContactProblem(GRID, STEEL, surfaces=[ROUGH], periodic=True)
+    assert repr(wavy).startswith("<ContactProblem: rough, 12 x 8 cells of ")
+    assert repr(wavy).endswith(", periodic, E* 100000 N/mm2, 1 surface>") and len(repr(wavy)) < 120
+    assert repr(ROUGH) == f"<SelfAffineSurface: Hurst exponent 0.8, rms slope {ROUGH.rms_slope:.4g}, seed 1>"

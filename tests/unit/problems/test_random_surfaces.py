@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
+from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.periodic_symbol import wave_numbers
 from app.problems.random_surfaces import SelfAffineSurface, WavySurface
@@ -350,3 +351,26 @@ def test_rows_of_a_rough_problem_do_not_depend_on_their_slab():
     whole = problem.shape_on(problem.grid)
     for rows in (slice(0, 9), slice(9, 10), slice(10, 24), slice(4, 4)):
         np.testing.assert_allclose(problem.shape_on(problem.grid, rows), whole[rows], rtol=0, atol=1e-15)
+
+
+ROUGH = SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("message", "wrong"),
+    [
+        ("period 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, 1, 1, rms_height=1e-4)),
+        ("origin 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4, origin=1)),
+        ("at most 1", lambda: SelfAffineSurface(1.8, 1, 0.5, (3, 3), 1)),
+        ("exponent 'a': must be a number", lambda: SelfAffineSurface("a", 1, 1, (3, 3), 1, rms_slope=0.1)),
+        ("shortest_wavelength '1'", lambda: SelfAffineSurface(0.8, 1, "1", (3, 3), 1, rms_slope=0.1)),
+        ("value '1': must be a number", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_slope="1")),
+        (r"shapes \(2, 2\) and \(2, 2\); .* \(nx,\)", lambda: ROUGH.height(*np.ones((2, 2, 2)))),
+        (r"shapes \(\) and \(1,\)", lambda: WavySurface((2, 2), 0.8, 0.1, 7, (12, 10)).height(0, [1])),
+        ("x: needed: columns of a lattice", lambda: ROUGH.height(["a"], [0.1])),
+    ],
+)
+def test_wrong_types_of_surface_parameters_are_refused(message, wrong):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)

@@ -56,3 +56,19 @@ def test_a_punch_is_found_without_looking_at_all_cells(corner, touches):
     else:
         with pytest.raises(InputError, match="no cell centre"):
             punch.check_grid(grid)
+
+
+@pytest.mark.parametrize(
+    ("message", "wrong"),
+    [
+        ("angle nan", lambda: Paraboloid.between((20, 20), (20, 20), angle=np.nan)),
+        ("angle 'x'", lambda: Paraboloid.between((20, 20), (20, 20), angle="x")),
+        ("body 1: .*two numbers", lambda: Paraboloid.between(12, 60)),
+        ("body 2: .*two numbers", lambda: Paraboloid.between((12, 400), ("60", "inf"))),
+        ("a number", lambda: Sphere("10")),
+    ],
+)
+def test_wrong_bodies_are_refused(message, wrong):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
+from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
@@ -120,3 +121,24 @@ def test_normal_plot_of_normal_quantiles_is_a_straight_line():
 def test_wrong_heights_are_refused(function, message):
     with pytest.raises(ValueError, match=message):
         function()
+
+
+HEIGHTS = np.random.default_rng(3).random((6, 8)) * 1e-3
+
+
+@pytest.mark.parametrize(
+    ("message", "wrong"),
+    [
+        ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
+        ("heights: needed: an array of real", lambda: roughness(HEIGHTS + 1j, 0.1, 0.1)),
+        ("heights: needed: an array of real", lambda: radial_spectrum("heights.npy", 0.1, 0.1)),
+        ("heights: needed: an array of real", lambda: normal_plot(["high", "low"])),
+        ("dx 0: must be positive", lambda: roughness(HEIGHTS, 0, 0.1)),
+        ("dy -0.1: must be positive", lambda: radial_spectrum(HEIGHTS, 0.1, -0.1)),
+        ("dy '1': must be a number", lambda: radial_spectrum(HEIGHTS, 0.1, "1")),
+    ],
+)
+def test_wrong_arguments_of_statistics_are_refused(message, wrong):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app import reference
 from app.base.errors import InputError
 from app.reference import EllipticHertz, Sphere
 
@@ -57,3 +58,12 @@ def test_radii_of_too_great_a_ratio_are_refused():
     with pytest.raises(InputError, match="rx 1e-100, ry 1e\\+100: must be less unlike"):
         _ = EllipticHertz.from_approach(1e-100, 1e100, 1.0, 1.0).a
     assert EllipticHertz.from_approach(1e-60, 1e60, 1.0, 1.0).a > 0
+
+
+def test_a_radius_that_is_no_number_is_refused():
+    with pytest.raises(InputError, match="rx '10': must be a number"):
+        EllipticHertz.from_load("10", 10, 1e5, 100)
+
+
+def test_names_of_analytic_solutions_are_listed():
+    assert dir(reference) == sorted(reference.__all__)

@@ -343,3 +343,8 @@ def test_random_points_are_read_and_line_scans_refused(write, seed):
         is_read(write(texts.lines(points[order])), heights, (dx, dy), unit="mm")
     x = dx * np.arange(ny) if seed % 2 else texts.rng.uniform(0, 9, ny).cumsum()
     is_refused(write(texts.lines(np.stack([x, heights[:, 0]], -1))), unit="mm", gap=True)
+
+
+def test_an_array_has_no_lines_to_skip():
+    with pytest.raises(InputError, match="surface skip 3: an array has no lines"):
+        read_surface(HEIGHTS, "um", skip=3, spacing=(1e-3, 1e-3))

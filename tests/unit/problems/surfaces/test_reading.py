@@ -1,5 +1,7 @@
 """Reading of surfaces: formats, units, crop, level, missing points, notes."""
 
+import copy
+import pickle
 import re
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from app import ContactProblem, Material, Sphere, read_surface
 from app.base.errors import InputError
+from app.problems.gap_file import GapFile
 
 from ..from_options import problem_from
 from .maps import DX, DY, FORMATS, HEIGHTS, TOLD, X, Y
@@ -193,3 +196,29 @@ def test_rows_that_were_never_measured_are_noted(lines, named, tilt):
 )
 def test_lowest_rows_of_a_surface_are_not_noted(heights):
     assert not any("not measured" in note for note in read_surface(heights, "um").notes)
+
+
+@pytest.mark.parametrize(
+    ("message", "wrong"),
+    [
+        ("periodic: 'no'; allowed", lambda: read_surface(HEIGHTS, unit="mm", periodic="no")),
+        ("grid 0,0: surface file", lambda: read_surface(HEIGHTS, unit="mm").averaged((0, 0))),
+        ("shape \\(3,\\)", lambda: read_surface([1.0, 2.0, 3.0], unit="mm", orient="flip_x")),
+    ],
+)
+def test_wrong_calls_are_refused_in_one_line(message, wrong):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)
+
+
+def test_problems_of_files_can_be_pickled(saved):
+    """Also those of HDF5, which are read from the open file."""
+    for name, spacing in ("s.npy", (0.1, 0.1)), ("s.h5", None):
+        path = saved(HEIGHTS, name)
+        for orient in (), ("transpose",):
+            surface = read_surface(path, "um", orient=orient, spacing=spacing)
+            problem = ContactProblem(surface.grid(), Material.combined(1.0, 0.3), surfaces=[surface])
+            for same in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
+                np.testing.assert_array_equal(same.shape_on(same.grid), problem.shape_on(problem.grid))
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(GapFile(path))).rows(), HEIGHTS)
