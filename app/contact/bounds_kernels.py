@@ -159,21 +159,21 @@ def project(p, cells, out):
 
 @njit_reassoc
 def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
-    cells, came, left, total, moves = 0, 0, 0, 0.0, 0.0
+    cells, added, removed, total, moves = 0, 0, 0, 0.0, 0.0
     for i in range(p.size):
-        inside, here = contact[i], w[i] + change[i]
-        e = here - b[i]
+        inside, new_w = contact[i], w[i] + change[i]
+        e = new_w - b[i]
         leaves = inside & (p[i] < -slack)
-        comes = (not inside) & admissible[i] & (e < least_gap)
-        moved = p[i] * compliance if leaves else (e if comes else 0.0)
-        captured[i] = comes
-        contact[i] = (inside & (not leaves)) | comes
-        came += comes
-        left += leaves
+        enters = (not inside) & admissible[i] & (e < least_gap)
+        moved = p[i] * compliance if leaves else (e if enters else 0.0)
+        captured[i] = enters
+        contact[i] = (inside & (not leaves)) | enters
+        added += enters
+        removed += leaves
         cells += contact[i]
-        total += here
+        total += new_w
         moves += moved * moved if abs(moved) <= far else np.inf
-    return cells, came, left, total, moves
+    return cells, added, removed, total, moves
 
 
 @njit()

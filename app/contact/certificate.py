@@ -91,17 +91,8 @@ _certificates = WeakKeyDictionary()  # of states: the key of `estimate` and the 
 def certify(state, wanted=np.inf):
     """Certify the pressure of a `ContactState`.
 
-    Collective. Computes the displacement in double precision unless `state` has it.
-
-    Parameters
-    ----------
-    state : ContactState
-    wanted : float
-        Error bound that is needed; a larger one costs less.
-
-    Returns
-    -------
-    Certificate
+    Collective. Computes the displacement in double precision unless `state` has it. A larger error bound `wanted` may
+    save a product.
     """
     if state.displacement_status is not Displacement.EXACT:
         state.compute_displacement(exact=True)

@@ -30,14 +30,10 @@ _NOWHERE = ContactMoments(*[float("nan")] * 7)
 
 
 def measure_moments(state):
-    """Compute the moments of a `ContactState` of a whole grid.
+    """Return the ContactMoments of a `ContactState` of a whole grid.
 
     Collective. The semi-axes of an ellipse are twice the roots of its principal second moments over its area. The
     moments of the cells themselves are included.
-
-    Returns
-    -------
-    ContactMoments
     """
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.periodic:

@@ -45,19 +45,8 @@ class FullContact:
     def solve(self, state, loading, stop, history):
         """Set pressure, displacement and approach of `state` if contact is full.
 
-        Collective over all ranks. Under a prescribed approach the mean pressure is the least possible.
-
-        Parameters
-        ----------
-        state : ContactState
-        loading : Loading
-        stop : StoppingTest
-        history : History
-
-        Returns
-        -------
-        Outcome or None
-            None if contact is not full; the pressure of `state` may have changed then.
+        Collective over all ranks. Returns the Outcome, or None if contact is not full; then the pressure of `state` may
+        have changed. Under a prescribed approach the mean pressure is the least possible.
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)

@@ -58,8 +58,7 @@ class GridErrors(NamedTuple):
     @property
     def largest(self):
         """The largest known error; NaN if none is known."""
-        known = [error for error in self if error == error]
-        return max(known, default=float("nan"))
+        return max((error for error in self if error == error), default=float("nan"))
 
 
 UNKNOWN = GridErrors()
@@ -82,7 +81,7 @@ def compute_grid_numbers(state, comm, load=None, depth=None):
 
 
 def estimate_errors(grids, touching, prescribed):
-    """Estimate the errors of the finest grid.
+    """Return the GridErrors of the finest grid.
 
     Parameters
     ----------
@@ -92,10 +91,6 @@ def estimate_errors(grids, touching, prescribed):
         Depth of first touch on the finest; or its approach, if `grids` have approaches as depths [mm].
     prescribed : str
         Of `LOADINGS`; "mean_gap" determines neither load nor approach.
-
-    Returns
-    -------
-    GridErrors
     """
     if len(grids) < 2:
         return UNKNOWN

@@ -60,19 +60,8 @@ class GridSequence:
     def broadcast_to_next(self, state, extra=None):
         """Broadcast the results of a grid to ranks of the next.
 
-        Collective.
-
-        Parameters
-        ----------
-        state : ContactState
-            On the grid, or a window of it. Its depth is set on ranks without part in it.
-        extra : any
-            More results, on the ranks of the grid.
-
-        Returns
-        -------
-        any
-            `extra`, on all ranks of the next grid.
+        Collective. They get the depth of `state`, which is on the grid or a window of it, and `extra`, any other
+        results, which is returned.
         """
         if self.hierarchy.gains_ranks(state.operator, self.following) and (comm := self.waiting_ranks(state)):
             results = state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra

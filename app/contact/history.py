@@ -149,6 +149,5 @@ class Outcome(NamedTuple):
     def after(self, first):
         """Return this outcome with those of an earlier one added."""
         return self._replace(
-            iterations=first.iterations + self.iterations,
-            fallbacks=first.fallbacks + self.fallbacks,
+            iterations=first.iterations + self.iterations, fallbacks=first.fallbacks + self.fallbacks
         )

@@ -20,15 +20,8 @@ _ROUNDING_ULPS = 4  # units in the last place: rounding error of numbers that us
 def make_loading(grid, distance, **given):
     """Make the loading of a number.
 
-    Parameters
-    ----------
-    grid : Grid
-        Target grid.
-    distance : UndeformedDistance
-        On it.
-    **given : float
-        Exactly one of `LOADINGS` that is not None: approach or mean gap [mm], load [N], or mean pressure [N/mm2], which
-        is load over area of the patch.
+    `grid` and `distance` are those of the target. `given` has exactly one of `LOADINGS` that is not None: approach or
+    mean gap [mm], load [N], or mean pressure [N/mm2], load over area of the patch.
 
     Raises
     ------
@@ -87,7 +80,7 @@ def _without_rounding(depth, size, touching, full):
     return touching if 0 < depth - touching <= rounding else depth
 
 
-def validate_number(kind, given):
+def validate_number(kind, number):
     """Return the number of a loading as a float.
 
     Raises
@@ -95,16 +88,17 @@ def validate_number(kind, given):
     InputError
         If it is no number, or too large or small.
     """
-    if isinstance(given, np.ndarray) and not given.shape:
-        given = given[()]
-    if isinstance(given, bool) or not isinstance(given, Real):
-        many = hasattr(given, "__len__") and getattr(given, "shape", None) != ()  # () of a masked number
-        if many and not isinstance(given, str | bytes):
-            what = f"{kind}: {type(given).__name__} of {len(given)}"
-            raise InputError(f"{what}; allowed: a number; many, one after the other: ContactSolver.path")
-        raise InputError(f"{kind}: is {type(given).__name__}; needed: a number [{LOADINGS[kind]}]")
+    if isinstance(number, np.ndarray) and not number.shape:
+        number = number[()]
+    if isinstance(number, bool) or not isinstance(number, Real):
+        name = type(number).__name__
+        is_sequence = hasattr(number, "__len__") and getattr(number, "shape", None) != ()  # () if masked
+        if is_sequence and not isinstance(number, str | bytes):
+            allowed = "allowed: a number; many, one after the other: ContactSolver.path"
+            raise InputError(f"{kind}: {name} of {len(number)}; {allowed}")
+        raise InputError(f"{kind}: is {name}; needed: a number [{LOADINGS[kind]}]")
     try:
-        value = float(given)
+        value = float(number)
     except OverflowError:
         value = np.inf
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
@@ -116,12 +110,12 @@ def validate_number(kind, given):
 
 def _check_mean_gap(value, grid, holes, rounding):
     """Raise if a mean gap does not determine the approach."""
-    given, others = f"mean_gap {format_exact(value)}", "allowed: approach, load or mean_pressure"
+    text, others = f"mean_gap {format_exact(value)}", "allowed: approach, load or mean_pressure"
     if not grid.periodic:
-        raise InputError(f"{given}: only on a periodic patch does it say what the approach is; {others}")
+        raise InputError(f"{text}: only on a periodic patch does it determine the approach; {others}")
     if holes:
         raise InputError(
-            f"{given}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
+            f"{text}: contact is impossible in {holes} cells (NaN), whose gap is unknown; {others}"
         )
     if value < -rounding:
-        raise InputError(f"{given}: the bodies do not penetrate each other; allowed: at least 0 mm")
+        raise InputError(f"{text}: the bodies do not penetrate each other; allowed: at least 0 mm")

@@ -48,14 +48,10 @@ class ShapeRoughness(NamedTuple):
 
 
 def measure_contact(state):
-    """Measure a `ContactState` of a whole grid.
+    """Return the ContactMeasures of a `ContactState` of a whole grid.
 
     Collective. Faces of different lengths have the same correction: each moves the contact edge by a part of a cell, so
     their number times the area of a cell counts.
-
-    Returns
-    -------
-    ContactMeasures
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
@@ -90,19 +86,9 @@ def measure_contact(state):
 
 
 def contact_width(state, contact, enough):
-    """Return the longest runs of contact in x and y, in cells. Collective.
+    """Return the longest runs of contact in x and y, in cells, at most `enough`. Collective.
 
-    Parameters
-    ----------
-    state : ContactState
-    contact : ContactMeasures
-        Of `state`.
-    enough : int
-        Largest number returned.
-
-    Returns
-    -------
-    tuple of int
+    `contact` are the ContactMeasures of `state`.
     """
     grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
     excess = contact.contact_fraction - contact.contact_fraction_corrected
@@ -128,22 +114,12 @@ def contact_width(state, contact, enough):
 
 
 def measure_roughness(operator, distance, shape):
-    """Measure the roughness of the undeformed distance on a grid.
+    """Return the ShapeRoughness of the undeformed distance on a grid.
 
     Collective. On a periodic patch without holes the slope is that of the Fourier interpolant, by one product.
     Otherwise it is computed from differences across the faces between admissible cells.
 
-    Parameters
-    ----------
-    operator : InfluenceOperator
-        Of the grid.
-    distance : UndeformedDistance
-    shape : ndarray, shape (local rows, nx), [mm]
-        Undeformed distance at the reference, NaN in inadmissible cells.
-
-    Returns
-    -------
-    ShapeRoughness
+    `shape`, (local rows, nx) [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
     """
     grid = operator.grid
     waves = grid.periodic and distance.statistics.cells == grid.n

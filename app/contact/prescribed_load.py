@@ -95,20 +95,9 @@ class PrescribedLoad(Loading):
         Collective. Solves problems of prescribed approach. Converges for every problem that `solve` can solve, because
         the load is monotone in the approach.
 
-        Parameters
-        ----------
-        state : ContactState
-        solve : callable
-            ``solve(loading)`` solves from the contact set and pressure of `state`, and returns the Outcome.
-        rtol : float
-            Relative to the load, or to the depth beyond first touch.
-        step : float, optional
-            Estimated error of the depth of `state` [mm]; None: its depth is arbitrary.
-
-        Returns
-        -------
-        Outcome
-            Of all solves; converged if all are.
+        ``solve(loading)`` solves from the contact set and pressure of `state`. `rtol` is relative to the load, or to
+        the depth beyond first touch. `step` is the estimated error of the depth [mm], None if that is arbitrary.
+        Returns the Outcome of all solves, converged if all are.
         """
         touching = state.first_touch()
         loads = {touching: 0.0}  # by depth
@@ -136,19 +125,15 @@ class PrescribedLoad(Loading):
             least = 4 * np.spacing(max(abs(low), abs(high)))  # step above rounding
             high = min(max(high, low + least), max_depth)
             while (short := -relative_error(high)) > 0 and high < max_depth:
-                # far enough if the load grows in proportion to the depth, or faster
-                low, high = (
-                    high,
-                    min(high + max(2 * short * (high - touching), least), max_depth),
-                )
+                # This step is enough if the load is proportional to the depth, or grows faster.
+                growth = max(2 * short * (high - touching), least)
+                low, high = high, min(high + growth, max_depth)
             while relative_error(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
             # A periodic patch may reach full contact before it carries the load; `high` is the end then.
-            root = (
-                _root(relative_error, low, high, rtol * (high - touching))
-                if relative_error(high) >= 0
-                else high
-            )
+            root = high
+            if relative_error(high) >= 0:
+                root = _root(relative_error, low, high, rtol * (high - touching))
             if state.depth != root:  # not the depth of the last solve
                 loads.pop(root, None)
                 relative_error(root)

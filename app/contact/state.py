@@ -243,19 +243,8 @@ class ContactState:
     def release_tensile(self, some=None, change=_NO_FIELD):
         """Remove cells with p < 0 from C and set p = 0, for (2.9).
 
-        Collective if `some` is None.
-
-        Parameters
-        ----------
-        some : bool, optional
-            Whether any rank has such cells, if known.
-        change : ndarray, shape (local rows, nx), [N/mm2], optional
-            The change of p is added to it.
-
-        Returns
-        -------
-        int or bool
-            Number of released cells, or `some`.
+        Collective if `some` is None, else `some` says whether any rank has such cells. Returns the number of released
+        cells, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
         """
         released = self.bounds.release(self.values, self.contact, self._released, change)  # (4.a)
         released = int(self.sum([released])[0]) if some is None else some
@@ -274,17 +263,8 @@ class ContactState:
     def activate_penetrating(self, expected=None):
         """Add cells with e = h + u <= 0 to C, for (2.10).
 
-        Collective. Cells just released may enter again.
-
-        Parameters
-        ----------
-        expected : ndarray, shape (local rows, nx), [mm], optional
-            Expected change of u outside C, added to u in this test.
-
-        Returns
-        -------
-        Update
-            Since before `release_tensile`.
+        Collective. Cells just released may enter again. Returns the Update since before `release_tensile`. `expected`,
+        shape (local rows, nx) [mm], is an expected change of u outside C, added to u in this test.
         """
         fields = self.u, self.p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)

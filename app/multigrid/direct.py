@@ -55,12 +55,7 @@ def _cut(matrix, cells, system):
 class DirectSolver:
     """Cholesky solver of C A C p = b, C the operator's mask.
 
-    Parameters
-    ----------
-    operator : InfluenceOperator
-        On a grid of at most `MAX_DIRECT_CELLS` cells.
-    level : int
-        Its number in the hierarchy.
+    The grid has at most `MAX_DIRECT_CELLS` cells; `level` is its number in the hierarchy.
     """
 
     work_units = 0.0

@@ -30,15 +30,7 @@ _MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no ti
 def check_room(comm, grid, settings):
     """Raise if some host lacks the memory for a target grid. Collective.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    grid : Grid
-    settings : app.options.method.Settings
-
-    Raises
-    ------
-    InputError
+    `settings` are app.options.method.Settings. Raises InputError.
     """
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
@@ -104,12 +96,7 @@ def get_coarser_levels(operator):
 def make_transfers(operators, comm):
     """Make the transfers between levels, coarsest first; the first is None.
 
-    Parameters
-    ----------
-    operators : list of InfluenceOperator
-        Coarsest first.
-    comm : mpi4py communicator or None
-        Of all ranks with rows of the finest grid; None if there is one.
+    `comm` is of all ranks with rows of the finest grid, None if there is one.
     """
     transfers = [None]
     for coarse, fine in pairwise(operators):
@@ -227,10 +214,7 @@ class Hierarchy:
     def coarse_minimum(self, shapes):
         """Return the least distance in each cell of the finest unwindowed level. Collective.
 
-        Returns
-        -------
-        ndarray or None
-            NaN in cells that are inadmissible as a whole; None if the target grid has no window.
+        It is NaN in cells that are inadmissible as a whole. None if the target grid has no window.
         """
         if not self.may_be_windowed(self.target):
             return None

@@ -66,17 +66,8 @@ def _interpolate_halved(row, weights, fine):
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
     """Compute fine[j, i] from six coarse rows and columns from rows[j], columns[i] on.
 
-    Parameters
-    ----------
-    coarse : ndarray, shape (coarse rows, coarse columns)
-    fine : ndarray, shape (rows, columns)
-    rows, columns : ndarray of int, shapes (rows,), (columns,)
-        Columns count from `QUINTIC_MARGIN` before the first one.
-    weights_y, weights_x : ndarray, shapes (rows, 6), (columns, 6)
-    halved : bool
-        Each coarse column has two fine ones.
-    row : ndarray, shape (coarse columns + 2 QUINTIC_MARGIN,)
-        Work space.
+    Columns count from `QUINTIC_MARGIN` before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`:
+    each coarse column has two fine ones. `row`: work space of (coarse columns + 2 QUINTIC_MARGIN).
     """
     nx = coarse.shape[1]
     for j in range(fine.shape[0]):

@@ -60,13 +60,7 @@ _DIRECT = {
 class MaskedMatrix:
     """The coarsest system of Sec. 4.2, 4, assembled: ``C A C + d (I - C)``.
 
-    All of it is on the rank that has the grid.
-
-    Parameters
-    ----------
-    operator : InfluenceOperator
-        On a grid of at most `MAX_DIRECT_CELLS` cells.
-    comm : PETSc communicator
+    All of it is on the rank that has the grid, of at most `MAX_DIRECT_CELLS` cells.
     """
 
     def __init__(self, operator, comm):
@@ -78,24 +72,16 @@ class MaskedMatrix:
         self.update()
 
     def update(self, energy=0.0):
-        """Assemble for the operator's contact set. Collective.
-
-        Parameters
-        ----------
-        energy : float
-            Lower bound of ``p.Ap`` for p = 1 on C.
-        """
+        """Assemble for the operator's contact set, with ``p.Ap >= energy`` for p = 1 on C. Collective."""
         if self.operator.active:
-            self._set_values(energy)
+            inside = self.operator.mask.reshape(-1)
+            both = inside[:, None] & inside
+            values = np.where(both, self._full, 0.0)
+            missing = (energy - values.sum()) / max(np.count_nonzero(inside), 1) ** 2
+            values += np.where(both, max(missing, 0.0), 0.0)
+            values[~inside, ~inside] = self.operator.diagonal
+            self.mat.setValues(self._index, self._index, values)
         self.mat.assemble()
-
-    def _set_values(self, energy):
-        inside = self.operator.mask.reshape(-1)
-        values = np.where(inside[:, None] & inside, self._full, 0.0)
-        missing = (energy - values.sum()) / max(np.count_nonzero(inside), 1) ** 2
-        values += np.where(inside[:, None] & inside, max(missing, 0.0), 0.0)
-        values[~inside, ~inside] = self.operator.diagonal
-        self.mat.setValues(self._index, self._index, values)
 
     def destroy(self):
         """Free the matrix. Collective."""
@@ -215,7 +201,7 @@ class ContactMG:
             self._mats += mats if level == finest else (*mats, mat)
         coarsest = cycle.getMGCoarseSolve()
         if finest:
-            self._coarse = MaskedMatrix(self.operators[0], comm)
+            self._coarse = MaskedMatrix(self.operators[0], comm)  # Sec. 4.2, 4
             self._coarse.mat.setOptionsPrefix(coarsest.getOptionsPrefix())
         # A single level has the options of a smoother, and the grid's own operator.
         coarsest.setOperators(self._coarse.mat if finest else self._mat)
@@ -264,13 +250,13 @@ def _energy_of_constant(fine, coarse):
     return energy * coarse.grid.n / fine.grid.n
 
 
-def _default_options(given, symmetric):
+def _default_options(options, symmetric):
     """Return default options of smoothers and coarsest grid."""
     defaults = _SMOOTHER | _DIRECT
-    if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
+    if any(f"mg_levels_pc_sor_{kind}" in options for kind in _OTHER_SWEEPS):
         del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others
-    if symmetric and "pc_mg_distinct_smoothup" not in given:
-        defaults |= _adjoint_smoothers(defaults | given)
+    if symmetric and "pc_mg_distinct_smoothup" not in options:
+        defaults |= _adjoint_smoothers(defaults | options)
     return defaults
 
 

@@ -63,8 +63,7 @@ def test_restriction_is_the_scaled_transpose_of_the_copy(shape, factors):
 
 
 @pytest.mark.parametrize(
-    ("name", "arguments", "least"),
-    [("restrict_defect", 1, 1), ("add_copies", 2, 1), ("interpolate", 2, 3)],
+    ("name", "arguments", "least"), [("restrict_defect", 1, 1), ("add_copies", 2, 1), ("interpolate", 2, 3)]
 )
 def test_flops_of_transfers_are_logged(name, arguments, least):
     """Some for each fine cell."""
