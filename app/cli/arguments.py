@@ -1,4 +1,4 @@
-"""Command lines in the style of the shell (``--jobs 2``), and how these commands end. Not collective."""
+"""Shell-style command lines (``--jobs 2``) and exit statuses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from app.options import option_table
 
 
 class Parser(argparse.ArgumentParser):
-    """Complains like everything else; takes -1,2 for a value."""
+    """Parser that raises InputError and takes -1,2 for a value."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
@@ -30,7 +30,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def argument_type(kind):
-    """Kind of a command line argument by that of an option, as of `app.options.option_table`."""
+    """Return an argument type for a kind of `app.options.option_table`."""
 
     def parse(text):
         try:
@@ -45,13 +45,13 @@ count, positive = argument_type(option_table.count), argument_type(option_table.
 
 
 def check_ranks(ranks):
-    """Refuse several ranks where there is no mpiexec."""
+    """Check that mpiexec exists for several ranks."""
     if ranks > 1 and not shutil.which("mpiexec"):
         raise InputError(f"--ranks {ranks}: there is no mpiexec on PATH")
 
 
 def check_folder(folder):
-    """Refuse a folder (-o) that cannot be written to; it may not exist yet."""
+    """Check that a folder (-o) can be made or written to."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder}: exists and is not a folder")
     if not folder.parent.is_dir():
@@ -62,7 +62,7 @@ def check_folder(folder):
 
 @contextmanager
 def report_write_errors(output):
-    """Tell of what is given by -o that it cannot be written."""
+    """Turn an OSError into an InputError about -o."""
     try:
         yield
     except OSError as error:
@@ -72,13 +72,13 @@ def report_write_errors(output):
 
 
 def command(main):
-    """Let a command's ``main(argv)`` return its exit status, whatever happens; SIGTERM ends it like Ctrl-C.
+    """Decorate ``main(argv)`` to return an exit status on errors of the user.
 
-    InputError, OSError and MemoryError are the user's to hear of; anything else is a mistake of the program.
+    SIGTERM acts like Ctrl-C. Exceptions other than InputError, OSError and MemoryError are bugs and propagate.
     """
 
     @wraps(main)
-    def called(argv=None):
+    def wrapper(argv=None):
         streams.reopen_closed()
         previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
@@ -91,4 +91,4 @@ def command(main):
         finally:
             signal.signal(signal.SIGTERM, previous)
 
-    return called
+    return wrapper

@@ -1,4 +1,4 @@
-"""The bar that is shown while the active set iteration runs."""
+"""Progress bar of a solve."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from app.contact.history import Listener
 
 
 def make_listeners():
-    """Return a bar for rank 0, which takes part in all grids, if it has a terminal. Not collective."""
+    """Return a progress bar on a terminal of rank 0."""
     from app.base.mpi import MPI
 
     return [Progress()] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
 
 
 class Progress(Listener):
-    """A bar on the terminal for each solve: how many of the decades to the wanted residual are done on this grid."""
+    """Bar from residual 1 to the tolerance on each grid."""
 
     def __init__(self):
         self._bar = None
 
     def begin(self, settings):
-        """Take the wanted residual, which a refinement tightens. The lines of -lcp_monitor need no bar."""
+        """Read the tolerance, and -lcp_monitor, which replaces the bar."""
         self._rtol, self._shown = settings.rtol, not settings.monitor
 
     def start(self, state, level):
-        """Show a bar, if there is none yet."""
+        """Show the bar."""
         if not self._shown:
             return
         from tqdm import tqdm
 
-        how = "{desc} {bar} {postfix} [{elapsed}]"
-        self._bar = self._bar or tqdm(total=100, desc="solving", leave=False, bar_format=how, delay=1)
+        form = "{desc} {bar} {postfix} [{elapsed}]"
+        self._bar = self._bar or tqdm(total=100, desc="solving", leave=False, bar_format=form, delay=1)
 
     def end(self):
         """Close the bar."""
@@ -44,7 +44,7 @@ class Progress(Listener):
         """Show an entry of the history."""
         if not self._shown:
             return
-        residual = max(self._rtol, min(1.0, entry["residual"]))  # in this order NaN is 1
+        residual = max(self._rtol, min(1.0, entry["residual"]))  # in this order NaN becomes 1
         self._bar.n = round(100 * math.log(residual) / math.log(self._rtol))
         self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)
         self._bar.set_postfix_str(

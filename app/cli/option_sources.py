@@ -131,7 +131,7 @@ class ParsedOptions:
         return selected
 
     def split_by_source(self, names):
-        """Return the options of some names by file, and those of the command line.
+        """Return options by file, and those of the command line.
 
         Returns
         -------
@@ -155,7 +155,7 @@ class ParsedOptions:
         return self.texts.keys() - implicit
 
     def overridden(self):
-        """Yield a warning for each word of the command line that a later file overrides."""
+        """Yield a warning for each word that a later file overrides."""
         for at, source in enumerate(self.sources):
             for name in sorted(source.texts) if source.where == COMMAND_LINE else ():
                 last = next(later for later in reversed(self.sources[at:]) if name in later.texts)
@@ -237,7 +237,7 @@ def parse_options(argv):
 
 
 def _read_file(flag, path, parents, sources, files):
-    """Append the source of an option file, after those of the files it includes."""
+    """Append the sources of an option file and its included files."""
     from app.options.solver_options import read_option_file
 
     path = os.path.expandvars(path)
@@ -327,7 +327,7 @@ def _check_read_at_end(petsc_options):
 
 
 def _parse_words(words):
-    """Return the options of a command line without dash, and their texts or None."""
+    """Return names without dash and texts (or None)."""
     pairs, needs_value = [], False
     for word in words:
         try:

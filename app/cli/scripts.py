@@ -1,4 +1,4 @@
-"""What an installed package puts on PATH: ``contact-solve`` is ``python -m app.solve``, and so on."""
+"""Entry point of installed commands: ``contact-solve`` is ``python -m app.solve``."""
 
 import runpy
 import sys
@@ -6,6 +6,6 @@ from pathlib import Path
 
 
 def main():
-    """Run the command by whose name this was called. Does not return."""
+    """Run the command named by ``sys.argv[0]``."""
     command = Path(sys.argv[0]).stem.removeprefix("contact-")
     runpy.run_module(f"app.{command}", run_name="__main__", alter_sys=True)

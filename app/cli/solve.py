@@ -1,4 +1,7 @@
-"""Solve one contact problem:  mpiexec -n 2 python -m app.solve -options_file petsc_options/hertz.opts ..."""
+"""Solve one contact problem.
+
+Run ``mpiexec -n 2 python -m app.solve -options_file petsc_options/hertz.opts ...``.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,9 @@ from app.base.errors import InputError
 from app.cli import session
 
 
-def main(given):
-    """Solve, write, report; return the exit status. Collective."""
-    # Not before the session has started: MPI and PETSc start when they are imported.
+def main(parsed):
+    """Solve, write and report; return the exit status. Collective."""
+    # The session starts MPI and PETSc first.
     import gc
     import shlex
     import time
@@ -33,35 +36,34 @@ def main(given):
 
     Monitor.say = staticmethod(session.print_output)
     numba_cache.on_first_compile = lambda: session.note("compiling loops, once; this may take half a minute")
-    if "help" in given.petsc_options:
+    if "help" in parsed.petsc_options:
         session.print_output(format_help())
-        if "problem" not in given.texts:
+        if "problem" not in parsed.texts:
             return 0
-    if not given.texts:
+    if not parsed.texts:
         raise InputError(
             "nothing to solve; to begin with: -options_file petsc_options/hertz.opts; all options: -help"
         )
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
-    with PETSc.Log.Stage("Setup"), suggest_names(given):
-        request, solver = Request(given, MPI.COMM_WORLD), None
-        listeners = [] if request.path else monitor.make_listeners()  # a path has a bar, or lines, of its own
+    with PETSc.Log.Stage("Setup"), suggest_names(parsed):
+        request, solver = Request(parsed, MPI.COMM_WORLD), None
+        listeners = [] if request.path else monitor.make_listeners()  # a path shows its steps
         if not request.refine_until:
             solver = ContactSolver(
                 request.problem, request.method, request.options, prefix="", listeners=listeners
             )
             facts["setup_seconds"] = time.perf_counter() - started
-    gc.freeze()  # all this stays: looking for garbage in it takes as long as a small solve
+    gc.freeze()  # garbage collection of all imported objects would take as long as a small solve
 
     def save(solution, file, steps=None):
         with PETSc.Log.Stage("Output"):
             options = f"{format_options(request.texts)} {solution.options}"
-            more = {**facts, "options": options, "peak_memory": session.peak_memory()}
-            solution.save(file, steps, **more)
+            solution.save(file, steps, **facts, options=options, peak_memory=session.peak_memory())
 
-    said, steps, done, status = "", None, nullcontext(), 0
+    text, steps, finished, status = "", None, nullcontext(), 0
     with PETSc.Log.Stage("Solve"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of what the summary says: not converged
+        warnings.simplefilter("ignore", RuntimeWarning)  # the summary says what has not converged
         if request.refine_until:
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
@@ -70,17 +72,17 @@ def main(given):
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
             facts |= refined.errors._asdict()
             facts |= {f"refinement_{name}": [row[name] for row in refined.rows] for name in refined.rows[0]}
-            said = refinement_table(refined, request.refine_until)
+            text = refinement_table(refined, request.refine_until)
         elif request.path:
             with solver:
-                path, solution, done = run_path(request.path, solver, request.stiffness, save)
+                path, solution, finished = run_path(request.path, solver, request.stiffness, save)
             steps, notes, status = path.table, path.notes, 0 if path.converged else 3
             facts |= {
                 "notes": "\n".join(notes),
                 "path_operator_applications": path.operator_applications,
                 "path_seconds": path.solve_seconds,
             }
-            said = load_path_summary(path, request.path)
+            text = load_path_summary(path, request.path)
         else:
             with solver:
                 solution = solver.solve(**request.loading)
@@ -90,11 +92,11 @@ def main(given):
     (refined if request.refine_until else solver).options.insert_for_good(request.texts)
     with PETSc.Log.Stage("Output"):
         facts |= solution.count_patches()
-    with done:
+    with finished:
         if request.output:
             save(solution, request.output, steps)
-    if said:
-        session.print_output(said)
+    if text:
+        session.print_output(text)
     session.print_output(summary(solution.attributes | facts, solution.grid, request.output))
     for line in notes:
         session.warn(line)

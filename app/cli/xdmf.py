@@ -1,8 +1,8 @@
-"""Write an XDMF file for ParaView beside result files: ``python -m app.xdmf RESULT.h5 [MORE.h5 ...] [-o SERIES.xdmf]``.
+"""Write an XDMF file for ParaView.
 
-Without -o the first one's name with ``.xdmf``. Several results of one folder, such as the steps of a load path, become
-a series; its times are the loads if they rise, else 0, 1, 2. Exit status 0, or 2 with one line on standard error. Runs
-on one rank.
+Run ``python -m app.xdmf RESULT.h5 [MORE.h5 ...] [-o SERIES.xdmf]`` on one rank. Default output: name of the first
+result with ``.xdmf``. Several results of one folder, such as the steps of a load path, become a series; its times are
+the loads if they rise, else 0, 1, 2. Exit status 0, or 2 after an error.
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, 
 
 FAULTS = """
 import os, resource, sys
-from app.cli.session import _keep_pages
-_keep_pages(os.environ)
+from app.cli.session import keep_freed_pages
+keep_freed_pages(os.environ)
 text = sys.argv[1] * 20_000_000
 del text
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
