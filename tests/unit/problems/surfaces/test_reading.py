@@ -214,11 +214,11 @@ def test_wrong_calls_are_refused_in_one_line(message, wrong):
 
 def test_problems_of_files_can_be_pickled(saved):
     """Also those of HDF5, which are read from the open file."""
-    for name, spacing in ("s.npy", (0.1, 0.1)), ("s.h5", None):
+    for name, spacing, dataset in ("s.npy", (0.1, 0.1), ""), ("s.h5", None, ":/heights"):
         path = saved(HEIGHTS, name)
         for orient in (), ("transpose",):
             surface = read_surface(path, "um", orient=orient, spacing=spacing)
             problem = ContactProblem(surface.grid(), Material.combined(1.0, 0.3), surfaces=[surface])
             for same in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
                 np.testing.assert_array_equal(same.shape_on(same.grid), problem.shape_on(problem.grid))
-        np.testing.assert_array_equal(pickle.loads(pickle.dumps(GapFile(path))).rows(), HEIGHTS)
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(GapFile(path + dataset))).rows(), HEIGHTS)
