@@ -19,7 +19,7 @@ def real_numbers(what, values, needed="an array of real numbers, or a function o
             return np.asarray(np.ma.filled(array.astype(float), np.nan))
     except (TypeError, ValueError):
         pass
-    raise InputError(f"{what}: needed: {needed}") from None
+    raise InputError(f"{what}: must be {needed}") from None
 
 
 def lattice(x, y, origin):
@@ -27,7 +27,7 @@ def lattice(x, y, origin):
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):
         shapes = f"shapes {x.shape} and {y.shape}"
-        raise InputError(f"x, y: have {shapes}; needed: (nx,) and (ny,), columns and rows of a lattice")
+        raise InputError(f"x, y: have {shapes}; must be (nx,) and (ny,), columns and rows of a lattice")
     return x - origin[0], y - origin[1]
 
 
@@ -37,6 +37,6 @@ def check_size(what, values, first_row=0):
     if large.any():
         j, i = np.argwhere(large)[0]
         raise InputError(
-            f"{what}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; allowed: numbers "
+            f"{what}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; must be numbers "
             f"up to {LARGEST:g}, and NaN where contact is impossible"
         )

@@ -50,7 +50,7 @@ class _SampledOrFunction:
             values = np.array(np.broadcast_to(values, shape), order="C")
         except ValueError:
             raise InputError(
-                f"{self._what}: a function that gives an array of shape {values.shape}; needed: {shape} here"
+                f"{self._what}: a function that gives an array of shape {values.shape}; must be {shape} here"
             ) from None
         check_size(self._what, values, rows.start or 0)
         return values
@@ -118,30 +118,30 @@ class ContactProblem(Problem):
     def __post_init__(self, periodic):
         for part, kind in (("grid", Grid), ("material", Material)):
             if not isinstance(getattr(self, part), kind):
-                raise InputError(f"{part}: {getattr(self, part)!r}; needed: a {kind.__name__}")
+                raise InputError(f"{part}: {getattr(self, part)!r}; must be a {kind.__name__}")
         if np.ndim(periodic):
             raise InputError(
-                f"periodic: is {type(periodic).__name__}; allowed: True, False, 'spectral', 'love'; "
+                f"periodic: is {type(periodic).__name__}; must be True, False, 'spectral' or 'love'; "
                 "surfaces are given by name, surfaces=[...]"
             )
         if periodic is not None and not (periodic is True and self.grid.periodic):
             object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
         if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
             raise InputError(
-                f"surfaces: is an array of shape {self.surfaces.shape}; needed: a sequence, [array]"
+                f"surfaces: is an array of shape {self.surfaces.shape}; must be a sequence, [array]"
             )
         try:
             surfaces = () if self.surfaces is None else tuple(self.surfaces)
         except TypeError:
             kind = type(self.surfaces).__name__
-            raise InputError(f"surfaces: is {kind}; needed: a sequence of surfaces, [...]") from None
+            raise InputError(f"surfaces: is {kind}; must be a sequence of surfaces, [...]") from None
         for what, part in (("gap", self.gap), *(("surface", part) for part in surfaces)):
             if isinstance(part, type):
                 raise InputError(
-                    f"{what}: is the class {part.__name__}; needed: one of it, {part.__name__}(...)"
+                    f"{what}: is the class {part.__name__}; must be an instance, {part.__name__}(...)"
                 )
         if self.gap is None and not surfaces:
-            raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
+            raise InputError("gap: must be an array of numbers, a function of x and y, or a shape")
         shape = Plane() if self.gap is None else self.gap
         if not hasattr(shape, "shape_on"):
             if hasattr(shape, "heights_on"):

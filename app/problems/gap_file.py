@@ -20,10 +20,10 @@ class GapFile(StoredArray):
         super().__init__(str(file), content.array)
         unit, _ = read_gwyddion_head(content.comments)
         if unit not in (None, "mm"):
-            raise InputError(f"gap file {file}: says {unit}; needed: mm")
+            raise InputError(f"gap file {file}: says {unit}; must be mm")
         if kind := content.is_text and detect_list(self._array):
             raise InputError(
-                f"gap file {file}: {self.shape[0]} lines of {self.shape[1]} numbers are {kind}, not a map; needed: the "
+                f"gap file {file}: {self.shape[0]} lines of {self.shape[1]} numbers are {kind}, not a map; must be the "
                 "gap of all cells in rows and columns, without x and y; such narrow ones as .npy"
             )
 

@@ -95,7 +95,7 @@ def evaluate_shape(problem, grid, rows):
     shape = real_numbers(what, problem.shape_on(grid, rows), "undeformed distances, an array of real numbers")
     if shape.shape != expected:
         raise InputError(
-            f"{what}: undeformed distances of shape {shape.shape}; needed: (rows, nx) = {expected}"
+            f"{what}: undeformed distances of shape {shape.shape}; must be (rows, nx) = {expected}"
         )
     check_size(what, shape, rows.start or 0)
     return np.ascontiguousarray(shape)

@@ -436,5 +436,5 @@ def check_cut_off(grid, shortest):
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
         raise InputError(
             f"surface cut-off {format_exact(shortest)}: cells of {format_exact(grid.dx)} x {format_exact(grid.dy)} mm "
-            f"cannot carry waves that short; needed: at least {nx},{ny} cells (-grid), two to a wave"
+            f"cannot carry waves that short; must be at least {nx},{ny} cells (-grid), two per wave"
         )

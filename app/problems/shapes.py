@@ -112,10 +112,10 @@ class Paraboloid(Shape):
         for body, radii in ((1, radii1), (2, radii2)):
             if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):
                 raise InputError(
-                    f"radii of body {body}: needed: two numbers, not 0; inf: straight; negative: concave"
+                    f"radii of body {body}: must be two numbers, not 0; inf: straight; negative: concave"
                 )
         if not (isinstance(angle, Real) and math.isfinite(angle)):
-            raise InputError(f"angle {angle!r} between the bodies: needed: a finite number [degree]")
+            raise InputError(f"angle {angle!r} between the bodies: must be a finite number [degree]")
         k1, k2 = (tuple(1 / radius for radius in radii) for radii in (radii1, radii2))
         total, d1, d2 = sum(k1) + sum(k2), k1[0] - k1[1], k2[0] - k2[1]
         twice = math.radians(2 * angle)
@@ -128,7 +128,7 @@ class Paraboloid(Shape):
         if min(curvatures) <= 1e-12 * max(map(abs, (*k1, *k2))):
             one, other = (format_distinct(curvature, 0, 4) for curvature in curvatures)
             raise InputError(
-                f"the bodies' relative curvatures are {one} and {other} per mm; needed: both positive "
+                f"the bodies' relative curvatures are {one} and {other} per mm; must be positive both "
                 "(0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
             )
         bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn) + 0.0)

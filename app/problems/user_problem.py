@@ -46,14 +46,14 @@ def load(name):
     if not in_file:
         path, _, attribute = name.rpartition(".")
     if not path or not attribute:
-        raise InputError(f"-problem_type {name}: needed: module.Name or file.py:Name")
+        raise InputError(f"-problem_type {name}: must be module.Name or file.py:Name")
     module = _call(name, _import_file if in_file else _import_module, path)
     if not hasattr(module, attribute):
         raise InputError(f"-problem_type {name}: {path} has no {attribute}")
     factory = getattr(module, attribute)
     if not callable(factory) or (isinstance(factory, type) and not issubclass(factory, Problem)):
         raise InputError(
-            f"-problem_type {name}: needed: a function of x and y, or a class derived from {Problem.__module__}.Problem"
+            f"-problem_type {name}: must be a function of x and y, or a class derived from {Problem.__module__}.Problem"
         )
     return factory
 

@@ -135,7 +135,7 @@ def test_converted_with_a_head_turned_and_doubted(convert, tmp_path):
     refused = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", "--orient", "mirror")
     assert (
         refused.returncode == 2
-        and "allowed: with commas between: transpose, flip_x, flip_y" in refused.stderr
+        and "must be some, with commas between, of transpose, flip_x, flip_y" in refused.stderr
     )
 
 
@@ -356,7 +356,7 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, s
         (["s.npy", "--unit", "um", "--spacing", "1"], "1: must be DX,DY"),
         (["s.npy", "-o", "s.txt"], "the name must end in .h5"),
         (["none.npy"], "no such file"),
-        (["wide.h5"], "wide.h5: spacing wide: needed: two positive numbers"),
+        (["wide.h5"], "wide.h5: spacing wide: must be two positive numbers"),
         (["s.txt"], "s.txt: cannot be read: "),
     ],
 )

@@ -45,7 +45,7 @@ class StoredArray:
         if array.ndim != 2 or not all(array.shape) or array.dtype.kind not in "fiu":
             raise InputError(
                 f"{self.what} {file}: holds {array.dtype} of shape {array.shape}; "
-                "needed: real numbers of shape (ny, nx)"
+                "must be real numbers of shape (ny, nx)"
             )
 
     def __getstate__(self):

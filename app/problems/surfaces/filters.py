@@ -25,12 +25,12 @@ def check_order(s_filter, l_filter):
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
             raise InputError(
-                f"surface {name}_filter {index!r}: needed: a positive number, its wavelength [mm]"
+                f"surface {name}_filter {index!r}: must be a positive number, its wavelength [mm]"
             )
     if s_filter and l_filter and s_filter >= l_filter:
         raise InputError(
             f"surface s_filter {format_exact(s_filter)} and l_filter {format_exact(l_filter)}: leave no waves "
-            "between them; needed: the S-filter's wavelength, that of noise, below the L-filter's, "
+            "between them; the S-filter's wavelength, that of noise, must be below the L-filter's, "
             "that of waviness [mm]"
         )
 
@@ -54,8 +54,8 @@ def check_cells(file, s_filter, l_filter, shape, cell):
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not least * (1 - 1e-9) <= index <= most * (1 + 1e-9):
             raise InputError(
-                f"surface {name}_filter {format_exact(index)} mm: not allowed for surface file {file}; allowed: "
-                f"{format_exact(least)} to {format_exact(most)} mm, from two of its cells ({format_lengths(*cell)}) "
+                f"surface {name}_filter {format_exact(index)} mm: must be {format_exact(least)} to "
+                f"{format_exact(most)} mm for surface file {file}, from two of its cells ({format_lengths(*cell)}) "
                 "to its shorter side"
             )
 

@@ -73,11 +73,11 @@ class HeightMap(StoredArray):
         try:
             i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
         except (TypeError, ValueError):
-            raise InputError(f"surface crop {crop!r}: needed: four whole numbers i0, i1, j0, j1") from None
+            raise InputError(f"surface crop {crop!r}: must be four whole numbers i0, i1, j0, j1") from None
         if not (0 <= i0 < i1 <= nx and 0 <= j0 < j1 <= ny):
             raise InputError(
-                f"surface crop {i0},{i1},{j0},{j1}: not allowed; surface file {self.file} has columns 0,{nx} and rows "
-                f"0,{ny}: needed: i0 < i1 and j0 < j1 within them"
+                f"surface crop {i0},{i1},{j0},{j1}: must be i0 < i1 and j0 < j1 within columns 0,{nx} and rows 0,{ny} "
+                f"of surface file {self.file}"
             )
         check_fits(8.0 * (i1 - i0) * (j1 - j0), f"surface file {self.file}: {i1 - i0} x {j1 - j0} heights")
         return crop
@@ -99,11 +99,8 @@ class HeightMap(StoredArray):
         in two ways, or `override` has no effect.
         """
         (of_unit, of_height, of_spacing, of_override), where = options, f"surface file {self.file}"
-        wanted, mend, allowed = (
-            height_unit or unit,
-            f"if that is wrong, add {of_override}",
-            f"allowed: {ALLOWED}",
-        )
+        wanted, mend = height_unit or unit, f"if that is wrong, add {of_override}"
+        allowed = f"it must be one of {ALLOWED}"
         if override:
             stated = self.unit or self.other_unit
             if not (spacing and self.spacing) and not (wanted and stated):
@@ -144,7 +141,7 @@ class HeightMap(StoredArray):
             raise InputError(f"{of_spacing}: {where} says {sides} {self.lateral} itself; {mend}")
         sides = _positive_pair(spacing)
         if sides is None:
-            raise InputError(f"{of_spacing} {spacing!r}: needed: two positive numbers dx, dy [mm]")
+            raise InputError(f"{of_spacing} {spacing!r}: must be two positive numbers dx, dy [mm]")
         self.spacing, self.lateral = turn_spacing(sides, self.orient), "mm"
 
     @property
@@ -195,7 +192,7 @@ def _check_esri(where, shape, nrows, ncols):
         pass
     raise InputError(
         f"{where}: its head says nrows {nrows}, ncols {ncols}; there are {shape[0]} lines of {shape[1]} numbers; "
-        "needed: all rows of the map, each in a line"
+        "each line must be a row of the map"
     )
 
 
@@ -207,7 +204,7 @@ def _read_stated(where, content):
             return None
         unit = find_unit(content.attributes[key])
         if unit is None:
-            raise InputError(f"{where}: {key} {content.attributes[key]!r}; allowed: {ALLOWED}")
+            raise InputError(f"{where}: {key} {content.attributes[key]!r}; must be one of {ALLOWED}")
         return unit
 
     stated = {"unit": length("unit"), "spacing": None, "lateral": None, "other_unit": None}
@@ -215,7 +212,7 @@ def _read_stated(where, content):
     if spacing is not None:
         sides = _positive_pair(spacing)
         if sides is None:
-            raise InputError(f"{where}: spacing {spacing}: needed: two positive numbers dx, dy")
+            raise InputError(f"{where}: spacing {spacing}: must be two positive numbers dx, dy")
         return stated | {"spacing": sides, "lateral": length("spacing_unit")}
     unit, sides = read_gwyddion_head(content.comments)
     if unit:
@@ -244,7 +241,7 @@ def _check_heights(where, array, kind, orient):
         ny, nx = nx, ny
     if kind:
         raise InputError(
-            f"{where}: {lines} lines of {numbers} numbers are {kind}, not a map; needed: heights "
+            f"{where}: {lines} lines of {numbers} numbers are {kind}, not a map; must be heights "
             "in rows and columns, or points x, y, z of a grid; if it is a map all the same, keep it by "
             f"crop=[0,{nx},0,{ny}] (-surface_crop 0,{nx},0,{ny}, app.convert --crop)"
         )

@@ -100,7 +100,7 @@ class Surface:
             if self.spacing is None:
                 raise InputError(
                     f"domain= (-domain) is missing: surface file {self.file} does not say its spacing, nor did "
-                    "spacing= of read_surface; needed: x0,x1,y0,y1 [mm]"
+                    "spacing= of read_surface; must be x0,x1,y0,y1 [mm]"
                 )
             lx, ly = nx * self.spacing[0], ny * self.spacing[1]
             domain = -lx / 2, lx / 2, -ly / 2, ly / 2
@@ -115,8 +115,8 @@ class Surface:
         ny, nx = self.shape
         if min(shape) < 1 or ny % shape[0] or nx % shape[1]:
             raise InputError(
-                f"grid {shape[1]},{shape[0]}: surface file {self.file} has {nx} x {ny} cells; allowed: -grid {nx},{ny} "
-                "and whole fractions of both numbers, whose cells are averaged, or any by resampled() "
+                f"grid {shape[1]},{shape[0]}: surface file {self.file} has {nx} x {ny} cells; must be -grid {nx},{ny} "
+                "or whole fractions of both numbers, whose cells are averaged, or any by resampled() "
                 "(-surface_resample)"
             )
         fy, fx = ny // shape[0], nx // shape[1]
@@ -210,7 +210,7 @@ class Surface:
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
-                f"{grid.ny}; needed: the same cells, of two files, too, or resampled() (-surface_resample)"
+                f"{grid.ny}; must be the same cells, of two files, too, or resampled() (-surface_resample)"
             )
         if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
             raise InputError(
@@ -222,7 +222,7 @@ class Surface:
             kinds = "free", "periodic"
             raise InputError(
                 f"surface file {self.file}: was read for a {kinds[self.periodic]} patch, this one is "
-                f"{kinds[not self.periodic]}; needed: the same periodic= of read_surface and of the problem"
+                f"{kinds[not self.periodic]}; must be the same periodic= of read_surface and of the problem"
             )
 
     def __str__(self):

@@ -75,7 +75,7 @@ class Moments:
         if len(large):
             j, i = large[0]
             raise InputError(
-                f"surface file {self._name}: {format_exact(z[j, i])} mm in row {first + j}, column {i}; allowed: "
+                f"surface file {self._name}: {format_exact(z[j, i])} mm in row {first + j}, column {i}; must be "
                 "numbers, and NaN for missing points"
             )
         if self.reference is None:

@@ -64,7 +64,7 @@ def arrange(points):
     nx, ny = i.max() + 1, j.max() + 1
     if nx * ny > MAX_PLACES * len(points):
         raise ValueError(
-            f"{len(points)} points on {nx} x {ny} places: scattered points are not interpolated; needed: a regular grid"
+            f"{len(points)} points on {nx} x {ny} places: scattered points are not interpolated; must be a regular grid"
         )
     if len(np.unique(j * nx + i)) < len(points):
         raise ValueError("two points lie in the same place")
@@ -102,6 +102,6 @@ def _find_places(name, values):
         worst = values[offset.argmax()]
         raise ValueError(
             f"{name} = {format_exact(worst)} is off the spacing of {format_distinct(spacing, worst, 6)}; "
-            "needed: a regular grid"
+            "must be a regular grid"
         )
     return nearest.astype(np.int64), float(spacing)

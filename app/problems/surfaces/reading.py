@@ -104,7 +104,7 @@ def read_surface(
     unit, height_unit = (name and (find_unit(name) or name) for name in (unit, height_unit))
     orient = orient.split(",") if isinstance(orient, str) else tuple(orient or ())
     if not (isinstance(skip, Integral) and skip >= 0):
-        raise InputError(f"surface skip {skip!r}: needed: a number of lines, from 0")
+        raise InputError(f"surface skip {skip!r}: must be a number of lines, from 0")
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),

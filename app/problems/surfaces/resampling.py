@@ -65,7 +65,7 @@ class ResampledSurface:
         if np.any(sides > own * (1 + ROUNDING)):
             raise InputError(
                 f"surface file {self.file}: is {own[0]:.10g} x {own[1]:.10g} mm, the domain {sides[0]:.10g} x "
-                f"{sides[1]:.10g} mm; needed: a domain that is no larger"
+                f"{sides[1]:.10g} mm; the domain must be no larger"
             )
 
     def filtered(self, grid, s_filter=None, l_filter=None):

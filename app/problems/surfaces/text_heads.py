@@ -66,7 +66,7 @@ def select_channel(lines, wanted, advice):
         matches = [k for k, name in enumerate(names) if wanted in ("", name)]
     if len(matches) != 1:
         reason = "several have this name, choose by number" if matches else "not there"
-        raise ValueError(f"channel {wanted}: {reason}; allowed: {listing}")
+        raise ValueError(f"channel {wanted}: {reason}; must be one of {listing}")
     start, end = starts[matches[0]], ends[matches[0]]
     return [line if start <= j < end else "" for j, line in enumerate(lines)]
 

@@ -91,7 +91,7 @@ def read_table(lines, skip=0, heights=False):
         if table and len(entries) != len(table[0]):
             skipping = ", or are skipped at the head" if heights else ""
             raise ValueError(
-                f"line {j} has {len(entries)} entries, line {numbers[0]} has {len(table[0])}; needed: lines of "
+                f"line {j} has {len(entries)} entries, line {numbers[0]} has {len(table[0])}; must be lines of "
                 f"numbers, a row of cells each; others begin with #{skipping}"
             )
         if decimal_commas:
@@ -227,5 +227,5 @@ def _number(entry, j, i, heights):
     except ValueError:
         missing = "missing points" if heights else "cells where contact is impossible"
         raise ValueError(
-            f"line {j}, entry {i}: {shorten(entry)!r} is no number; needed: numbers, and nan for {missing}"
+            f"line {j}, entry {i}: {shorten(entry)!r} is no number; must be numbers, and nan for {missing}"
         ) from None

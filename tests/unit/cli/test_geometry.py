@@ -26,7 +26,7 @@ def test_the_default_roll_off_is_the_longest_side():
 @pytest.mark.parametrize(
     ("grid", "without", "texts", "message"),
     [
-        ("24,15", (), {}, r"cut-off 0.25: .* needed: at least 24,16 cells"),
+        ("24,15", (), {}, r"cut-off 0.25: .* must be at least 24,16 cells"),
         ("16", (), {"domain": "0,1,0,1", "surface_cutoff": "0.1"}, "at least 20,20 cells"),
         ("32", (), {"surface_cutoff": "1e-9"}, "at least 6000000000,4000000000 cells"),
         ("32", ["surface_cutoff"], {}, "-surface_cutoff is missing"),

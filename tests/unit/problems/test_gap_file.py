@@ -75,7 +75,7 @@ def test_a_gap_is_in_mm(tmp_path, unit, read):
     if read:
         assert GapFile(tmp_path / "gap.txt").shape == SQUARE.shape
     else:
-        with pytest.raises(ValueError, match=f"says {unit}; needed: mm"):
+        with pytest.raises(ValueError, match=f"says {unit}; must be mm"):
             GapFile(tmp_path / "gap.txt")
 
 

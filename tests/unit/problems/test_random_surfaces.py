@@ -367,7 +367,7 @@ ROUGH = SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4)
         ("value '1': must be a number", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_slope="1")),
         (r"shapes \(2, 2\) and \(2, 2\); .* \(nx,\)", lambda: ROUGH.height(*np.ones((2, 2, 2)))),
         (r"shapes \(\) and \(1,\)", lambda: WavySurface((2, 2), 0.8, 0.1, 7, (12, 10)).height(0, [1])),
-        ("x: needed: columns of a lattice", lambda: ROUGH.height(["a"], [0.1])),
+        ("x: must be columns of a lattice", lambda: ROUGH.height(["a"], [0.1])),
     ],
 )
 def test_wrong_types_of_surface_parameters_are_refused(message, wrong):

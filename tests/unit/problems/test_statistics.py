@@ -130,9 +130,9 @@ HEIGHTS = np.random.default_rng(3).random((6, 8)) * 1e-3
     ("message", "wrong"),
     [
         ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
-        ("heights: needed: an array of real", lambda: roughness(HEIGHTS + 1j, 0.1, 0.1)),
-        ("heights: needed: an array of real", lambda: radial_spectrum("heights.npy", 0.1, 0.1)),
-        ("heights: needed: an array of real", lambda: normal_plot(["high", "low"])),
+        ("heights: must be an array of real", lambda: roughness(HEIGHTS + 1j, 0.1, 0.1)),
+        ("heights: must be an array of real", lambda: radial_spectrum("heights.npy", 0.1, 0.1)),
+        ("heights: must be an array of real", lambda: normal_plot(["high", "low"])),
         ("dx 0: must be positive", lambda: roughness(HEIGHTS, 0, 0.1)),
         ("dy -0.1: must be positive", lambda: radial_spectrum(HEIGHTS, 0.1, -0.1)),
         ("dy '1': must be a number", lambda: radial_spectrum(HEIGHTS, 0.1, "1")),

@@ -181,8 +181,8 @@ def test_cells_are_averaged_after_filters_of_the_files_own(saved):
         ({"s_filter": "0"}, "-surface_s_filter 0: must be a positive number"),
         ({"l_filter": "-1"}, "-surface_l_filter -1: must be a positive number"),
         ({"s_filter": "0.02", "l_filter": "0.02"}, "s_filter 0.02 and l_filter 0.02: leave no waves between"),
-        ({"s_filter": "0.0024"}, "s_filter 0.0024 mm: not allowed .*; allowed: 0.0025 to 0.06 mm"),
-        ({"l_filter": "0.07"}, "l_filter 0.07 mm: not allowed .*; allowed: 0.0025 to 0.06 mm"),
+        ({"s_filter": "0.0024"}, "s_filter 0.0024 mm: must be 0.0025 to 0.06 mm"),
+        ({"l_filter": "0.07"}, "l_filter 0.07 mm: must be 0.0025 to 0.06 mm"),
     ],
 )
 def test_nesting_indices_out_of_range_are_refused(saved, filters, message):
@@ -196,10 +196,10 @@ def test_nesting_indices_out_of_range_are_refused(saved, filters, message):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"s_filter": 0}, "s_filter 0: needed: a positive number"),
-        ({"l_filter": np.nan}, "l_filter nan: needed: a positive number"),
-        ({"s_filter": "5 um"}, "s_filter '5 um': needed: a positive number"),
-        ({"s_filter": (1, 2)}, r"s_filter \(1, 2\): needed: a positive number"),
+        ({"s_filter": 0}, "s_filter 0: must be a positive number"),
+        ({"l_filter": np.nan}, "l_filter nan: must be a positive number"),
+        ({"s_filter": "5 um"}, "s_filter '5 um': must be a positive number"),
+        ({"s_filter": (1, 2)}, r"s_filter \(1, 2\): must be a positive number"),
         ({"s_filter": 0.01}, "spacing= of read_surface is missing"),
         ({"s_filter": 0.01, "spacing": (1e-3, 1e-3), "crop": (3, 4, 5, 6)}, "one cell: nothing to filter"),
     ],
@@ -238,7 +238,7 @@ def test_a_surface_and_its_problem_are_both_periodic_or_neither(saved, periodic)
     assert bool(surface.grid().periodic) is bool(plain.grid().periodic) is periodic
     assert "L-filtered at 30 um" in str(surface)
     kinds = ("free", "periodic")[:: -1 if periodic else 1]
-    message = f"read for a {kinds[0]} patch, this one is {kinds[1]}; needed: the same periodic="
+    message = f"read for a {kinds[0]} patch, this one is {kinds[1]}; must be the same periodic="
     with pytest.raises(InputError, match=message):
         ContactProblem(read_surface(saved / "s.h5").grid(periodic=not periodic), steel, surfaces=[surface])
     for right in (plain, surface):

@@ -193,7 +193,7 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
     np.savetxt(path := tmp_path / "s.asc", HEIGHTS[::-1], fmt="%.9f", header=head, comments="")
     how = {"skip": head.count("\n") + 1, "orient": "flip_y"}
     if sides is None:
-        with pytest.raises(InputError, match="s.asc: spacing .*wide.* needed: two positive numbers"):
+        with pytest.raises(InputError, match="s.asc: spacing .*wide.* must be two positive numbers"):
             read_surface(path, "um", **how)
         return
     surface = read_surface(path, "um", **how)
@@ -210,7 +210,7 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
     np.testing.assert_array_equal(other.heights(), surface.heights())
     assert other.spacing == pytest.approx(sides)
     with pytest.raises(
-        InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; allowed"
+        InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; it must be"
     ):
         read_surface(path, **how)
     for more in ("--skip", how["skip"], "--orient", "flip_y"), ():
@@ -228,7 +228,7 @@ def test_an_esri_grid_whose_lines_are_no_rows_is_refused(tmp_path, shape, what):
     np.savetxt(path := tmp_path / "s.asc", heights, header=head, comments="")
     for skip in (0, head.count("\n") + 1):
         with pytest.raises(
-            InputError, match=f"nrows 12, ncols 15; there are {what} numbers; needed: all rows"
+            InputError, match=f"nrows 12, ncols 15; there are {what} numbers; each line must be a row"
         ):
             read_surface(path, "um", skip=skip)
 

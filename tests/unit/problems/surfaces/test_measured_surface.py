@@ -43,7 +43,7 @@ def test_coarser_grid_takes_means_of_whole_blocks(saved):
         problem.shape_on(problem.grid, slice(2, 5)), problem.shape_on(problem.grid)[2:5]
     )
     assert problem.grid.dx * 5 == pytest.approx(1e-3 * DX * NX) and "averaged" in problem.notes[0]
-    with pytest.raises(InputError, match=r"has 15 x 12 cells; allowed: -grid 15,12 and whole fractions"):
+    with pytest.raises(InputError, match=r"has 15 x 12 cells; must be -grid 15,12 or whole fractions"):
         made(path, grid="6,6")
 
 

@@ -38,7 +38,7 @@ def test_an_array_is_read_like_a_file(saved):
 @pytest.mark.parametrize(
     ("given", "how", "message"),
     [
-        (HEIGHTS[0], {}, r"shape \(15,\); needed: real numbers of shape \(ny, nx\)"),
+        (HEIGHTS[0], {}, r"shape \(15,\); must be real numbers of shape \(ny, nx\)"),
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
         (HEIGHTS, {"unit": None}, r"^unit= \(-surface_unit\) is missing"),

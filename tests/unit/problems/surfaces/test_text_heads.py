@@ -54,14 +54,14 @@ def test_one_of_two_channels_is_read_by_name_or_number(written, tmp_path, betwee
             surface = read_surface(tmp_path / "s.h5")
             np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[1][:4], rtol=1e-12)
             assert surface.spacing == pytest.approx((2e-3, 1.5e-3))
-    with pytest.raises(InputError, match="channel X: not there; allowed: 0 Topo, 1 "):
+    with pytest.raises(InputError, match="channel X: not there; must be one of 0 Topo, 1 "):
         read_surface(path, channel="X")
 
 
 def test_two_channels_of_one_name_are_told_apart_by_number(written):
     path = written(*head(), *rows(HEIGHTS[0]), *head(), *rows(HEIGHTS[1]))
     with pytest.raises(
-        InputError, match="channel Z: several have this name, choose by number; allowed: 0 Z, 1 Z"
+        InputError, match="channel Z: several have this name, choose by number; must be one of 0 Z, 1 Z"
     ):
         read_surface(path, channel="Z")
     np.testing.assert_allclose(read_surface(path, channel=1).heights(), 1e3 * HEIGHTS[1], rtol=1e-15)
