@@ -45,7 +45,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -179,12 +178,12 @@ def _close_gap(state, energy, enough, work):
     excess += total_u  # zero up to rounding, which matters near full contact
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
-    g = _gap_with_mean(gaps, excess, inside, n)
-    to_gap = (1 + g.stretch) * to_p + g.constant * pressures  # p.g
+    stretch, constant, elsewhere = _gap_with_mean(gaps, excess, inside, n)
+    to_gap = (1 + stretch) * to_p + constant * pressures  # p.g
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
     if state.distance.is_flat:  # the pressure is constant up to rounding
         energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
-    moved = (*fields, diagonal, g.stretch, g.constant, g.elsewhere)
+    moved = (*fields, diagonal, stretch, constant, elsewhere)
     squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
     if squares > 0 and to_gap + curved > enough**2 * energy / 2:
@@ -198,29 +197,18 @@ def _close_gap(state, energy, enough, work):
     return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
 
 
-class _Gap(NamedTuple):
-    """The dual feasible gap.
-
-    ``g = (1 + stretch) max(e - p / B_II, 0) + constant``. In inadmissible cells g is arbitrary; `elsewhere` is added to
-    it there.
-    """
-
-    stretch: float
-    constant: float  # 0 if the stretch is within -1 and 1 [mm]
-    elsewhere: float
-
-
 def _gap_with_mean(gaps, excess, inside, n):
-    """Choose g with the mean of e.
+    """Choose a dual feasible gap g that has the mean of e.
 
-    `inside` of the n cells are admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, and `excess` that of the same
-    minus e.
+    ``g = (1 + stretch) max(e - p / B_II, 0) + constant``, where the constant is 0 if the stretch is within -1 and 1.
+    In the cells that are not admissible g is arbitrary, and `elsewhere` is added to it. `inside` of the n cells are
+    admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, and `excess` that of the same minus e.
     """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere
     stretch = -excess / total if total > 0 else np.inf
     if abs(stretch) <= 1:
-        return _Gap(stretch, 0.0, stretch * elsewhere)
+        return stretch, 0.0, stretch * elsewhere
     stretch = float(np.sign(stretch)) if total > 0 else 0.0
     constant = max(-(excess + stretch * total) / n, 0.0)
-    return _Gap(stretch, constant, stretch * elsewhere + constant)
+    return stretch, constant, stretch * elsewhere + constant

@@ -216,10 +216,8 @@ class PrescribedLoad(Loading):
         if abs(step) <= LOAD_RESIDUAL_FRACTION * gaps.rms:
             return 0.0
         # The slope grows without bound towards full contact. Before first touch there is no load.
-        new_depth, lowest = (
-            min(depth + step, (depth + state.distance.max_searched_depth) / 2),
-            state.distance.lowest,
-        )
+        new_depth = min(depth + step, (depth + state.distance.max_searched_depth) / 2)
+        lowest = state.distance.lowest
         state.depth = new_depth if new_depth >= lowest else (depth + lowest) / 2
         self._before = depth, expected
         return abs(state.depth - depth)
@@ -227,8 +225,8 @@ class PrescribedLoad(Loading):
     def _learn_slope(self, state, expected, rms):
         """Compute dF/d(depth) from the last move. Collective.
 
-        A move below the residual `rms` [mm] is not used. The slope grows with the depth, so it is at least the mean
-        slope since first touch.
+        Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. The slope grows with the depth, so it
+        is at least the mean slope since first touch.
         """
         beyond = state.depth - state.distance.lowest
         mean_slope = expected / beyond if beyond > 0 else 0.0

@@ -66,17 +66,9 @@ class Transfer:
         """Fetch of coarse rows by their owners."""
         return Fetch(self._made, [self.coarse.slabs.bounds(self._ranks)], self._comm)
 
-    @cached_property
-    def _fetch_parents(self):
-        return self._make_parent_fetch(0)
-
-    @cached_property
-    def _fetch_neighbours(self):
-        return self._make_parent_fetch(1)
-
-    @cached_property
-    def _fetch_quintic_neighbours(self):
-        return self._make_parent_fetch(QUINTIC_MARGIN)
+    _fetch_parents = cached_property(lambda self: self._make_parent_fetch(0))
+    _fetch_neighbours = cached_property(lambda self: self._make_parent_fetch(1))
+    _fetch_quintic_neighbours = cached_property(lambda self: self._make_parent_fetch(QUINTIC_MARGIN))
 
     def _make_parent_fetch(self, margin):
         """Make the Fetch of the parents of fine rows, with a margin."""

@@ -1,8 +1,6 @@
 """What a solver keeps between solves: nothing is made twice, and nothing else comes out."""
 
 import gc
-import re
-import sys
 import weakref
 
 import numpy as np
@@ -18,8 +16,6 @@ from app.methods.free.circulant import circulant_inverse
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.verification_product import VerificationProduct
 from app.methods.multilevel_operators import multilevel_influence
-
-MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
 
 
 def bowl(n, height=1.0):
@@ -103,24 +99,6 @@ def test_fields_of_all_cells_are_not_kept():
         field = weakref.ref(solver.solve(approach=0.1).displacement)
         gc.collect()
         assert field() is None
-
-
-def calls_of(function):
-    """Names of all that is called from Python meanwhile; numba tells of compiled loops, too, from 0.57 on."""
-    names = []
-
-    def hear(frame, event, arg):
-        if event == "c_call":
-            names.append(arg.__qualname__)
-        elif event == "call" and "__name__" in frame.f_globals:
-            names.append(frame.f_code.co_qualname)
-
-    sys.setprofile(hear)
-    try:
-        function()
-    finally:
-        sys.setprofile(None)
-    return names
 
 
 def test_what_an_exact_product_has_computed_stays_counted():
