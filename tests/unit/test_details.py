@@ -15,54 +15,10 @@ from app.api.refinement import refine
 from app.base import petsc
 from app.base.errors import InputError
 from app.cli.monitor import Progress
-from app.contact.state import Gaps
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator, wrap_vec
 from app.halfspace.product import DenseProduct
-from app.methods.periodic import stencil
-from app.methods.stopping import IN_CONTACT, ROUNDING_RESIDUAL, InexactStop
-
-
-@pytest.mark.parametrize("kind", ["tao", "snesvi"])
-def test_history_of_a_reference_solver_has_every_iteration(kind):
-    found = solve(hertz(12), APPROACH, None, lcp_type=kind)
-    history = found.history
-    assert list(history["iteration"]) == list(range(1, found.iterations + 1))
-    assert sum(history["inner_iterations"]) == found.inner_iterations
-    assert history["residual"][-1] == pytest.approx(found.residual, rel=1e-12)
-    assert history["contact_cells"][-1] == np.count_nonzero(found.contact)
-
-
-@pytest.mark.parametrize("kind", ["tao", "snesvi"])
-def test_a_second_solve_of_a_reference_solver_counts_its_own_work_alone(kind):
-    with ContactSolver(hertz(12), options={"lcp_type": kind}) as solver:
-        first, second = (solver.solve(approach=APPROACH) for _ in range(2))
-    assert second.work_units == first.work_units > 0
-    assert second.inner_iterations == first.inner_iterations > 0
-
-
-class Norms:
-    """A state of which only the norms of h are asked for."""
-
-    def __init__(self, whole, inside):
-        self.distance, self._whole, self._inside = self, whole, inside
-
-    def norm(self):
-        return self._whole
-
-    def on_contact(self, with_h):
-        return Gaps(1, 0.0, 0.0, h=self._inside)
-
-
-def test_a_contact_small_in_its_patch_is_solved_by_its_own_measure():
-    stop = InexactStop(1e-6, 100)
-    assert stop.allowed(Norms(10.0, 0.0)) == pytest.approx(1e-6 * 10)  # nothing there to measure
-    assert stop.allowed(Norms(10.0, 5.0)) == pytest.approx(1e-6 * 10)
-    assert stop.allowed(Norms(10.0, 1e-3)) == pytest.approx(IN_CONTACT * 1e-6 * 1e-3)
-    assert InexactStop(1e-15, 100).allowed(Norms(10.0, 1e-3)) == pytest.approx(
-        min(1e-14, ROUNDING_RESIDUAL * 1e-3)
-    )
 
 
 def test_a_product_counts_once():
@@ -132,19 +88,6 @@ def test_sweeps_by_parts_of_the_matrix_are_refused(kind):
         operator.SOR(None, None, 1.0, kind, 0.0, 1, 1, None)
 
 
-@pytest.mark.parametrize("loop", ["add_centre", "residual_in_cells"])
-def test_without_rows_nothing_is_read(loop):
-    """On ranks without rows; the row before the first one would be before the array."""
-    none, weights = np.zeros((0, 4)), (1.0, *(np.float32(0),) * 3)
-    given = {
-        "add_centre": (none, none, none, weights, np.zeros((3, 6)), none),
-        "residual_in_cells": (
-            none, none > 0, weights, none, none, none, none, 0, (1, 1), np.zeros((3, 6)), np.zeros(4),
-        ),
-    }  # fmt: skip
-    getattr(stencil, loop).py_func(*given[loop])
-
-
 def test_the_gap_waits_for_a_solve_in_another_thread():
     found = solve(hertz(12), APPROACH)
     with ThreadPoolExecutor(1) as pool:
@@ -153,11 +96,3 @@ def test_the_gap_waits_for_a_solve_in_another_thread():
             with pytest.raises(TimeoutError):
                 gap.result(0.05)
         assert gap.result().shape == found.pressure.shape
-
-
-def test_tao_begins_with_what_it_is_given():
-    with ContactSolver(hertz(16), options={"lcp_type": "tao"}) as solver:
-        first = solver.solve(approach=APPROACH)
-        again = solver.solve(approach=APPROACH, start=first)
-    assert again.operator_applications < first.operator_applications / 2
-    assert again.load == pytest.approx(first.load, rel=1e-5)

@@ -22,7 +22,7 @@ WINDOWS = [(0, 20, 0, 9), (3, 4, 2, 3), (0, 1, 0, 9), (15, 20, 1, 8), (2, 19, 4,
 
 
 @each_number_of_ranks
-def test_fields_and_masks_get_in_and_out_again_whatever_the_slabs(comm):
+def test_scatter_and_back_restores_fields_and_masks(comm):
     ny, nx = 20, 9
     outer = Slabs(ny, comm.size, comm.rank, 2)
     numbers = np.arange(ny * nx, dtype=float).reshape(ny, nx)
@@ -58,7 +58,7 @@ def test_bounding_box_is_the_same_on_all_ranks_and_holds_every_cell(comm):
 
 @pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize("load", [80.0, 40000.0])  # windows on one rank, and on all two
-def test_memory_that_is_let_go_changes_nothing(comm, load):
+def test_freed_memory_changes_no_solution(comm, load):
     """As on large grids: work arrays go before the exact product, what it has found when it was not the last."""
     grid, solutions = Grid.from_domain(200, 200, (-1.0, 1.0, -1.0, 1.0)), []
     wavy = ContactProblem(
@@ -85,7 +85,7 @@ def spiked(n):
 
 
 @each_number_of_ranks
-def test_nothing_outside_is_forgotten(comm):
+def test_contact_outside_the_window_is_found(comm):
     """What no coarse grid sees is in the window, and what lies outside is not forgotten all the same."""
     everywhere = solve(spiked(128), 0.02, "fast", lcp_window=0, lcp_rtol=1e-9)
     for load, blind in product((None, everywhere.load), (False, True)):
@@ -104,7 +104,7 @@ def test_nothing_outside_is_forgotten(comm):
 
 
 @each_number_of_ranks
-def test_holes_stay_so_in_a_window_as_wide_as_the_grid(comm):
+def test_holes_stay_in_a_window_as_wide_as_the_grid(comm):
     grid = Grid.from_domain(128, 128, (-1.0, 1.0, -1.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     strip = np.where(x**2 + y**2 < 0.02, np.nan, y**2 / 2)
@@ -127,7 +127,7 @@ def test_holes_stay_so_in_a_window_as_wide_as_the_grid(comm):
 
 
 @each_number_of_ranks
-def test_narrow_grids(comm):
+def test_windows_of_narrow_grids(comm):
     """A grid so narrow that ranks have as many rows of one level as others of another."""
     for ny in (2047, 2048):
         grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))

@@ -85,7 +85,7 @@ def apply(operation, x):
     ("dtype", "atol", "rim"),
     [(np.float64, 1e-14, "constant"), (np.float32, 2e-6, "constant"), (np.float64, 1e-14, "wrap")],
 )
-def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol, rim):
+def test_extension_and_transpose_are_those_of_the_definition(shape, steps, dtype, atol, rim):
     for contact in contact_sets(shape):
         extension, b = make(contact, steps, periodic=rim == "wrap"), field(shape, dtype)
         r = b * contact
@@ -98,7 +98,7 @@ def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol, r
         np.testing.assert_allclose(found[1] * contact, restricted(contact, steps, b, rim), rtol=0, atol=atol)
 
 
-def test_without_rows_no_memory_is_read(monkeypatch):
+def test_ranks_without_rows_read_no_memory(monkeypatch):
     """A rank beyond those of a level of PCMG; Python looks whether there is a last row."""
     monkeypatch.setattr(contact_edge, "_all_steps", contact_edge._all_steps.py_func)
     extension = make(np.zeros((0, 5), bool), 3, periodic=True)
@@ -117,7 +117,7 @@ def test_restriction_is_the_transpose_of_the_extension(shape, steps):
 
 
 @each_number_of_steps
-def test_extension_reaches_as_far_as_there_are_steps(steps):
+def test_extension_reaches_one_cell_per_step(steps):
     contact = np.zeros((15, 15), bool)
     contact[7, 7] = True
     x = apply(make(contact, steps).extend, contact.astype(float))
@@ -143,7 +143,7 @@ def test_many_steps_make_the_stencil_vanish_outside_contact():
     ],
     ids=["constant", "linear", "smooth", "noise"],
 )
-def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
+def test_extended_residual_predicts_the_displacement_near_contact(r, off):
     """A solve adds A z to u, with A z = r on C; beside C that is E r, about (see -lcp_predictor)."""
     grid = Grid(32, 32, 1.0, 1.0)
     y, x = np.mgrid[:32, :32] - 15.5
@@ -158,7 +158,7 @@ def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 
-def test_extension_follows_the_contact_set_and_weights_the_unit_of_the_stencil():
+def test_extension_follows_the_contact_set_whatever_the_unit_of_the_stencil():
     first, second = np.random.default_rng(3).random((2, 17, 26)) < 0.3
     extension = make(first, 3, stencil=2.5 * np.array(STENCIL))
     extension.set_contact(second)
@@ -176,12 +176,12 @@ def test_extension_follows_the_contact_set_and_weights_the_unit_of_the_stencil()
         [[-0.1, 0, 0], [0, 1, 0], [0, 0, -0.1]],
     ],
 )
-def test_stencils_that_are_not_even_are_refused(stencil):
+def test_uneven_stencils_raise(stencil):
     with pytest.raises(ValueError, match="stencil"):
         EdgeExtension((4, 4), None, None, 3).set_stencil(stencil)
 
 
-def test_fields_that_cannot_be_changed_in_place_are_refused():
+def test_fields_of_wrong_shape_or_layout_raise():
     extension = make(np.eye(6, dtype=bool), 3)
     for x in (np.zeros((6, 5)), np.zeros((6, 12))[:, ::2], np.zeros((6, 6), order="F")):
         for operation in (extension.extend, extension.restrict):
@@ -193,13 +193,13 @@ def test_fields_that_cannot_be_changed_in_place_are_refused():
 
 
 @pytest.mark.parametrize("steps", [-1, 251])
-def test_numbers_of_steps_that_cannot_be_are_refused(steps):
+def test_impossible_numbers_of_steps_raise(steps):
     with pytest.raises(ValueError, match="steps"):
         EdgeExtension((4, 4), None, None, steps)
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 10, 51])
-def test_chebyshevs_steps_come_in_an_order_in_which_nothing_grows(steps):
+def test_order_of_chebyshev_steps_amplifies_nothing(steps):
     low, high = 0.5, 1.4
     lengths, waves = chebyshev_steps(steps, low, high), np.linspace(low, high, 500)
     factors = 1 - lengths[:, None] * waves

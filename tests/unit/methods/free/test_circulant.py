@@ -1,4 +1,4 @@
-"""The FFT preconditioner is symmetric and positive definite on every contact set."""
+"""Preconditioner of the default method."""
 
 import numpy as np
 import pytest
@@ -6,16 +6,11 @@ from mpi4py import MPI
 from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
-from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.grid import Grid
-from app.halfspace.influence import dense_matrix, influence_quadrant, middle_displacement
+from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic_symbol import influence_symbol
 from app.methods.free.circulant import Circulant, circulant_inverse
 from app.methods.free.tracking_cg import TrackingCG
-from app.methods.multilevel_operators import create_circulant_inverse
-from app.methods.multilevel_product import MultilevelOperator
-from app.methods.symbol import eigenvalues
 from app.options.solver_options import SolverOptions
 from app.parallel.communicator import Communicator
 from app.parallel.slabs import Slabs
@@ -48,7 +43,7 @@ def preconditioner(operator, **options):
 
 @pytest.mark.parametrize("steps", [0, 1, 3])
 @pytest.mark.parametrize("grid", SMALL.values(), ids=SMALL.keys())
-def test_symmetric_positive_definite_on_c(grid, steps):
+def test_preconditioner_is_symmetric_positive_definite_on_contact(grid, steps):
     operator = InfluenceOperator(grid, STEEL)
     rng = np.random.default_rng(grid.n + steps)
     for share in (0.05, 0.4, 1.1):
@@ -64,7 +59,7 @@ def test_symmetric_positive_definite_on_c(grid, steps):
 
 
 @pytest.mark.parametrize("steps", [0, 2])
-def test_so_it_is_with_means_over_blocks(steps):
+def test_preconditioner_with_block_means_is_symmetric_positive_definite(steps):
     """Which are in single precision."""
     operator = InfluenceOperator(Grid(19, 17, 1.0, 0.8), STEEL)
     for share in (0.1, 0.4, 0.9):
@@ -78,7 +73,7 @@ def test_so_it_is_with_means_over_blocks(steps):
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_means_over_blocks_follow_the_residual_of_cg(monkeypatch, dtype):
+def test_block_means_follow_the_residual_of_cg(monkeypatch, dtype):
     """Known from what is summed anyway, they are those of the residual there is."""
     grid, differences = Grid(64, 48, 1.0, 1.0), []
     precondition = Circulant.precondition
@@ -127,14 +122,14 @@ def test_means_over_blocks_follow_the_residual_of_cg(monkeypatch, dtype):
 
 
 @pytest.mark.parametrize(("periodic", "blocks"), [("", -1), ("spectral", 2)])
-def test_what_blocks_cannot_be_is_refused(periodic, blocks):
+def test_impossible_blocks_raise(periodic, blocks):
     operator = InfluenceOperator(Grid(32, 32, 1.0, 1.0, periodic=periodic), STEEL)
     operator.mask[...] = True
     with pytest.raises(Exception, match=f"-pc_circulant_blocks {blocks}: allowed: from 0"):
         preconditioner(operator, pc_circulant_blocks=blocks)
 
 
-def test_options_are_read_when_petsc_asks_for_it_and_a_reset_forgets_the_operator():
+def test_options_are_read_and_reset_forgets_the_operator():
     operator = InfluenceOperator(Grid(16, 16, 1.0, 1.0), STEEL)
     mat, pc = operator.mat(PETSc.COMM_SELF), PETSc.PC().create(PETSc.COMM_SELF)
     pc.setOperators(mat)
@@ -153,7 +148,7 @@ def test_options_are_read_when_petsc_asks_for_it_and_a_reset_forgets_the_operato
         part.destroy()
 
 
-def test_it_is_near_the_inverse():
+def test_preconditioned_eigenvalues_are_clustered():
     """What it is for: eigenvalues of B A lie together, whatever the grid."""
     spreads = []
     for n in (8, 16, 28):
@@ -172,7 +167,7 @@ def test_it_is_near_the_inverse():
     assert np.linalg.cond(a) > 20
 
 
-def test_the_circulant_inverts_itself():
+def test_apply_inverse_inverts_the_circulant():
     grid = GRIDS["even"]
     operator = InfluenceOperator(grid, STEEL)
     multiplier, x = circulant_inverse(operator), np.random.default_rng(1).normal(size=grid.shape)
@@ -185,12 +180,12 @@ def test_the_circulant_inverts_itself():
     assert circulant_inverse(operator, apart=True) is not multiplier
 
 
-def test_on_a_periodic_patch_both_are_exact():
+def test_periodic_inverses_are_exact():
     operator = InfluenceOperator(PERIODIC["periodic"], STEEL)
     assert circulant_inverse(operator, apart=True) is circulant_inverse(operator)
 
 
-def test_on_a_periodic_patch_neighbours_may_cancel_out():
+def test_periodic_neighbours_may_cancel():
     operator = InfluenceOperator(Grid(2, 2, 1.0, 1.0, periodic="spectral"), 1 / np.pi)
     stencil = circulant_inverse(operator).centre
     assert stencil.sum() == stencil[1, 1]
@@ -201,7 +196,7 @@ def test_on_a_periodic_patch_neighbours_may_cancel_out():
 
 
 @pytest.mark.parametrize("n", [16, 24])
-def test_contact_at_opposite_edges_is_kept_apart(n):
+def test_contact_at_opposite_edges_is_separated(n):
     """How many steps of CG it takes goes with the root of the condition number."""
     grid = Grid(n, n, 0.1, 0.1)
     operator = InfluenceOperator(grid, STEEL)
@@ -215,85 +210,3 @@ def test_contact_at_opposite_edges_is_kept_apart(n):
         values = np.linalg.eigvals(columns.reshape(grid.n, grid.n) @ dense).real
         conditions.append(values.max() / values.min())
     assert conditions[1] < 0.6 * conditions[0]
-
-
-@pytest.mark.parametrize("aspect", [1.0, 1.7, 0.01, 100.0, 1000.0])
-def test_eigenvalues_are_those_of_a_periodic_patch(aspect):
-    """To the rounding of their interpolation, on cells of any shape; but for that of a constant."""
-    grid = Grid(24, 20, aspect, 1.0, periodic="love")
-    columns, rows = np.arange(13), np.arange(11)
-    expected = influence_symbol(grid, 0.5, columns, rows)
-    found = eigenvalues(grid, 0.5, columns / 12, rows / 10)
-    assert np.isinf(found[0, 0])
-    found[0, 0] = 0.0
-    assert (found >= 0).all()
-    np.testing.assert_allclose(found, expected, rtol=3e-8)
-
-
-@pytest.mark.parametrize("sides", [(3.0, 2.0), (1.0, 1.0)])
-def test_a_constant_displaces_as_a_large_cell_does(sides):
-    b, a = sides
-    expected = influence_quadrant(Grid(1, 1, a, b), 0.5)[0, 0]
-    assert middle_displacement(0.5, sides) == pytest.approx(expected, rel=1e-13)
-
-
-LARGE = {
-    "square": (128, 128, 1.0),
-    "odd": (257, 150, 1.0),
-    "long cells": (131, 200, 5 / 3),
-    "longer": (256, 300, 3.0),
-    "longest": (140, 1100, 0.05),
-}
-
-
-@pytest.mark.parametrize(("ny", "nx", "aspect"), LARGE.values(), ids=LARGE.keys())
-def test_levels_are_as_good_as_transforms(ny, nx, aspect):
-    """B by stencils is symmetric, and with the true inverse its eigenvalues lie within some percent of 1."""
-    grid, rng = Grid(nx, ny, aspect, 1.0), np.random.default_rng(ny)
-    inverse = create_circulant_inverse(grid, 1.0, apart=True)
-    assert isinstance(inverse, MultilevelOperator)
-    alike = EvenMultiplier(grid.shape, inverse.periods)  # by transforms, in the same box
-    sides = [n * d for n, d in zip(inverse.periods, (grid.dy, grid.dx), strict=True)]
-
-    def symbol(columns, rows):
-        found = eigenvalues(grid, 1.0, 2 * columns / inverse.periods[1], 2 * rows / inverse.periods[0])
-        found[(columns[:, None] == 0) & (rows == 0)] = middle_displacement(1.0, sides)
-        return 1 / found
-
-    alike.set_spectrum(symbol)
-    y, x = np.mgrid[:ny, :nx]
-    waves = [np.cos(2 * np.pi * (k * x / nx + k * y / ny)) for k in (0, 1, 5, 20, 60)]
-    fields = [rng.normal(size=grid.shape), *waves, np.eye(ny, nx)]
-    products = []
-    for field in fields:
-        found, expected = np.empty(grid.shape), np.empty(grid.shape)
-        inverse.apply(field, found)
-        alike.apply(field, expected)
-        products.append(found)
-        assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
-        assert np.vdot(field, found) == pytest.approx(np.vdot(field, expected), rel=0.03)
-    gram = np.array([[np.vdot(field, found) for found in products] for field in fields])
-    np.testing.assert_allclose(gram, gram.T, rtol=0, atol=1e-13 * abs(gram).max())
-
-
-def test_levels_leave_out_rows_and_work_in_place():
-    grid, rng = Grid(140, 150, 1.0, 1.0), np.random.default_rng(0)
-    inverse = create_circulant_inverse(grid, 1.0, Layout(dtype=np.float32), apart=True)
-    rows = rng.random(150) < 0.5
-    field = rng.normal(size=grid.shape) * rows[:, None]
-    expected, found = np.empty(grid.shape), field.copy()
-    inverse.apply(field, expected)
-    inverse.apply(found, found, rows=rows)
-    np.testing.assert_array_equal(found[rows], expected[rows])
-    single = np.where(rows[:, None], field, np.nan).astype(np.float32)  # what is left out may hold anything
-    inverse.apply(single, single, rows=rows)
-    np.testing.assert_allclose(single[rows], expected[rows], rtol=0, atol=1e-5 * abs(expected).max())
-
-
-def test_few_waves_are_all_that_levels_transform():
-    """What else is done costs less than transforms of as many points as there are cells."""
-    inverse = create_circulant_inverse(Grid(2048, 2048, 1.0, 1.0), 1.0, apart=True)
-    before = inverse.points
-    inverse.apply(np.zeros((2048, 2048)), np.zeros((2048, 2048)))
-    assert before == 0
-    assert inverse.points < 0.85 * 2048**2

@@ -20,7 +20,7 @@ from app.parallel.slabs import Slabs
 
 @pytest.mark.mpi(2, 3, 5)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, bool])
-def test_rows_beside_a_slab_come_from_whoever_has_them(comm, dtype):
+def test_halo_rows_come_from_their_ranks(comm, dtype):
     """Slabs of any height, none among them, and more rows wanted than a slab, or the patch, has."""
     for ny, block, width in ((12, 1, 1), (12, 4, 5), (3, 1, 2), (1, 1, 4), (7, 2, 9), (40, 1, 8)):
         field = (np.random.default_rng(ny).normal(size=(ny, 3)) > 0.1 * np.arange(3)).astype(dtype)
@@ -38,7 +38,7 @@ def test_rows_beside_a_slab_come_from_whoever_has_them(comm, dtype):
 @pytest.mark.mpi(2, 3, 5)
 @pytest.mark.parametrize("cells", [1, 10**6])
 @pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16), (8, 16), (33, 27), (13, 10)])
-def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cells):
+def test_two_grid_is_independent_of_the_number_of_ranks(comm, shape, cells):
     """Wherever slabs begin, several of them inside of a row of the long waves' grid, too."""
     grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")
     free, r, w = np.random.default_rng(1).random(shape) < 0.7, random_field(grid, 2), random_field(grid, 3)
@@ -64,12 +64,12 @@ def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cell
 
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize(("nx", "ny"), [(48, 32), (24, 20), (15, 17)])
-def test_any_number_of_ranks_finds_the_same(comm, nx, ny):
+def test_solution_is_independent_of_the_number_of_ranks(comm, nx, ny):
     assert_same_as_alone(comm, nx, ny)
 
 
 @pytest.mark.mpi(5)
-def test_so_do_ranks_without_rows(comm):
+def test_ranks_without_rows_find_the_same_solution(comm):
     assert_same_as_alone(comm, 18, 3)
 
 
@@ -94,7 +94,7 @@ def assert_same_as_alone(comm, nx, ny):
 
 
 @pytest.mark.mpi(3)
-def test_so_do_products_by_levels(comm):
+def test_multilevel_solution_is_independent_of_the_number_of_ranks(comm):
     problem = periodic.rough(514, 512, 4)
     with ContactSolver(problem, comm=MPI.COMM_SELF) as one, ContactSolver(problem, comm=comm) as many:
         alone = one.solve(approach=0.3 * problem.gap.mean())
@@ -110,7 +110,7 @@ def test_so_do_products_by_levels(comm):
 
 
 @pytest.mark.mpi(2, 3)
-def test_so_does_the_safeguard(comm, monkeypatch):
+def test_safeguarded_solution_is_independent_of_the_number_of_ranks(comm, monkeypatch):
     problem = periodic.rough(24, 20, 1)
     approach = 0.8 * problem.gap.mean()
     alone = solve(problem, approach, None, comm=MPI.COMM_SELF, lcp_rtol=1e-9)

@@ -5,9 +5,11 @@ import pytest
 from operators import STEEL
 from petsc4py import PETSc
 
-from app.halfspace.grid import Grid
+from app import Grid
 from app.halfspace.operator import InfluenceOperator
+from app.methods.free.circulant import circulant_inverse
 from app.methods.free.tracking_cg import TrackingCG
+from app.methods.multilevel_operators import multilevel_influence
 from app.options.solver_options import temporary_options
 
 GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
@@ -110,7 +112,7 @@ def random_field(seed=7):
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 1.1])
 @pytest.mark.parametrize("pc", [None, Jacobi])
-def test_it_is_petscs_cg_step_for_step(make, share, pc):
+def test_residuals_are_those_of_petsc_cg(make, share, pc):
     ours, petscs = (make(kind, share=share, pc=pc and pc()) for kind in ("tracking", "petsc"))
     histories = [system.solve(rtol=1e-8, max_it=500) for system in (ours, petscs)]
     assert ours.ksp.getConvergedReason() == petscs.ksp.getConvergedReason() > 0
@@ -133,7 +135,7 @@ def test_it_is_petscs_cg_step_for_step(make, share, pc):
     ],
     ids=["rtol", "atol", "max_it", "divtol"],
 )
-def test_it_stops_by_petscs_own_test(make, tolerances, reason):
+def test_convergence_test_is_that_of_petsc(make, tolerances, reason):
     ours, petscs = make("tracking"), make("petsc")
     for system in (ours, petscs):
         if "divtol" in tolerances:  # a residual that grows first: mostly in what A hardly sees
@@ -144,7 +146,7 @@ def test_it_stops_by_petscs_own_test(make, tolerances, reason):
     assert ours.ksp.getIterationNumber() == petscs.ksp.getIterationNumber()
 
 
-def test_a_convergence_test_of_the_callers_is_asked(make):
+def test_convergence_test_of_the_caller_is_called(make):
     system = make()
     asked = []
 
@@ -161,7 +163,7 @@ def test_a_convergence_test_of_the_callers_is_asked(make):
 
 
 @pytest.mark.parametrize(("dtype", "off"), [(np.float64, 1e-13), (np.float32, 3e-6)])
-def test_it_starts_from_the_displacement_and_says_what_it_changed(make, dtype, off):
+def test_solve_starts_from_the_displacement_and_returns_the_change(make, dtype, off):
     system = make(dtype=dtype)
     system.track(random_field())
     before = system.solution
@@ -176,7 +178,7 @@ def test_it_starts_from_the_displacement_and_says_what_it_changed(make, dtype, o
     assert system.cg.residual == pytest.approx(np.linalg.norm((right - system.product())[inside]), rel=0.01)
 
 
-def test_products_may_be_of_what_stands_for_a(make):
+def test_products_may_be_approximate(make):
     """With 2 A in its place half of the correction is found, from the true residual."""
     system = make()
     system.track(random_field())
@@ -195,7 +197,7 @@ def test_products_may_be_of_what_stands_for_a(make):
     np.testing.assert_allclose(system.solution, half, rtol=0, atol=1e-8 * abs(half).max())
 
 
-def test_single_precision_operators_are_solved_as_far_as_they_go(make):
+def test_single_precision_solves_to_its_rounding(make):
     single, double = make(dtype=np.float32), make()
     for system in (single, double):
         system.solve(rtol=1e-5)
@@ -207,7 +209,7 @@ def test_single_precision_operators_are_solved_as_far_as_they_go(make):
 
 
 @pytest.mark.parametrize("unit", [1e-22, 1e22])
-def test_single_precision_does_not_mind_units(make, unit):
+def test_single_precision_works_in_any_unit(make, unit):
     """Products of two of its numbers may be beyond it, where no number is."""
     usual, other = (make(dtype=np.float32, pc=Identity()) for _ in range(2))
     other.set_right(unit * np.random.default_rng(2).normal(size=GRID.shape))
@@ -221,7 +223,7 @@ def test_single_precision_does_not_mind_units(make, unit):
     )
 
 
-def test_right_hand_side_stays_as_it_is_and_only_its_part_on_c_matters(make):
+def test_right_hand_side_is_unchanged_and_read_on_contact_only(make):
     system = make()
     before = system.b.getArray(readonly=True).copy()
     state = system.b.stateGet()
@@ -247,14 +249,14 @@ def test_contact_set_may_change_between_solves(make):
     np.testing.assert_array_equal(system.solution, fresh.solution)
 
 
-def test_no_contact_is_solved_at_once(make):
+def test_empty_contact_set_needs_no_iteration(make):
     system = make(share=-1)
     assert system.solve(rtol=1e-6).tolist() == [0.0]
     assert system.ksp.getConvergedReason() > 0
     assert not system.solution.any()
 
 
-def test_an_operator_that_is_not_positive_is_reported(make):
+def test_indefinite_operator_is_reported(make):
     system = make()
     displacement = system.operator.displacement
 
@@ -268,7 +270,7 @@ def test_an_operator_that_is_not_positive_is_reported(make):
     assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
 
 
-def test_the_norm_has_the_digits_of_the_residual(make):
+def test_norm_has_the_digits_of_the_residual(make):
     """A known norm is in double precision, the residual of one cell rounded: what rounding leaves is no residual."""
     system = make(dtype=np.float32, share=-1, pc=Identity())
     system.operator.mask[3, 4] = True
@@ -280,7 +282,7 @@ def test_the_norm_has_the_digits_of_the_residual(make):
     assert system.ksp.getIterationNumber() == 1
 
 
-def test_flops_of_its_own_sums_are_logged(make):
+def test_flops_of_tracking_cg_are_logged(make):
     """Those of products are 2 n^2 each; a step of CG has at least ten on each cell of C besides."""
     system = make(share=1.1)
     before = PETSc.Log.getFlops()
@@ -290,7 +292,7 @@ def test_flops_of_its_own_sums_are_logged(make):
 
 
 @pytest.mark.parametrize("norm", [None, "preconditioned"])
-def test_it_chooses_the_norm_that_it_computes_unless_an_option_names_one(make, norm):
+def test_norm_type_is_unpreconditioned_unless_an_option_names_another(make, norm):
     system, unpreconditioned = make(), PETSc.KSP.NormType.UNPRECONDITIONED
     system.ksp.setNormType(PETSc.KSP.NormType.PRECONDITIONED)
     with temporary_options("", {}, {"ksp_norm_type": norm}):
@@ -298,7 +300,7 @@ def test_it_chooses_the_norm_that_it_computes_unless_an_option_names_one(make, n
     assert (system.ksp.getNormType() == unpreconditioned) == (norm is None)
 
 
-def test_after_a_reset_it_solves_again(make):
+def test_solve_works_after_a_reset(make):
     system = make()
     norms = system.solve(rtol=1e-6)
     system.ksp.reset()
@@ -306,3 +308,21 @@ def test_after_a_reset_it_solves_again(make):
     system.ksp.setOperators(system.mat)
     system.x.set(0)
     assert system.solve(rtol=1e-6) == pytest.approx(norms)
+
+
+def test_operators_leave_spare_fields_unchanged():
+    """Neither the preconditioner nor what lifts pressures."""
+    operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), 1.0, dtype=np.float32)
+    operator.prepare("exact_product", "product")
+    lent = [field for field in operator.spare_fields(np.float64, np.float32) if field is not None]
+    assert lent
+    for field in lent:
+        field[...] = 7.0
+    p = np.ones(operator.local_shape, np.float32)
+    for multiplier in (
+        circulant_inverse(operator),
+        circulant_inverse(operator, apart=True),
+        multilevel_influence(operator),
+    ):
+        multiplier.apply(p, p)
+    assert all((field == 7.0).all() for field in lent)

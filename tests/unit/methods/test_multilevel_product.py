@@ -45,7 +45,7 @@ def near(n, reach, weights, periodic=False):
 @pytest.mark.parametrize("factors", [(2, 2), (2, 1), (1, 2)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 3), (2, 2), (5, 7), (6, 8), (9, 4), (12, 13), (33, 70)])
-def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype, factors):
+def test_product_is_stencil_plus_interpolation_from_the_coarse_grid(shape, dtype, factors):
     rng = np.random.default_rng(3)
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])  # stencils are given as of a sum over waves
@@ -64,7 +64,7 @@ def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype, fa
 @pytest.mark.parametrize("factors", [(2, 2), (2, 1), (1, 2)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(2, 2), (4, 2), (6, 8), (2, 30), (12, 64), (34, 70)])
-def test_over_a_period_as_well(shape, dtype, factors):
+def test_periodic_product_is_stencil_plus_interpolation_from_the_coarse_grid(shape, dtype, factors):
     rng = np.random.default_rng(4)
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])

@@ -46,7 +46,7 @@ def size_of(*fields):
 @each_shape
 @each_size
 @pytest.mark.parametrize("dtype", [float, np.float32])
-def test_it_is_the_mean_around_by_its_definition(shape, cells, dtype):
+def test_extension_is_the_mean_over_contact_around(shape, cells, dtype):
     """In single precision, whatever r is in."""
     contact, r = contact_of(shape), field(shape, dtype)
     r *= contact
@@ -63,7 +63,7 @@ def test_it_is_the_mean_around_by_its_definition(shape, cells, dtype):
 @each_size
 @pytest.mark.parametrize("steps", [0, 1, 3])
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.7, 1.0])
-def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(shape, cells, steps, share):
+def test_transpose_of_means_and_steps_is_that_of_one_operator(shape, cells, steps, share):
     """<E r, b> = <r, E^T b>."""
     contact = contact_of(shape, share)
     r, b = field(shape) * contact, field(shape, seed=2)
@@ -86,7 +86,7 @@ def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(sha
     )
 
 
-def test_a_constant_goes_on_between_contacts_and_ends_away_from_them():
+def test_constant_continues_between_contact_spots_and_decays_away():
     contact = np.zeros((256, 256), bool)
     contact[:128:8, :128:8] = True
     between, x = BlockAverage(contact.shape, None, None, 16), contact.astype(float)
@@ -106,7 +106,7 @@ def test_contact_in_one_area_is_not_scattered():
 
 
 @each_size
-def test_means_follow_a_residual_that_is_reduced(cells):
+def test_means_follow_a_reduced_residual(cells):
     shape = (17, 26)
     contact, r, q = (
         contact_of(shape),

@@ -29,7 +29,7 @@ SHAPES = [
         ((24, 24), 1, 0.2, 3, np.float32, False),
     ],
 )
-def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, steps, dtype, periodic):
+def test_extension_on_ranks_is_bitwise_that_on_one(comm, shape, block, density, steps, dtype, periodic):
     rng = np.random.default_rng([*shape, block, steps, int(100 * density)])
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
     alone = EdgeExtension(shape, None, None, steps, periodic)
@@ -58,7 +58,7 @@ def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, s
 @pytest.mark.mpi(2, 3, 4)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("block", "cells"), [(1, 4), (4, 3), (1, 16)])
-def test_so_do_means_over_blocks_that_ranks_share(comm, shape, block, cells):
+def test_block_means_on_ranks_are_those_on_one(comm, shape, block, cells):
     rng = np.random.default_rng(8)
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
     alone, here = BlockAverage(shape, None, None, cells), BlockAverage(shape, slabs, comm, cells)

@@ -34,7 +34,7 @@ MULTIPLIERS = [
 )
 @pytest.mark.parametrize("dealt", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_each_rank_finds_its_rows(comm, shape, dealt, dtype, multiplier):
+def test_multilevel_product_on_ranks_is_that_on_one(comm, shape, dealt, dtype, multiplier):
     ny, nx, dy = shape
     starts = {
         "even": Slabs(ny, comm.size).starts,

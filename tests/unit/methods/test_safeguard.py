@@ -54,7 +54,7 @@ class Energy(Listener):
 @pytest.mark.parametrize("ksp_rtol", [0.5, 1e-10])
 @pytest.mark.parametrize("condition", [3.0, 1e4])
 @pytest.mark.parametrize("seed", range(6))
-def test_any_positive_definite_problem_is_solved_downhill(seed, condition, ksp_rtol):
+def test_energy_decreases_for_any_positive_definite_problem(seed, condition, ksp_rtol):
     rng = np.random.default_rng(seed)
     grid = Grid(6, 5, 1.0, 1.0)
     a = positive_definite(grid.n, rng, condition)
@@ -104,7 +104,7 @@ def fast():
 @pytest.mark.parametrize("by_load", [False, True], ids=["approach", "load"])
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_the_safeguard_finds_what_the_iteration_finds(fast, name, by_load, precision, monkeypatch):
+def test_safeguard_finds_the_solution_of_the_iteration(fast, name, by_load, precision, monkeypatch):
     expected, (problem, approach) = fast[name], PROBLEMS[name]
     assert expected.fallbacks == 0
     monkeypatch.setattr(progress, "PATIENCE", 0)
@@ -119,7 +119,7 @@ def test_the_safeguard_finds_what_the_iteration_finds(fast, name, by_load, preci
     np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-5 * highest)
 
 
-def test_a_light_load_displaces_by_its_pressure_to_rounding(monkeypatch):
+def test_safeguard_of_a_light_load_is_accurate_to_rounding(monkeypatch):
     """Distances a million times larger take nothing from u."""
     monkeypatch.setattr(progress, "PATIENCE", 0)
     problem, _ = PROBLEMS["hertz"]
@@ -131,7 +131,7 @@ def test_a_light_load_displaces_by_its_pressure_to_rounding(monkeypatch):
     np.testing.assert_allclose(found.displacement, u, rtol=0, atol=1e-13 * u.max())
 
 
-def test_a_linear_solver_that_fails_is_no_end(monkeypatch):
+def test_failed_linear_solver_starts_the_safeguard(monkeypatch):
     improve, failed = TrackingSolver.improve, []
 
     def fails_once(solver, state, *how):
@@ -164,7 +164,7 @@ class Uphill:
 
 
 @pytest.mark.parametrize(("length", "reason"), [(1.0, "no step"), (np.inf, "not a finite number")])
-def test_what_it_gives_up_has_no_pressure_outside_contact(length, reason, monkeypatch):
+def test_unsolved_pressure_vanishes_outside_contact(length, reason, monkeypatch):
     """The system of its last step is without cells that are nearly free."""
     operator = InfluenceOperator(Grid(6, 5, 1.0, 1.0), 1.0)
     state = contact_state(operator, UndeformedDistance(operator, np.ones((5, 6))))
@@ -176,7 +176,7 @@ def test_what_it_gives_up_has_no_pressure_outside_contact(length, reason, monkey
     state.destroy()
 
 
-def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
+def test_safeguard_reports_the_iteration_limit(monkeypatch):
     monkeypatch.setattr(progress, "PATIENCE", 0)
     for load in (None, 3e4):
         found = solve(punch(64), 0.01, "fast", load, lcp_max_it=2)
@@ -186,7 +186,7 @@ def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["fast", "primal"])
-def test_every_grid_on_which_it_took_over_counts(method, monkeypatch):
+def test_fallbacks_count_every_safeguarded_grid(method, monkeypatch):
     problem, approach = PROBLEMS["self-affine"]
     if method == "primal":
         problem = periodic.rough(64, 64, 8, 0.0)

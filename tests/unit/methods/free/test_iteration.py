@@ -1,0 +1,102 @@
+"""Active set iteration of the default method."""
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz, punch
+
+from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface, solve
+from app.halfspace.operator import InfluenceOperator
+from app.methods import multilevel_operators
+from app.methods.free.solver import TrackingSolver
+from app.methods.free.verification_product import VerificationProduct
+from app.methods.multilevel_product import MultilevelOperator
+
+
+def rough():
+    grid = Grid.from_domain(256, 256, (0, 1, 0, 1))
+    height = SelfAffineSurface(0.8, 1 / 8, 4 / 256, (1.0, 1.0), 1, rms_slope=0.1).height(grid.x(), grid.y())
+    return ContactProblem(grid, Material.combined(80000.0, 0.3), height.max() - height)
+
+
+PROBLEMS = {
+    "hertz": (lambda: hertz(256), {"approach": APPROACH}),
+    "punch": (lambda: punch(256), {"approach": 0.05}),
+    "rough": (rough, {"approach": 0.015}),
+    "rough, by load": (rough, {"load": 1500.0}),
+}
+
+
+@pytest.mark.parametrize(("problem", "control"), PROBLEMS.values(), ids=PROBLEMS.keys())
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_defect_correction_finds_the_same_pressure_with_less_work(problem, control, precision):
+    how = {"lcp_rtol": 1e-8, "lcp_precision": precision}
+    plain = solve(problem(), options=how | {"lcp_defect_correction": 0}, **control)
+    found = solve(problem(), options=how, **control)
+    assert found.converged
+    assert not found.fallbacks
+    assert found.operator_applications < 0.9 * plain.operator_applications
+    assert np.linalg.norm(found.pressure - plain.pressure) < 1e-5 * np.linalg.norm(plain.pressure)
+
+
+@pytest.mark.parametrize("wrong", [0.5, 3.0])
+def test_bad_multilevel_products_are_replaced_by_fft(monkeypatch, wrong):
+    """A pass that leaves more than half of the residual is the last one of its kind."""
+    apply, nearly = MultilevelOperator.apply, []
+
+    def wrongly(self, p, out, rows=None):
+        apply(self, p, out, rows)
+        if self is mine.get("influence"):
+            out *= wrong
+
+    with ContactSolver(rough(), options={"lcp_rtol": 1e-7}) as solver:
+        expected = solver.solve(approach=0.015)
+    improve, mine = TrackingSolver.improve, {}
+
+    def improve_and_tell(self, *arguments):
+        mine["influence"] = self.operator.multipliers.get("influence")
+        nearly.append(self.multilevel)
+        return improve(self, *arguments)
+
+    monkeypatch.setattr(TrackingSolver, "improve", improve_and_tell)
+    monkeypatch.setattr(multilevel_operators.MultilevelOperator, "apply", wrongly)
+    with ContactSolver(rough(), options={"lcp_rtol": 1e-7}) as solver:
+        found = solver.solve(approach=0.015)
+    assert found.converged
+    assert not nearly[-1]
+    assert np.linalg.norm(found.pressure - expected.pressure) < 1e-4 * np.linalg.norm(expected.pressure)
+
+
+def test_few_verifications_fail(monkeypatch):
+    """Every second one did when none was rehearsed."""
+    products, plain = [], VerificationProduct.apply_on_all
+    monkeypatch.setattr(
+        VerificationProduct, "apply_on_all", lambda self, *a: (products.append(0), plain(self, *a))
+    )
+    with ContactSolver(punch(160)) as solver:
+        loads = np.geomspace(100, 4e4, 10)
+        for load in loads:
+            assert solver.solve(load=load).converged
+    assert len(loads) <= len(products) <= 1.3 * len(loads)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_few_verifications_fail_if_the_last_release_moves_the_approach(monkeypatch, seed):
+    """Nearly full contact by load: five of six made a product too many while a release was not rehearsed."""
+    n, products, plain = 192, [], InfluenceOperator.exact_displacement
+
+    def counted(operator, *fields):
+        if operator.grid.n == n * n:
+            products.append(0)
+        plain(operator, *fields)
+
+    monkeypatch.setattr(InfluenceOperator, "exact_displacement", counted)
+    grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
+    surface = SelfAffineSurface(0.8, 1 / 8, 8 / n, (1.0, 1.0), seed, rms_slope=0.1)
+    height = surface.height(grid.x(), grid.y())
+    loads = 9e3, 1.2e4, 1.5e4, 1.8e4, 2.1e4, 2.4e4
+    with ContactSolver(
+        ContactProblem(grid, Material.from_contact_modulus(1e5), height.max() - height)
+    ) as solver:
+        for load in loads:
+            assert solver.solve(load=load).converged
+    assert len(loads) <= len(products) <= len(loads) + 1

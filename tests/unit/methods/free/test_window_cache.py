@@ -1,0 +1,59 @@
+"""Cache of window operators and solvers."""
+
+import numpy as np
+import pytest
+from running import assert_proved_equal
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.operator import InfluenceOperator
+from app.methods.free.solver import TrackingSolver
+
+
+def bowl(n, height=1.0):
+    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    return ContactProblem(grid, Material.combined(1.0, 0.0), height * (x**2 + y**2))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """List of what has been made: spectra and linear solvers."""
+    things = []
+
+    def counting(of, name):
+        plain = getattr(of, name)
+        monkeypatch.setattr(
+            of, name, lambda self, *given, **named: (things.append(name), plain(self, *given, **named))[1]
+        )
+
+    counting(EvenMultiplier, "set_kernel")
+    counting(TrackingSolver, "__init__")
+    return things
+
+
+def test_operators_are_cached_by_size_not_by_place(made):
+    with ContactSolver(bowl(160)) as solver:
+        for approach in (0.05, 0.3, 0.05):
+            again = solver.solve(approach=approach)
+            with ContactSolver(bowl(160)) as fresh:
+                alone = fresh.solve(approach=approach)
+            assert_proved_equal(again, alone)
+
+
+def test_small_windows_share_one_size(made):
+    with ContactSolver(bowl(256)) as solver:
+        solver.solve(approach=1e-3)
+        made.clear()
+        for approach in (2e-3, 4e-3, 8e-3):
+            solver.solve(approach=approach)
+        assert not made
+
+
+def test_exact_products_of_windows_stay_counted():
+    operator = InfluenceOperator(Grid(40, 40, 1.0, 1.0), 1.0, dtype=np.float32)
+    p = np.ones(operator.local_shape)
+    operator.exact_displacement(p, p.copy())
+    operator.displacement(p, p.copy())
+    operator.free_exact_product()
+    assert operator.equivalent_products == 2

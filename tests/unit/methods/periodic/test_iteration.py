@@ -1,0 +1,251 @@
+"""Primal active set iteration."""
+
+import warnings
+from functools import partial
+
+import numpy as np
+import periodic
+import pytest
+from mpi4py import MPI
+from operators import STEEL
+
+from app import ContactProblem, ContactSolver, Grid, SelfAffineSurface, solve
+from app.contact.active_set import CONVERGED
+from app.contact.distance import UndeformedDistance
+from app.contact.loading import PrescribedApproach
+from app.contact.periodic_state import contact_state
+from app.contact.prescribed_load import PrescribedLoad
+from app.halfspace.influence import Material
+from app.methods.multilevel_product import MultilevelOperator
+from app.methods.periodic import iteration
+from app.methods.periodic.solver import PrimalSolver
+from app.methods.periodic.state import PrimalState
+from app.methods.stopping import InexactStop
+from app.multigrid.hierarchy import Hierarchy
+from app.options.method import read_method_file
+from app.options.solver_options import SolverOptions
+
+
+def levels_of(solver):
+    """B by levels of the target grid, if it has been made."""
+    return solver._strategy.solver.operator.influence.multipliers.get("inverse")
+
+
+@pytest.mark.parametrize("kind", ["spectral", "love"])
+@pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
+def test_multilevel_products_find_the_same_pressure(share, kind):
+    problem = periodic.rough(512, 512, 5, symbol=kind)
+    approach = share * problem.gap.mean()
+    with (
+        ContactSolver(problem) as solver,
+        ContactSolver(problem, options={"lcp_defect_correction": 0}) as plain,
+    ):
+        found, expected = solver.solve(approach=approach), plain.solve(approach=approach)
+        assert levels_of(plain) is None and (levels_of(solver).count > 0) == (
+            share < 1
+        )  # full contact at once
+    assert found.converged and found.fallbacks == 0
+    size = expected.pressure.max()
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * size)
+    assert found.load == pytest.approx(expected.load, rel=5e-5)
+
+
+def test_inaccurate_multilevel_product_only_costs_work(monkeypatch):
+    """What is multiplied by levels is not believed: any symmetric positive operator near B ends in the answer."""
+    problem, apply = periodic.rough(512, 512, 5), MultilevelOperator.apply
+
+    def worse(operator, p, out, rows=None):
+        apply(operator, p, out, rows)
+        if operator.shape == (512, 512):  # long waves 1.2 times, waves from cell to cell 0.8 times
+            out += 0.05 * sum(np.roll(out, step, axis) for step in (-1, 1) for axis in (0, 1))
+
+    with ContactSolver(problem) as solver:
+        expected = solver.solve(approach=0.3 * problem.gap.mean())
+        monkeypatch.setattr(MultilevelOperator, "apply", worse)
+        before = levels_of(solver).count
+        found = solver.solve(approach=0.3 * problem.gap.mean())
+        assert levels_of(solver).count > before
+    assert found.converged and found.fallbacks == 0
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * expected.pressure.max())
+    assert found.operator_applications < 2 * expected.operator_applications
+
+
+def test_unreachable_tolerance_is_not_sought_by_multilevel_products():
+    """They end where their own error is what is left, and a product tells the rest."""
+    problem = periodic.rough(512, 512, 5)
+    with ContactSolver(problem) as solver, ContactSolver(problem, options={"ksp_rtol": 1e-6}) as strict:
+        expected = solver.solve(approach=0.3 * problem.gap.mean())
+        found = strict.solve(approach=0.3 * problem.gap.mean())
+    assert found.converged and found.fallbacks == 0
+    assert found.operator_applications < 1.5 * expected.operator_applications
+
+
+@pytest.mark.parametrize("by_levels", [0, 0.05])
+def test_drifted_pressure_is_recomputed_not_solved_further(by_levels):
+    """Single precision leaves 1e-7: a verification that finds 5000 times what is allowed is about p, not the solver."""
+    rng, n = np.random.default_rng(0), 512
+    height = np.where(rng.random((n, n)) < 0.02, 1.0, 0.0) + 1e-3 * rng.normal(size=(n, n))
+    grid = Grid(n, n, 1 / n, 1 / n)
+    problem = ContactProblem(grid, periodic.MATERIAL, 0.02 * (height.max() - height), periodic=True)
+    options = {"lcp_rtol": 6.6e-11, "lcp_defect_correction": by_levels}
+    with ContactSolver(problem, options=options) as solver:
+        found = solver.solve(mean_pressure=3e-6 * periodic.MATERIAL.contact_modulus)
+    assert found.converged and found.fallbacks == 0
+    assert found.operator_applications < 48
+
+
+each_loading = pytest.mark.parametrize(
+    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
+)
+
+
+@pytest.fixture
+def make():
+    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
+    made = []
+
+    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
+        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
+        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
+        with SolverOptions("", texts).inserted():
+            made.append(PrimalSolver(hierarchy))
+        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
+        made[-1].set_contact()
+        return made[-1]
+
+    yield solver
+    for one in made:
+        one.destroy()
+
+
+def patch(nx, ny, stretch=1.0, symbol="spectral"):
+    return Grid(nx, ny, 1.0 / nx, stretch / nx, periodic=symbol)
+
+
+@pytest.fixture
+def steps(make):
+    """A PrimalState under a loading, and its solver."""
+    made = []
+
+    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
+        problem = periodic.rough(nx, ny, 3, holes)
+        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
+        solver = make(grid, dtype=dtype)
+        operator = solver.inverse.influence
+        distance = UndeformedDistance(operator, problem.gap)
+        state = contact_state(operator, distance)
+        made.append(PrimalState(state, solver.inverse, loading))
+        made[-1].w[...] = 0
+        solver.begin(state, loading)
+        return made[-1], solver
+
+    yield primal
+    for one in made:
+        one.state.destroy()
+
+
+def guessed(steps, loading):
+    """A PrimalState whose contact set is guessed, and its solver."""
+    primal, solver = steps(loading)
+    primal.start(solver)
+    primal.guess(solver)
+    return primal, solver
+
+
+def pressure_of(primal, w=None):
+    p = np.empty(primal.w.shape)
+    primal.inverse.exact_pressure(primal.w if w is None else w, p)
+    return p + primal.mean_pressure
+
+
+@pytest.mark.parametrize("loading", ["load", "approach"])
+def test_negligible_changes_end_the_iteration(monkeypatch, loading):
+    ends, verified, verify, steel = [], [], iteration.verify, Material.combined(80000.0, 0.3)
+    monkeypatch.setattr(iteration, "verify", lambda *given: verified.append(None) or verify(*given))
+    patch = Grid.from_domain(96, 96, (0, 1, 0, 1))
+
+    def problem_of(seed):
+        height = SelfAffineSurface(0.8, 1 / 4, 1 / 24, (1.0, 1.0), seed, rms_slope=0.1)
+        return ContactProblem(patch, steel, surfaces=[height], periodic=True)
+
+    for seed in range(1, 13):
+        problem = problem_of(seed)
+        deviation = problem.shape_on(patch).std()
+        with ContactSolver(problem, options={"lcp_rtol": 1e-10}) as solver:
+            right = solver.solve(load=0.03 * steel.contact_modulus)
+        verified.clear()
+        found = solve(problem, options={"lcp_rtol": 1e-4}, **{loading: getattr(right, loading)})
+        assert len(verified) == 1  # it passes at once
+        gap = found.gap[found.contact]
+        off = gap - gap.mean() if loading == "load" else gap
+        assert np.sqrt(np.mean(off**2)) < 1e-4 * deviation
+        assert np.linalg.norm(found.pressure - right.pressure) < 2e-3 * np.linalg.norm(right.pressure)
+        ends.append(found.attributes["reason"])
+    assert len(set(ends)) == 2
+
+    exchange = PrimalState.exchange
+    monkeypatch.setattr(
+        PrimalState, "exchange", lambda *given: exchange(*given)._replace(moves=np.inf)
+    )  # they do matter
+    for seed in range(1, 13):
+        found = solve(problem_of(seed), load=0.03 * steel.contact_modulus, options={"lcp_rtol": 1e-4})
+        assert found.attributes["reason"] == CONVERGED
+
+
+@pytest.mark.parametrize(("cut_off", "seed"), [(4, 3), (4, 2), (8, 6)])
+def test_no_single_cell_keeps_a_large_overlap(cut_off, seed):
+    steel, patch = Material.combined(80000.0, 0.3), Grid.from_domain(256, 256, (0, 1, 0, 1))
+    surface = SelfAffineSurface(0.8, 1 / 8, cut_off / 256, (1.0, 1.0), seed, rms_slope=0.1)
+    problem = ContactProblem(patch, steel, surfaces=[surface], periodic=True)
+    found = solve(problem, mean_pressure=0.14 * steel.contact_modulus)
+    assert found.converged
+    assert -found.gap.min() < 1e-5 * problem.shape_on(patch).std()
+
+
+@each_loading
+def test_failed_verification_restores_the_contact_set(steps, loading):
+    primal, solver = guessed(steps, loading())
+    state = primal.state
+    norm = solver.improve(primal, 0.0)[2]
+    update = primal.exchange(solver, 0.0, 0.0, np.inf, norm)
+    free = ~state.contact
+    primal.commit(solver)
+    accuracy = iteration._Accuracy(1e-9)
+    stop = InexactStop(1e-6, 100, True)
+    verdict = iteration._judge(primal, solver.scratch, stop, accuracy.allowed)
+    iteration._continue(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), True)
+    assert update.added and not verdict.solved and accuracy.verification_failed
+    np.testing.assert_array_equal(free, ~state.contact)
+    np.testing.assert_array_equal(primal.w[state.contact], state.distance.b[state.contact])
+    np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())
+
+
+@pytest.mark.parametrize("given", [{"approach": 1e-3}, {"mean_pressure": 10.0}])
+def test_allowed_gap_of_nearly_flat_surfaces_is_that_of_flat_ones(given):
+    """Down to what rounding leaves of a plane, their heights ask for no more than the depth can be known to."""
+    numbers, material = np.random.default_rng(2), Material.from_contact_modulus(1e4)
+    for n in (3, 8, 16, 24, 64):
+        for height in 10.0 ** np.arange(-16, -3):
+            gap = numbers.random((n, n)) * height
+            gap[numbers.random((n, n)) < 0.1] = np.nan
+            gap[0, 0] = np.nan
+            found = solve(
+                ContactProblem(Grid.from_domain(n, n, (0, 1, 0, 1)), material, gap, periodic=True), **given
+            )
+            assert found.converged and found.fallbacks == 0 and found.operator_applications < 30
+            assert found.error_bound < 1e-4
+
+
+def test_unsolved_problem_has_a_pressure_with_the_load():
+    numbers, material = np.random.default_rng(4), Material.from_contact_modulus(1.0)
+    for _ in range(60):
+        gap = numbers.random((numbers.integers(1, 8), numbers.integers(2, 12)))
+        gap[numbers.random(gap.shape) < 0.3] = np.nan
+        if np.isnan(gap).all():
+            continue
+        problem = ContactProblem(Grid(*gap.shape[::-1], 1, 1), material, gap, periodic=True)
+        with warnings.catch_warnings(action="ignore"):
+            found = solve(problem, load=1e-4, options={"lcp_max_it": 1, "ksp_max_it": 1})
+        assert found.pressure.min() == 0 or not np.isnan(gap).any()
+        assert (found.pressure[np.isnan(gap)] == 0).all() and (found.pressure >= 0).all()
+        assert found.pressure.sum() == pytest.approx(1e-4)

@@ -1,0 +1,174 @@
+"""Unknowns of the primal form, step by step."""
+
+from functools import partial
+
+import numpy as np
+import periodic
+import pytest
+from mpi4py import MPI
+from operators import STEEL, random_field
+
+from app.contact.distance import UndeformedDistance
+from app.contact.loading import PrescribedApproach
+from app.contact.periodic_state import contact_state
+from app.contact.prescribed_load import PrescribedLoad
+from app.halfspace.grid import Grid
+from app.methods.periodic.solver import PrimalSolver
+from app.methods.periodic.state import PrimalState
+from app.multigrid.hierarchy import Hierarchy
+from app.options.method import read_method_file
+from app.options.solver_options import SolverOptions
+
+each_loading = pytest.mark.parametrize(
+    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
+)
+
+
+@pytest.fixture
+def make():
+    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
+    made = []
+
+    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
+        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
+        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
+        with SolverOptions("", texts).inserted():
+            made.append(PrimalSolver(hierarchy))
+        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
+        made[-1].set_contact()
+        return made[-1]
+
+    yield solver
+    for one in made:
+        one.destroy()
+
+
+@pytest.fixture
+def steps(make):
+    """A PrimalState under a loading, and its solver."""
+    made = []
+
+    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
+        problem = periodic.rough(nx, ny, 3, holes)
+        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
+        solver = make(grid, dtype=dtype)
+        operator = solver.inverse.influence
+        distance = UndeformedDistance(operator, problem.gap)
+        state = contact_state(operator, distance)
+        made.append(PrimalState(state, solver.inverse, loading))
+        made[-1].w[...] = 0
+        solver.begin(state, loading)
+        return made[-1], solver
+
+    yield primal
+    for one in made:
+        one.state.destroy()
+
+
+def guessed(steps, loading):
+    """A PrimalState whose contact set is guessed, and its solver."""
+    primal, solver = steps(loading)
+    primal.start(solver)
+    primal.guess(solver)
+    return primal, solver
+
+
+def pressure_of(primal, w=None):
+    p = np.empty(primal.w.shape)
+    primal.inverse.exact_pressure(primal.w if w is None else w, p)
+    return p + primal.mean_pressure
+
+
+@each_loading
+def test_solver_resumes_without_a_product(steps, loading):
+    """w and p lag until they are taken; what is to be added to them adds up, from one contact set to the next."""
+    primal, solver = guessed(steps, loading())
+    state = primal.state
+    w, p, norms = primal.w.copy(), state.p.copy(), []
+    for _ in range(3):
+        norms.append(solver.improve(primal, 0.0)[2])
+        primal.exchange(solver, 0.0, -np.inf, np.inf, norms[-1])  # releases only
+        assert primal.pending and (primal.w == w).all()
+        np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
+        there = pressure_of(primal, w + solver.change)
+        np.testing.assert_allclose(solver.carried, there, rtol=0, atol=1e-11 * abs(there).max())
+    with primal.shown(solver):
+        np.testing.assert_array_equal(state.p, solver.carried)
+    np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
+    primal.commit(solver)
+    assert not primal.pending and not primal.approximate
+    np.testing.assert_allclose(primal.w, w + solver.change, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(state.p, solver.carried)
+    taken = primal.w.copy()
+    primal.commit(solver)  # there is nothing more
+    assert (primal.w == taken).all()
+
+
+@each_loading
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+def test_each_step_keeps_p_and_the_loading(steps, loading, holes):
+    """p = B w + mean pressure; of an approach, the mean of w; of a load, that of p; w = b on C."""
+    primal, solver = steps(loading(), holes)
+    state, given = primal.state, not primal.loading.approach_is_known
+    primal.w[...] = random_field(state.grid, 8) * 0.01
+
+    def check(closed=True):
+        np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())
+        if given:
+            assert state.load == pytest.approx(primal.loading.load, rel=1e-9)
+        else:
+            assert primal.depth == pytest.approx(primal.prescribed_depth, rel=1e-9)
+        assert not state.contact[~state.admissible].any()
+        assert (primal.inverse.mask == ~state.contact).all()
+        if closed:
+            assert (primal.w == state.distance.b)[state.contact].all()
+
+    primal.start(solver)
+    primal.guess(solver)
+    check()
+    for _ in range(4):
+        before = state.p[~state.contact]
+        solver.improve(primal, 0.0)
+        p, w = solver.carried.copy(), primal.w + solver.change
+        np.testing.assert_allclose(p, pressure_of(primal, w), rtol=0, atol=1e-11 * abs(p).max())
+        assert np.linalg.norm(p[~state.contact]) < 0.9 * np.linalg.norm(before)
+        old = state.contact.copy()
+        wrong = state.contact & (p < 0), ~state.contact & state.admissible & (w < state.distance.b)
+        update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
+        assert (state.contact == (old & ~wrong[0]) | wrong[1]).all()
+        assert (update.cells, update.added, update.released) == (
+            state.contact.sum(),
+            wrong[1].sum(),
+            wrong[0].sum(),
+        )
+        moves = (w - state.distance.b)[wrong[1]], p[wrong[0]] / solver.preconditioner.stiffness
+        assert update.moves == pytest.approx(np.linalg.norm(np.concatenate(moves)), rel=1e-6)
+        check(closed=False)
+        primal.close_captured_gaps(solver)
+        check()
+
+
+def test_one_cell_stays_in_contact_under_a_load(steps):
+    primal, solver = guessed(steps, PrescribedLoad(1e2))
+    before = primal.state.contact.copy()
+    solver.carried[...] = -1.0
+    solver.change[...] = 1.0
+    update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
+    assert (update.cells, update.changed) == (before.sum(), 0)
+    assert (primal.state.contact == before).all() and (primal.inverse.mask == ~before).all()
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+def test_start_from_a_pressure_corrects_it_for_overlap(steps, holes):
+    """Closing overlaps is for short waves: the centre of B makes most of what B makes of it."""
+    primal, solver = steps(PrescribedLoad(1e2), holes)
+    primal.w[...] = primal.state.distance.b.mean() + 1e-3 * primal.state.distance.b
+    primal.refresh()
+    before = primal.state.p.copy()
+    primal._has_pressure = True
+    primal.start(solver)
+    found = primal.state.p.copy()
+    primal.refresh(exact=True)
+    moved, missing = primal.state.p - before, primal.state.p - found
+    assert primal.state.cells_in_contact() and np.linalg.norm(moved) > 0
+    assert np.linalg.norm(missing) < 0.3 * np.linalg.norm(moved)

@@ -1,0 +1,133 @@
+"""Preconditioner of the primal form."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from operators import STEEL, random_field
+
+from app.halfspace.grid import Grid
+from app.methods.periodic.solver import PrimalSolver
+from app.multigrid.hierarchy import Hierarchy
+from app.options.method import read_method_file
+from app.options.solver_options import SolverOptions
+
+SINGLE = 2e-6
+
+
+@pytest.fixture
+def make():
+    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
+    made = []
+
+    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
+        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
+        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
+        with SolverOptions("", texts).inserted():
+            made.append(PrimalSolver(hierarchy))
+        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
+        made[-1].set_contact()
+        return made[-1]
+
+    yield solver
+    for one in made:
+        one.destroy()
+
+
+def patch(nx, ny, stretch=1.0, symbol="spectral"):
+    return Grid(nx, ny, 1.0 / nx, stretch / nx, periodic=symbol)
+
+
+GRIDS = {
+    "square": patch(32, 32),
+    "stretched": patch(32, 24, 3.0, "love"),
+    "odd": patch(21, 15),
+    "one row": patch(64, 1),
+    "two columns": patch(2, 64),
+    "long cells": patch(24, 20, 20.0),
+    "flat cells": patch(24, 20, 0.05),
+    "two rows of flat cells": patch(64, 2, 0.05),
+}
+
+
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+
+
+def applied(solver, field):
+    z = np.empty(field.shape)
+    solver.preconditioner.smooth(field, z)
+    return z
+
+
+@each_grid
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.3, 0.5, 0.97])
+def test_preconditioner_is_positive_with_eigenvalues_near_one(make, grid, share):
+    solver = make(grid, share)
+    free, inverse = solver.inverse.mask, solver.inverse
+    assert (applied(solver, random_field(grid, 5))[~free] == 0).all()
+    units = np.eye(grid.n).reshape(-1, *grid.shape)[free.reshape(-1)]
+    m, b = np.empty((2, len(units), len(units)))
+    pressure = np.empty(grid.shape)
+    for unit, of_m, of_b in zip(units, m, b, strict=True):
+        of_m[...] = applied(solver, unit)[free]
+        inverse.exact_pressure(unit, pressure)
+        of_b[...] = pressure[free]
+    assert np.linalg.eigvalsh(m + m.T).min() > 0
+    found = np.linalg.eigvals(b @ m)
+    found = found[abs(found) > 1e-9]  # B does not see the constant
+    assert len(found) >= len(units) - (share == 0)
+    long = max(grid.dx / grid.dy, grid.dy / grid.dx) > 4  # of which the coarser grid does not hold all waves
+    assert (
+        found.real.min() > (0.08 if long else 0.35) and found.real.max() < 2 and abs(found.imag).max() < 0.25
+    )
+    free.flat[np.flatnonzero(free)[::2]] = False  # another contact set, of which it is told
+    solver.set_contact()
+    assert (applied(solver, random_field(grid, 6))[~free] == 0).all()
+
+
+@each_grid
+def test_constrained_preconditioner_keeps_the_mean_and_shift_moves_it(make, grid):
+    solver = make(grid)
+    pc, free, r = solver.preconditioner, solver.inverse.mask, random_field(grid, 6)
+    loose = applied(solver, r * free)
+    pc.constrained = True
+    kept = applied(solver, r * free)
+    assert abs(kept.mean()) <= 1e-12 * abs(kept).max()
+    assert (kept[~free] == 0).all()
+    one = applied(
+        solver, np.ones(grid.shape)
+    )  # of a constant pressure nothing is left: all of it is the multiplier
+    assert abs(one).max() <= 1e-5 * abs(loose).max()
+    assert pc.multiplier == pytest.approx(1.0, rel=1e-6)
+    w = r.copy()
+    pc.shift(0.7, w)
+    assert w.sum() - r.sum() == pytest.approx(0.7, rel=1e-12)
+    assert (w[~free] == r[~free]).all() and (w[free] >= r[free]).all()
+    free[...] = False
+    solver.set_contact()
+    before = w.copy()
+    pc.shift(0.7, w)  # nothing is there to be raised
+    np.testing.assert_array_equal(w, before)
+    np.testing.assert_array_equal(applied(solver, r), 0)
+
+
+@pytest.mark.parametrize("share", [0.003, 0.03])
+@pytest.mark.parametrize("n", [64, 128, 256])
+def test_compliance_of_a_constant_is_that_of_scattered_contact(make, n, share):
+    """Whatever part of the patch a cell is."""
+    solver = make(patch(n, n), share)
+    ones = np.ones((n, n))
+    raised = applied(solver, ones).astype(np.float32)
+    pressure = np.empty_like(raised)
+    solver.inverse.pressure(raised, pressure)
+    assert 0.6 < np.vdot(raised, pressure) / raised.sum() < 1.4
+
+
+def test_preconditioner_is_translation_invariant(make):
+    grid, shift = patch(32, 24), (4, 8)  # whole cells of the grid of long waves
+    solver, r = make(grid), random_field(grid, 7)
+    free = solver.inverse.mask
+    here = applied(solver, r)
+    free[...] = np.roll(free, shift, (0, 1))
+    solver.set_contact()
+    there = applied(solver, np.roll(r, shift, (0, 1)))
+    np.testing.assert_allclose(there, np.roll(here, shift, (0, 1)), rtol=0, atol=SINGLE * abs(here).max())
