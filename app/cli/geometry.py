@@ -1,4 +1,4 @@
-"""What is pressed together, from options: material, base shape, rough surfaces, patch and grid."""
+"""Problems from options: material, shape, rough surfaces, patch and grid."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ from app.problems.surfaces.height_map import TURNS
 from app.problems.surfaces.reading import LEVELS, MISSING
 
 DEFAULT_CELLS = 256  # per side, of the default grid
-DEFAULT_PATCH = 1.5  # half sides of the default patch in semi-axes of Hertz's contact
-
-
+DEFAULT_PATCH = 1.5  # half side of the default patch over semi-axis of Hertz's contact
 grid_size = pair("nx,ny or n, whole numbers of at least 1")
 frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
@@ -79,62 +77,59 @@ GEOMETRY_OPTIONS = [
     Option("surface_height_unit", unit, None, "of the heights alone, where points x, y have another one"),
     Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
     Option("surface_orient", subset(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
-    Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
+    Option("surface_level", choice(*LEVELS), "none", "what is subtracted from measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
     Option("surface_resample", flag, False, "they are put on the cells of -grid and -domain, whatever these are"),
     Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
-    Option("surface_s_filter", positive, None, "measured waves shorter than this, as of noise, are taken off [mm]"),
-    Option("surface_l_filter", positive, None, "measured waves longer than this, as of waviness, are taken off [mm]"),
+    Option("surface_s_filter", positive, None, "measured waves shorter than this, as of noise, are removed [mm]"),
+    Option("surface_l_filter", positive, None, "measured waves longer than this, as of waviness, are removed [mm]"),
     Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
 ]  # fmt: skip
 MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
-ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # exactly, or at most, one of each
+ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # at most one of each
 SURFACE_FILES = ("surface_file", "surface_file2")
 FILES = ("gap_file", "problem_type", *SURFACE_FILES)
-_PAPERS = ("surface_sigma", "surface_decay", "surface_modes")
+_WAVY = ("surface_sigma", "surface_decay", "surface_modes")
 _SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
 
 
 def make_problem(options, texts, comm):
-    """Build the problem that the options describe.
-
-    Not collective.
+    """Make the problem of the options.
 
     Parameters
     ----------
     options : OptionReader
-        Of `MATERIAL_OPTIONS`, `GEOMETRY_OPTIONS` and the loading, which the default patch follows.
+        Of `MATERIAL_OPTIONS`, `GEOMETRY_OPTIONS` and the loading, which determines the default patch.
     texts : mapping of str to str
-        All options, for a problem of the user's that has some of its own.
+        All options, for a user-defined problem.
     comm : mpi4py.MPI.Comm
-        Ranks that share the grid; this one looks at its rows only.
+        Ranks that share the grid; this rank checks its rows only.
 
     Returns
     -------
     problem : app.problems.problem.Problem
     own : OptionReader
-        Of the options that the problem has of its own; empty but for ``-problem python``.
+        Options of a user-defined problem, ``-problem python``; else empty.
 
     Raises
     ------
     InputError, ValueError, OSError
-        If something is missing or of no use.
+        If something is missing or not allowed.
     """
     from app.base.memory import check_rank_memory
     from app.base.petsc import check_cells
     from app.parallel.slabs import Slabs
     from app.problems.contact_problem import ContactProblem
 
-    name, material, periodic = options["problem"], _material(options), _periodic(options)
-    shape = None if name == "python" else _shape(name, options)
-    measured = _measured(options)
-    grid = _grid(options, name, shape, measured, material, periodic)
+    name, material, periodic = options["problem"], _make_material(options), _read_symbol(options)
+    shape = None if name == "python" else _make_shape(name, options)
+    measured = _read_measured(options)
+    grid = _make_grid(options, name, shape, measured, material, periodic)
     check_cells(grid)
-    if measured:
-        measured = [surface.filtered(grid, *_filters(options)) for surface in measured]
+    measured = [surface.filtered(grid, *_read_filters(options)) for surface in measured]
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
     check_rank_memory(grid, slabs.local * grid.nx)
     rows = slabs.rows
@@ -147,7 +142,7 @@ def make_problem(options, texts, comm):
         from app.problems.shapes import check_strip
 
         check_strip(grid)
-    surfaces = (*measured, *_generated(options, name, grid, bool(measured)))
+    surfaces = (*measured, *_make_random_surfaces(options, name, grid, bool(measured)))
     if name == "python" and not surfaces:
         return shape, own
     problem = ContactProblem(grid, material, shape, surfaces=surfaces)
@@ -156,7 +151,7 @@ def make_problem(options, texts, comm):
     return problem, own
 
 
-def _material(options):
+def _make_material(options):
     from app.halfspace.influence import Material
 
     if options.given("contact_modulus"):
@@ -171,8 +166,8 @@ def _material(options):
     return Material.combined(options["shear_modulus"], options["poisson_ratio"])
 
 
-def _periodic(options):
-    """Name of the periodic symbol, empty for a free patch."""
+def _read_symbol(options):
+    """Return the name of the periodic symbol, empty for a free patch."""
     if options["periodic"]:
         return options["periodic_symbol"]
     if options.given("periodic_symbol"):
@@ -180,8 +175,8 @@ def _periodic(options):
     return ""
 
 
-def _shape(name, options):
-    """Make the base shape of a name; `python` is the user's own."""
+def _make_shape(name, options):
+    """Make the base shape of a problem."""
     from app.problems import shapes
     from app.problems.gap_file import GapFile
 
@@ -214,15 +209,15 @@ def _shape(name, options):
     return shapes.Paraboloid(options["hertz_rx"], options["hertz_ry"])
 
 
-def _measured(options):
-    """Measured surfaces, each on the cells that -grid asks for."""
+def _read_measured(options):
+    """Read measured surfaces, averaged to the cells of -grid."""
     from app.problems.surfaces.filters import check_order
     from app.problems.surfaces.reading import read_surface
 
-    found = []
+    surfaces = []
     for name in SURFACE_FILES:
         if options[name]:
-            check_order(*_filters(options))
+            check_order(*_read_filters(options))
             surface = read_surface(
                 options[name], options["surface_unit"], options["surface_level"], options["surface_crop"],
                 options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
@@ -232,43 +227,43 @@ def _measured(options):
                 surface = surface.resampled()
             elif options.given("grid"):
                 surface = surface.averaged(options["grid"][::-1])
-            found.append(surface)
-    return found
+            surfaces.append(surface)
+    return surfaces
 
 
-def _filters(options):
-    """Nesting indices of S-filter and L-filter, or None."""
+def _read_filters(options):
+    """Return the nesting indices of S-filter and L-filter, or None."""
     return options["surface_s_filter"], options["surface_l_filter"]
 
 
-def _grid(options, name, shape, measured, material, periodic):
-    """Cells and patch: given, or a file's, or by default Hertz's."""
+def _make_grid(options, name, shape, measured, material, periodic):
+    """Make the grid from options, a file or Hertz's contact."""
     from app.halfspace.grid import Grid
     from app.problems.surfaces.resampling import common_grid
 
-    where = options["domain"] if options.given("domain") else None
+    domain = options["domain"] if options.given("domain") else None
     if measured:
         known = [surface for surface in measured if surface.spacing] or measured
         if options["surface_resample"]:
             cells = options["grid"] if options.given("grid") else None
-            return common_grid(known, cells, where, periodic)
-        return known[0].grid(where, periodic)
+            return common_grid(known, cells, domain, periodic)
+        return known[0].grid(domain, periodic)
     if name == "file":
         ny, nx = shape.shape
         if options.given("grid"):
             nx, ny = options["grid"]
         return Grid.from_domain(nx, ny, options["domain"], periodic)
-    if where is None and name in ("hertz", "sphere"):
+    if domain is None and name in ("hertz", "sphere"):
         n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2
-        return Grid.from_domain(*n, _default_patch(options, shape, material, periodic))
+        return Grid.from_domain(*n, _make_default_patch(options, shape, material, periodic))
     return Grid.from_domain(*options["grid"], options["domain"], periodic)
 
 
-def _default_patch(options, shape, material, periodic):
-    """Patch about the contact area that Hertz's theory gives for smooth bodies."""
-    given = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
-    loading = next(filter(options.given, given), None)
-    rough = options.given(*_PAPERS, *_SELF_AFFINE)
+def _make_default_patch(options, shape, material, periodic):
+    """Return a patch around the contact area of Hertz's theory."""
+    names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
+    loading = next(filter(options.given, names), None)
+    rough = options.given(*_WAVY, *_SELF_AFFINE)
     if periodic or rough or loading is None:
         raise InputError(
             "-domain is missing: x0,x1,y0,y1 [mm]; it follows from Hertz's theory only for smooth bodies on a free "
@@ -284,31 +279,32 @@ def _default_patch(options, shape, material, periodic):
     return -a, a, -b, b
 
 
-def _generated(options, name, grid, measured):
-    """Random surfaces on a patch; if nothing else is rough, a punch has the paper's, and `rough` a self-affine one."""
+def _make_random_surfaces(options, name, grid, measured):
+    """Make random surfaces; punch and ``rough`` have default ones."""
     from app.problems.random_surfaces import SelfAffineSurface, WavySurface, check_cut_off
 
-    papers, self_affine = options.given(*_PAPERS), options.given(*_SELF_AFFINE)
-    if not (measured or papers or self_affine):
-        papers, self_affine = name == "punch", name == "rough"
+    wavy, self_affine = options.given(*_WAVY), options.given(*_SELF_AFFINE)
+    if not (measured or wavy or self_affine):
+        wavy, self_affine = name == "punch", name == "rough"
     x0, y0 = grid.x0, grid.y0
     extent = options["domain"] if options.given("domain") else None
     extent = (extent[1] - x0, extent[3] - y0) if extent else (grid.nx * grid.dx, grid.ny * grid.dy)
-    found = []
-    if papers:
+    surfaces = []
+    if wavy:
         parameters = [options[f"surface_{name}"] for name in ("modes", "decay", "sigma", "seed")]
-        if options["surface_sigma"] > 0:  # else it is smooth
-            found.append(WavySurface(*parameters, extent, (x0, y0)))
+        if options["surface_sigma"] > 0:
+            surfaces.append(WavySurface(*parameters, extent, (x0, y0)))
     if self_affine:
         if not options.given(*ROUGHNESS):
             raise InputError(
                 "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
             )
-        check_cut_off(grid, options["surface_cutoff"])  # before as many waves are made
-        surface = SelfAffineSurface(
-            options["surface_hurst"], options["surface_rolloff"] or max(extent), options["surface_cutoff"], extent,
-            options["surface_seed"], rms_slope=options["surface_rms_slope"], rms_height=options["surface_rms_height"],
-            origin=(x0, y0),
-        )  # fmt: skip
-        found.append(surface)
-    return found
+        check_cut_off(grid, options["surface_cutoff"])  # before the waves are made
+        rms = {name: options[f"surface_{name}"] for name in ("rms_slope", "rms_height")}
+        numbers = (
+            options["surface_hurst"],
+            options["surface_rolloff"] or max(extent),
+            options["surface_cutoff"],
+        )
+        surfaces.append(SelfAffineSurface(*numbers, extent, options["surface_seed"], **rms, origin=(x0, y0)))
+    return surfaces

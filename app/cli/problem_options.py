@@ -1,4 +1,4 @@
-"""Options of the command that are not the solver's: the problem, what is prescribed, the output."""
+"""Options of problem, loading and output, and the request they make."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from app.options.option_table import (
     word,
 )
 
-# Who know better which options there are.
-_OF_SOLVERS = re.compile("(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")
+# Names that only PETSc can check.
+_SOLVER_OPTION = re.compile("(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
@@ -43,13 +43,13 @@ LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for
 
 
 class Request:
-    """All that a command is asked to do, checked before any work.
+    """All that app.solve is asked to do, checked before any work.
 
     Collective.
 
     Parameters
     ----------
-    given : app.cli.option_sources.ParsedOptions
+    parsed : app.cli.option_sources.ParsedOptions
     comm : mpi4py.MPI.Comm
 
     Attributes
@@ -62,9 +62,9 @@ class Request:
     refine_max : int or None
     stiffness : bool
     method : dict of str to dict
-        What option files say that is left for the solver, which knows which options there are.
+        Option file -> options left for the solver, which checks them.
     options : dict of str to str
-        The same of the command line and the environment.
+        Options of the command line left for the solver.
     texts : dict of str to str
         The other options.
     output : str or None
@@ -75,133 +75,109 @@ class Request:
         On all ranks.
     """
 
-    def __init__(self, given, comm):
+    def __init__(self, parsed, comm):
         from app.io.files import check_output_path, check_shared_folder, hash_samples
 
-        options, inputs = resolve_alternatives(given), list_input_files(given.texts)
+        texts, options, inputs = parsed.texts, resolve_alternatives(parsed), list_input_files(parsed.texts)
         self.output = call_collectively(comm, options.__getitem__, "output")
         if self.output:
-            call_collectively(comm, check_output_path, self.output, [*given.files, *inputs])
+            call_collectively(comm, check_output_path, self.output, [*parsed.files, *inputs])
             check_shared_folder(comm, self.output)
         call_collectively(comm, options.__getitem__, "problem")
-        kind, number = read_loading(given, options)  # before the patch that may follow from it
-        self.problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
-        inputs += [
-            file
-            for name in sorted(own.asked & given.texts.keys())
-            for file in list_named_files(given.texts[name])
-        ]
+        kind, value = read_loading(parsed, options)  # the default patch depends on it
+        self.problem, own = call_collectively(comm, make_problem, options, texts, comm)
+        for name in sorted(own.asked & texts.keys()):
+            inputs += list_named_files(texts[name])
         if self.output:
-            # With those of the problem's own options.
             call_collectively(comm, check_output_path, self.output, inputs)
         for file in inputs:
             check_equal_on_ranks(comm, call_collectively(comm, hash_samples, file), f"input {file}")
-        self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
+        self.loading, self.path, self.refine_until = {kind: value}, None, options["refine_until"]
         if kind.endswith("_path"):
-            self.loading = {}
-            words = kind.removesuffix("_path"), options, given, inputs
-            self.path = call_collectively(comm, load_path.PathRequest.of, *words)
+            arguments = kind.removesuffix("_path"), options, parsed, inputs
+            self.loading, self.path = {}, call_collectively(comm, load_path.PathRequest, *arguments)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
         self.stiffness = options["stiffness"]
-        if left := set(options.unused()) - own.asked:
-            idle = [option for option in PROBLEM_OPTIONS if option.name in left]
-            what = (
-                f"has no effect here; it is: {idle[0].meaning}" if len(idle) == 1 else "have no effect here"
-            )
-            raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in idle))}: {what}")
-        taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
-        self.method, self.options = given.split_by_source(given.texts.keys() - taken)
-        _refuse_method(self.options)
-        known, unknown = _unknown(given.explicit_names(), own.names)
-        if meant := [name for name in unknown if find_similar_name(name, known)]:
-            raise InputError(describe_unknown_options(meant, known))
-        self.texts = {name: given.texts[name] for name in given.texts.keys() & taken}
-
-
-def _refuse_method(texts):
-    """Tell how a method is chosen."""
-    if "method" in texts:
-        name = texts["method"] or "NAME"
-        raise InputError(
-            f"-method {name}: a method is an option file; needed: -options_file {name.removesuffix('.opts')}.opts"
-        )
+        if names := set(options.unused()) - own.asked:
+            unused = [option for option in PROBLEM_OPTIONS if option.name in names]
+            one = f"has no effect here; it is: {unused[0].meaning}"
+            effect = one if len(unused) == 1 else "have no effect here"
+            raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in unused))}: {effect}")
+        problem_names = {option.name for option in PROBLEM_OPTIONS} | own.asked
+        self.method, self.options = parsed.split_by_source(texts.keys() - problem_names)
+        if "method" in self.options:
+            name = self.options["method"] or "NAME"
+            file = f"{name.removesuffix('.opts')}.opts"
+            raise InputError(f"-method {name}: a method is an option file; needed: -options_file {file}")
+        known, unknown = _split_unknown(parsed.explicit_names(), own.names)
+        if misspelt := [name for name in unknown if find_similar_name(name, known)]:
+            raise InputError(describe_unknown_options(misspelt, known))
+        self.texts = {name: texts[name] for name in texts.keys() & problem_names}
 
 
 @contextmanager
-def suggest_names(given):
-    """Whatever is refused meanwhile, name options that nobody knows but that are nearly called like others.
-
-    Not collective. What they were meant to say is missing then, and would be complained of alone.
-    """
+def suggest_names(parsed):
+    """Add misspelt options to an InputError of the block."""
     try:
         yield
     except InputError as error:
-        known, unknown = _unknown(given.explicit_names())
-        own = given.texts.get("problem") == "python"  # which may have any
-        meant = [
-            name
-            for name in unknown
-            if (find_similar_name(name, known) or not own) and f"-{name}" not in str(error)
-        ]
-        if not meant:
+        known, unknown = _split_unknown(parsed.explicit_names())
+        if parsed.texts.get("problem") == "python":  # it may have options of its own
+            unknown = [name for name in unknown if find_similar_name(name, known)]
+        unknown = [name for name in unknown if f"-{name}" not in str(error)]
+        if not unknown:
             raise
-        raise InputError(f"{describe_unknown_options(meant, known)}; {error}") from None
+        raise InputError(f"{describe_unknown_options(unknown, known)}; {error}") from None
 
 
-def _unknown(names, own=()):
-    """Names of the options of the tables and a problem's `own`, and others that do not look like a solver's."""
+def _split_unknown(names, own=()):
+    """Return all known names, and the others that are no solver options."""
     known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
     others = names - set(known)
-    return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
+    return known, [name for name in others if name.startswith("lcp_") or not _SOLVER_OPTION.search(name)]
 
 
-def resolve_alternatives(given):
-    """Of options that exclude each other keep the ones of the last place that gives any. Not collective.
-
-    Returns
-    -------
-    OptionReader
-        Of the problem's options that are left.
+def resolve_alternatives(parsed):
+    """Remove overridden alternatives; return a reader of the problem's options.
 
     Raises
     ------
     InputError
-        If more than one are given there.
+        If a source has several of exclusive options.
     """
     for alternatives in (LOADING, *ALTERNATIVES):
-        given.select_alternative(alternatives)
-    return OptionReader(PROBLEM_OPTIONS, given.texts)
+        parsed.select_alternative(alternatives)
+    return OptionReader(PROBLEM_OPTIONS, parsed.texts)
 
 
-def read_loading(given, options):
-    """What is prescribed: ``("approach", mm)``, ``("load", N)``, ...; of a path all numbers. Not collective.
+def read_loading(parsed, options):
+    """Return kind and value of the loading; all values of a path.
 
     Parameters
     ----------
-    given : app.cli.option_sources.ParsedOptions
+    parsed : app.cli.option_sources.ParsedOptions
     options : OptionReader
-        What `settle` has returned.
+        From `resolve_alternatives`.
 
     Raises
     ------
     InputError
-        If none is given, or is not allowed.
+        If it is missing or not allowed.
     """
-    kind = given.select_alternative(
-        LOADING, "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
-    )
+    needed = "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
+    kind = parsed.select_alternative(LOADING, needed)
     return kind, options[kind]
 
 
 def list_input_files(texts):
-    """Names of the files that the problem is read from; a result must not take their place. Not collective."""
+    """Return the names of files that define the problem."""
     return [file for name in FILES if name in texts for file in list_named_files(texts[name])]
 
 
 def format_help():
-    """All options of the command, for ``-help``. Not collective."""
+    """Return the text of ``-help``."""
     files = {f"{name}.opts": read_method_file(name) for name in (DEFAULT, PERIODIC)}
     lines = [
         "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",

@@ -49,7 +49,7 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_pa
     first.rename(kept)
     first.mkdir()
     anew = cli_here(*PATH, "-path_fields", "-output", broken)
-    assert "warning: " in anew.stderr and "2 steps of an interrupted run go when" in anew.stderr
+    assert "warning: " in anew.stderr and "replaces 2 steps of an interrupted run" in anew.stderr
     for folder in (in_the_way, first):
         folder.rmdir()
     kept.rename(first)

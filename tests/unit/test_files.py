@@ -13,7 +13,7 @@ from results import made_up_result
 from results import write as write_made_up
 
 from app.base.errors import InputError
-from app.cli.load_path import _identity
+from app.cli.load_path import hash_inputs
 from app.io.files import atomic_file, check_output_path, make_temporary_name
 from app.io.result import read_result
 from app.parallel.slabs import Slabs
@@ -114,13 +114,15 @@ def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
     size, file = 32 << 20, tmp_path / "surface.npy"
     with file.open("wb") as large:
         large.truncate(size)
-    path = SimpleNamespace(inputs=[file, tmp_path / "absent"], rows_depend_on="", kind="load", numbers=(1.0,))
+    path = SimpleNamespace(
+        inputs=[file, tmp_path / "absent"], relevant_options="", kind="load", numbers=(1.0,)
+    )
     keys, run = [], Run(options={"surface_file": str(file)})
     for end in b"", b"\1":
         with file.open("ab") as large:
             large.write(end)
         tracemalloc.start()
-        keys.append(_identity(path, SimpleNamespace(comm=MPI.COMM_SELF)) if of == "path" else run.key())
+        keys.append(hash_inputs(path, SimpleNamespace(comm=MPI.COMM_SELF)) if of == "path" else run.key())
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert peak < size / 4

@@ -11,7 +11,7 @@ from running import assert_proved_equal
 from app import ContactSolver, Listener
 from app.api.load_path import _slope
 from app.base.errors import InputError
-from app.cli.load_path import _of_all_steps
+from app.cli.load_path import merge_notes
 
 
 def same(one, other):
@@ -258,4 +258,4 @@ def test_ranges_in_notes_know_signs():
         ["from -0.5 mm on, as in a-2.txt"],
         ["from 0.2 mm on, as in a-2.txt"],
     ]
-    assert _of_all_steps(notes) == ["all steps: from -0.5 to 0.2 mm on, as in a-2.txt"]
+    assert merge_notes(notes) == ["all steps: from -0.5 to 0.2 mm on, as in a-2.txt"]
