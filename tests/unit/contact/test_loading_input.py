@@ -9,7 +9,7 @@ from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material, solve
 from app.base.errors import InputError
-from app.contact.loading_input import LOADINGS
+from app.contact.loading_input import LOADINGS, make_loading
 
 GRID = Grid.from_domain(16, 12, (0.0, 4.0, 0.0, 3.0))
 
@@ -171,13 +171,13 @@ def test_invalid_loadings_are_refused(solvers, name):
     "given", [{"mean_gap": 0}, {"mean_gap": -1e-19}, {"approach": MEAN}, {"approach": np.nextafter(MEAN, 9)}]
 )
 def test_loadings_up_to_full_contact_are_allowed(solvers, given):
-    loading = solvers["periodic"]._loading(dict.fromkeys(LOADINGS) | given)
+    loading = make_loading(GRID, solvers["periodic"]._distances[-1], **given)
     assert loading.approach == pytest.approx(MEAN, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", ["free", "holed"])
 def test_free_and_holed_patches_take_any_approach(solvers, name):
-    assert solvers[name]._loading({"approach": 9.0}).approach == 9.0
+    assert make_loading(GRID, solvers[name]._distances[-1], approach=9.0).approach == 9.0
 
 
 @pytest.mark.parametrize("share", [1e-3, 1e-8, 1e-12])
