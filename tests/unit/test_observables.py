@@ -1,7 +1,5 @@
 """Where load and contact are, patches, distributions, stiffness: by definition, and as Hertz has them."""
 
-import sys
-
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
@@ -10,7 +8,6 @@ from running import solve
 from app import ContactProblem, ContactSolver, Grid, Material, read_result
 from app.base.errors import InputError
 from app.cli.summary import summary
-from app.halfspace.connected_sets import label_connected_sets
 
 
 @pytest.fixture(scope="module")
@@ -36,34 +33,6 @@ def test_the_indentation_counts_from_first_touch(tmp_path, periodic, lift):
     last.save(tmp_path / "r.h5")
     assert read_result(tmp_path / "r.h5").indentation == last.indentation
     assert ("beyond first touch" in summary(last.attributes | {"contact_patches": 1}, grid)) == (lift < 0)
-
-
-def by_flooding(contact, periodic):
-    """Sizes of the patches, from large to small."""
-    left, sizes = {tuple(cell) for cell in np.argwhere(contact)}, []
-    while left:
-        front, size = [left.pop()], 0
-        while front:
-            j, i = front.pop()
-            size += 1
-            for cell in ((j + 1, i), (j - 1, i), (j, i + 1), (j, i - 1)):
-                if periodic:
-                    cell = tuple(np.mod(cell, contact.shape).tolist())
-                if cell in left:
-                    left.remove(cell)
-                    front.append(cell)
-        sizes.append(size)
-    return sorted(sizes, reverse=True)
-
-
-@pytest.mark.parametrize("symbol", ["", "spectral"])
-@pytest.mark.parametrize("shape", [(17, 23), (1, 9), (8, 1)])
-def test_patches_are_those_found_by_flooding(symbol, shape):
-    for seed in range(5):
-        contact = np.random.default_rng(seed).random(shape) < 0.5
-        labels, sizes = label_connected_sets(contact, bool(symbol))
-        assert sorted(sizes, reverse=True) == by_flooding(contact, bool(symbol))
-        assert np.array_equal(np.bincount(labels[contact], minlength=len(sizes) + 1)[1:], sizes)
 
 
 def two_spheres(x, y):
@@ -206,31 +175,3 @@ def test_without_load_nothing_is_said_of_where_it_acts(periodic):
         said = summary(found.attributes | zero, found.grid)
         assert ("centre of pressure" in said) == known
         assert "nan" not in said and "-0 " not in said
-
-
-def test_an_interrupt_while_sets_are_told_apart_stays_one():
-    """At every call of a Python function below: numpy makes other exceptions of those that come while it compares."""
-    cells = np.random.default_rng(0).random((12, 12)) < 0.6
-    expected, calls = label_connected_sets(cells, True)[1], 0
-
-    def interrupted_at(place):
-        nonlocal calls
-        calls = 0
-
-        def interrupt(frame, event, arg):
-            nonlocal calls
-            calls += 1
-            if calls == place:
-                raise KeyboardInterrupt
-
-        before = sys.gettrace()
-        sys.settrace(interrupt)
-        try:
-            return label_connected_sets(cells, True)[1]
-        finally:
-            sys.settrace(before)
-
-    assert list(interrupted_at(None)) == list(expected) and calls > 10
-    for place in range(1, calls + 1):
-        with pytest.raises(KeyboardInterrupt):
-            interrupted_at(place)

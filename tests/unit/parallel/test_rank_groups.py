@@ -1,6 +1,5 @@
-"""Which rank has what: the balance of slabs, and how many ranks share a grid. Computed, not run."""
+"""Ranks that share a grid: their number and load balance."""
 
-import numpy as np
 import pytest
 
 from app.halfspace.grid import Grid
@@ -20,7 +19,7 @@ def grids(n, coarsest=4):
         grid = grid.coarsen(coarsest)
 
 
-def test_4096_rows_are_balanced_on_any_number_of_ranks():
+def test_slabs_are_balanced_on_any_number_of_ranks():
     """To nine tenths, unless whole rows cannot be: 4096 on 506 to 511 ranks are 9 on some and 8 on others."""
     for size in range(2, 513):
         possible = 4096 / size / -(-4096 // size)
@@ -29,7 +28,7 @@ def test_4096_rows_are_balanced_on_any_number_of_ranks():
 
 @pytest.mark.parametrize("size", [2, 3, 48, 64, 500, 512])
 @pytest.mark.parametrize("cells", [1, 100, 8192])
-def test_coarser_grids_are_balanced_on_the_ranks_that_share_them(size, cells):
+def test_coarse_grids_are_balanced_on_their_ranks(size, cells):
     before = size
     for grid in grids(4096):
         ranks = count_ranks(grid, size, cells)
@@ -39,19 +38,3 @@ def test_coarser_grids_are_balanced_on_the_ranks_that_share_them(size, cells):
         assert balance(slabs) >= min(0.9, grid.ny / ranks / -(-grid.ny // ranks))
         before = ranks
     assert before == 1 or cells == 1
-
-
-def test_slabs_of_a_grid_and_the_next_coarser_one_fit():
-    """What a restriction makes stays where it is, where all ranks have many rows."""
-    for size in (2, 3, 5, 48):
-        fine = Slabs(4096, size, 0, slab_alignment(4096, size))
-        coarse = Slabs(2048, size, 0, slab_alignment(2048, size))
-        assert fine.coarsen(2).starts == coarse.starts
-
-
-def test_ranks_beyond_have_no_rows():
-    slabs = Slabs(10, 3, 4)
-    assert (slabs.local, slabs.active) == (0, False)
-    first, last = slabs.bounds(6)
-    np.testing.assert_array_equal(last - first, [4, 3, 3, 0, 0, 0])
-    assert slabs.coarsen(2).local == 0

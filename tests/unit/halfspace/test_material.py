@@ -1,4 +1,4 @@
-"""Two bodies' elastic constants become one."""
+"""Elastic constants of two bodies."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,44 @@ from app.halfspace.influence import Material
 from app.options.option_table import OptionReader
 
 
+def test_material():
+    # Steel on steel, Sec. 5.1: 2/G = 1/G1 + 1/G2, 1/E* = (1 - nu)/G
+    steel = Material.combined(82000.0, 0.28)
+    assert steel.compliance == pytest.approx(0.72 / (np.pi * 82000), rel=1e-15)
+    assert steel.contact_modulus == pytest.approx(82000 / 0.72, rel=1e-15)
+    assert steel.describe() == {
+        "shear_modulus": 82000,
+        "poisson_ratio": 0.28,
+        "contact_modulus": steel.contact_modulus,
+    }
+    alike = Material.from_contact_modulus(steel.contact_modulus)
+    assert alike.compliance == pytest.approx(steel.compliance, rel=1e-15)
+    assert alike.describe() == {"contact_modulus": steel.contact_modulus}
+    with pytest.raises(ValueError, match="contact modulus -1: must be positive"):
+        Material.from_contact_modulus(-1.0)
+    for poisson_ratio in (0, 0.5):
+        Material.combined(1.0, poisson_ratio)
+
+
+@pytest.mark.parametrize("shear_modulus", [0, -1.0, np.inf, np.nan, 1e-320])
+def test_shear_modulus_must_be_positive_and_finite(shear_modulus):
+    with pytest.raises(ValueError, match="shear modulus"):
+        Material.combined(shear_modulus, 0.3)
+
+
+@pytest.mark.parametrize("poisson_ratio", [-1e-9, 0.5 + 1e-9, np.nan, np.inf])
+def test_poisson_ratio_must_be_from_0_to_one_half(poisson_ratio):
+    with pytest.raises(ValueError, match="Poisson ratio"):
+        Material.combined(1.0, poisson_ratio)
+
+
 def made(**texts):
     given = {"problem": "sphere", "sphere_radius": "1", "grid": "4", "domain": "0,1,0,1", **texts}
     return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)[0].material
 
 
 @pytest.mark.parametrize("young", [(210e3, 3e3), (70e3, np.inf), (np.inf, 1.0)])
-def test_contact_modulus_is_that_of_both_bodies(young):
+def test_contact_modulus_combines_both_bodies(young):
     poisson = (0.3, 0.35)
     expected = 1 / sum((1 - nu**2) / modulus for nu, modulus in zip(poisson, young, strict=True))
     assert Material.pair(young, poisson).contact_modulus == pytest.approx(expected, rel=1e-14)
@@ -31,12 +62,12 @@ def test_steel_on_polymer():
     assert facts["shear_modulus"] / (1 - facts["poisson_ratio"]) == pytest.approx(facts["contact_modulus"])
 
 
-def test_equal_bodies_are_the_paper_s_pair():
+def test_pair_of_equal_bodies_has_their_constants():
     pair = Material.pair((2.56 * 80e3,) * 2, (0.28,) * 2)
     assert (pair.shear_modulus, pair.poisson_ratio) == pytest.approx((80e3, 0.28), rel=1e-14)
 
 
-def test_equal_bodies_have_half_the_contact_modulus_of_one_on_a_rigid_one():
+def test_equal_bodies_halve_contact_modulus():
     steel = Material.isotropic(210e3, 0.3)
     assert steel.contact_modulus == pytest.approx(210e3 / (2 * (1 - 0.3**2)), rel=1e-14)
     assert steel.describe() == Material.pair((210e3, 210e3), (0.3, 0.3)).describe()
@@ -50,7 +81,7 @@ def test_equal_bodies_have_half_the_contact_modulus_of_one_on_a_rigid_one():
         ((), {"shear_modulus": 82e3}, r"Material.combined\(G, nu\)"),
     ],
 )
-def test_a_material_takes_named_numbers_only_and_both(numbers, names, call):
+def test_material_requires_both_keywords(numbers, names, call):
     with pytest.raises(InputError, match=f"takes keywords only.*{call}"):
         Material(*numbers, **names)
 
@@ -67,12 +98,12 @@ def test_a_material_takes_named_numbers_only_and_both(numbers, names, call):
         ({"young": "inf,inf", "poisson": "0,0"}, "one body at least must be elastic"),
     ],
 )
-def test_refused(texts, message):
+def test_invalid_material_options_are_refused(texts, message):
     with pytest.raises((InputError, ValueError), match=message):
         made(**texts)
 
 
-def test_the_last_place_decides_and_one_place_gives_one_way():
+def test_last_option_source_decides_alternatives():
     texts = {"shear_modulus": "1", "poisson_ratio": "0.3", "young": "1,2", "poisson": "0,0"}
     pairs = list(texts.items())
     file, line = (

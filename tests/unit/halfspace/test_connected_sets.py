@@ -1,0 +1,64 @@
+"""Connected sets of cells."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from app.halfspace.connected_sets import label_connected_sets
+
+
+def by_flooding(contact, periodic):
+    """Sizes of the patches, from large to small."""
+    left, sizes = {tuple(cell) for cell in np.argwhere(contact)}, []
+    while left:
+        front, size = [left.pop()], 0
+        while front:
+            j, i = front.pop()
+            size += 1
+            for cell in ((j + 1, i), (j - 1, i), (j, i + 1), (j, i - 1)):
+                if periodic:
+                    cell = tuple(np.mod(cell, contact.shape).tolist())
+                if cell in left:
+                    left.remove(cell)
+                    front.append(cell)
+        sizes.append(size)
+    return sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize("symbol", ["", "spectral"])
+@pytest.mark.parametrize("shape", [(17, 23), (1, 9), (8, 1)])
+def test_connected_sets_equal_those_of_flood_fill(symbol, shape):
+    for seed in range(5):
+        contact = np.random.default_rng(seed).random(shape) < 0.5
+        labels, sizes = label_connected_sets(contact, bool(symbol))
+        assert sorted(sizes, reverse=True) == by_flooding(contact, bool(symbol))
+        assert np.array_equal(np.bincount(labels[contact], minlength=len(sizes) + 1)[1:], sizes)
+
+
+def test_interrupt_in_labelling_stays_keyboard_interrupt():
+    """At every call of a Python function below: numpy makes other exceptions of those that come while it compares."""
+    cells = np.random.default_rng(0).random((12, 12)) < 0.6
+    expected, calls = label_connected_sets(cells, True)[1], 0
+
+    def interrupted_at(place):
+        nonlocal calls
+        calls = 0
+
+        def interrupt(frame, event, arg):
+            nonlocal calls
+            calls += 1
+            if calls == place:
+                raise KeyboardInterrupt
+
+        before = sys.gettrace()
+        sys.settrace(interrupt)
+        try:
+            return label_connected_sets(cells, True)[1]
+        finally:
+            sys.settrace(before)
+
+    assert list(interrupted_at(None)) == list(expected) and calls > 10
+    for place in range(1, calls + 1):
+        with pytest.raises(KeyboardInterrupt):
+            interrupted_at(place)

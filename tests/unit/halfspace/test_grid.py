@@ -1,0 +1,20 @@
+"""Grids of cells and their coarsening."""
+
+import numpy as np
+import pytest
+
+from app.halfspace.grid import Grid
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(12, 8), (9, 8), (12, 7), (31, 3), (5, 1)])
+def test_coarse_periodic_cells_are_centred_on_their_children(nx, ny):
+    grid = Grid(nx, ny, 0.3, 2.0, 5.0, -1.0, "spectral")
+    coarse = grid.coarsen(1)
+    assert coarse.area == pytest.approx(grid.area)
+    for axis, (a, b) in zip("yx", grid.places_in(coarse), strict=True):
+        n, d = getattr(grid, f"n{axis}"), getattr(grid, f"d{axis}")
+        of, wide = getattr(coarse, axis)(), getattr(coarse, f"d{axis}")
+        fine = getattr(grid, axis)()
+        np.testing.assert_allclose(of[0] + wide * (a * np.arange(n) + b), fine, rtol=0, atol=1e-12 * n * d)
+        children = [fine[2 * j : 2 * j + 2].mean() for j in range(len(of))] if n > 1 else fine
+        assert abs(of - children).max() <= 0.5 * d * (n % 2) + 1e-12 * n * d

@@ -1,0 +1,55 @@
+"""Influence of the periodic images of a patch."""
+
+import numpy as np
+import pytest
+
+from app.halfspace.grid import Grid
+from app.halfspace.images import Box, ImageCorrection
+from app.halfspace.influence import influence_at
+from app.halfspace.periodic_symbol import periodic_quadrant
+from app.parallel.slabs import Slabs
+
+NO_MASK = np.zeros((0, 0), bool)
+
+
+def box_of(grid, periods):
+    return Box(grid, periods, lambda rows, columns: influence_at(grid, rows, columns))
+
+
+@pytest.mark.parametrize("periods", [(80, 80), (81, 79), (40, 120), (150, 60)])
+@pytest.mark.parametrize("sides", [(1.0, 1.0), (0.2, 0.5)])
+def test_box_kernel_includes_all_images(periods, sides):
+    ny, nx = periods
+    patch = Grid(nx // 2 + 1, ny // 2 + 1, *sides)
+    found = box_of(patch, periods).kernel(np.arange(ny // 2 + 1), np.arange(nx // 2 + 1))
+    other = periodic_quadrant(Grid(nx, ny, *sides, periodic="love"), 1.0)
+    assert np.abs(found - other).max() <= 1e-12 * other.max()  # both less their mean
+
+
+def test_interpolation_error_falls_with_power_of_node_distance():
+    """Between 2 k nodes the error falls with the power 2 k of their distance."""
+    grid = Grid(96, 96, 1.0, 1.0)
+    box, p = box_of(grid, (128, 128)), np.zeros(grid.shape)
+    p[0, 0] = p[40, 50] = 1.0
+    errors = {}
+    for step in (8, 4, 2, 1):
+        correction, u = (
+            ImageCorrection(box, 1.0, (step, step), 6, Slabs(96), None, np.float64),
+            np.zeros(grid.shape),
+        )
+        correction.multiply(p, NO_MASK)
+        correction.add(u, NO_MASK)
+        errors[step] = u
+    errors = {step: np.abs(errors[step] - errors[1]).max() for step in (8, 4, 2)}
+    assert 5 <= np.log2(errors[8] / errors[4]) <= 7
+    assert 5 <= np.log2(errors[4] / errors[2]) <= 7
+
+
+def test_image_correction_accepts_ranks_without_rows():
+    grid = Grid(40, 40, 1.0, 1.0)
+    correction, none = (
+        ImageCorrection(box_of(grid, (60, 60)), 1.0, (1, 1), 6, Slabs(40, 50, 49), None, np.float64),
+        np.zeros((0, 40)),
+    )
+    correction.multiply(none, NO_MASK)
+    correction.add(none, NO_MASK)

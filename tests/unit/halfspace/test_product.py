@@ -1,0 +1,131 @@
+"""Products u = A p: dense, padded, in a box, periodic."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+from operators import DOUBLE, GRIDS, PERIODIC, STEEL, make_convolution, matrix_of, random_field
+
+from app.halfspace.fft.lengths import transform_length
+from app.halfspace.grid import Grid
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.operator import InfluenceOperator
+from app.halfspace.product import BoxProduct, Convolution, DenseProduct
+
+ROUNDING = {np.float64: 2e-14, np.float32: 2e-6}  # measured: 5e-15 and 5e-7 of the largest displacement
+
+
+def fields(shape, rng):
+    ny, nx = shape
+    edges = np.zeros(shape)
+    edges[: ny // 8], edges[:, -nx // 9 :] = 1.0, 2.0
+    corners = np.zeros(shape)
+    corners[[0, 0, -1], [0, -1, -1]] = 1.0
+    return rng.normal(size=shape), np.ones(shape), edges, corners
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@settings(max_examples=8, deadline=None)
+@given(nx=st.integers(170, 330), ny=st.integers(170, 330), ratio=st.floats(0.6, 1.7), seed=st.integers(0, 99))
+def test_box_product_equals_padded_product(dtype, nx, ny, ratio, seed):
+    grid = Grid(nx, ny, 1.0, ratio)
+    padded = Convolution(lambda rows: influence_quadrant(grid, STEEL, rows), grid.shape)
+    product = BoxProduct(grid, STEEL).in_precision(dtype)
+    rng = np.random.default_rng(seed)
+    mask = rng.random(grid.shape) < 0.5
+    for p in fields(grid.shape, rng):
+        for contact in (None, mask):
+            expected, u = np.empty(grid.shape), np.empty(grid.shape, dtype)
+            padded.apply(p, expected, contact)
+            product.apply(p.astype(dtype), u, contact)
+            assert np.abs(u - expected).max() <= ROUNDING[dtype] * np.abs(expected).max()
+
+
+def test_box_product_is_used_on_large_grids_of_moderate_aspect():
+    single, double = (np.dtype(kind) for kind in (np.float32, np.float64))
+    assert not BoxProduct.suits(Grid(300, 300, 1.0, 1.0), single)
+    assert BoxProduct.suits(Grid(400, 400, 1.0, 1.0), single)
+    assert not BoxProduct.suits(Grid(400, 400, 1.0, 1.0), double)
+    assert not BoxProduct.suits(Grid(400, 400, 1.0, 4.0), single)
+    operator = InfluenceOperator(Grid(660, 650, 1.0, 1.0), STEEL, dtype=np.float32)
+    operator.prepare("exact_product", "product")
+    assert isinstance(operator.exact_product, BoxProduct)
+    assert operator.product.memory < 1.0 * operator.exact_product.memory
+
+
+SELF = MPI.COMM_SELF
+
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+each_periodic_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys())
+
+
+def test_small_grids_have_dense_products():
+    assert isinstance(InfluenceOperator(GRIDS["two rows"], 1.0).product, DenseProduct)
+    assert isinstance(InfluenceOperator(GRIDS["even"], 1.0).product, Convolution)
+
+
+@each_grid
+def test_product_is_symmetric_and_positive_definite(grid):
+    product = make_convolution(SELF, grid)
+    scale = matrix_of(grid).max() * grid.n
+    for seed in range(5):
+        p, q = random_field(grid, seed), random_field(grid, 100 + seed)
+        Ap, Aq = np.empty_like(p), np.empty_like(q)
+        product.apply(p, Ap)
+        product.apply(q, Aq)
+        assert abs(np.vdot(q, Ap) - np.vdot(p, Aq)) <= 1e-13 * scale
+        assert np.vdot(p, Ap) > 0
+
+
+def test_transform_length_is_even_and_avoids_wraparound():
+    for n in [*range(1, 70), 127, 1000, 1024]:
+        period = transform_length(n)
+        assert 2 * n - 1 <= period <= 1.34 * 2 * n + 1
+        assert period % 2 == 0
+
+
+@each_periodic_grid
+def test_periodic_matrix_is_symmetric_semidefinite_with_constants_as_kernel(grid):
+    matrix = matrix_of(grid)
+    values = np.linalg.eigvalsh(matrix)
+    assert (matrix == matrix.T).all()
+    assert abs(matrix.sum(axis=0)).max() <= 1e-14 * grid.n * values[-1]
+    assert abs(values[0]) <= 1e-14 * values[-1] < 1e-3 * values[1]
+
+
+@each_periodic_grid
+def test_periodic_product_commutes_with_translation(grid):
+    operator, p = InfluenceOperator(grid, STEEL), random_field(grid, 1)
+    u, moved = np.empty(grid.shape), np.empty(grid.shape)
+    operator.displacement(p, u)
+    operator.displacement(np.roll(p, (3, 5), (0, 1)), moved)
+    np.testing.assert_allclose(moved, np.roll(u, (3, 5), (0, 1)), rtol=0, atol=DOUBLE * abs(u).max())
+    assert abs(u.mean()) <= DOUBLE * abs(u).max()
+
+
+@each_periodic_grid
+def test_periodic_inverse_is_exact_on_fields_without_mean(grid):
+    operator, p = InfluenceOperator(grid, STEEL), random_field(grid, 2)
+    u, back = np.empty(grid.shape), np.empty(grid.shape)
+    operator.exact_displacement(p, u)
+    operator.exact_inverse.apply(u, back)
+    np.testing.assert_allclose(back, p - p.mean(), rtol=0, atol=1e-13 * abs(p).max())
+    assert operator.exact_inverse.norm() * np.linalg.eigvalsh(matrix_of(grid))[1] == pytest.approx(
+        1, rel=1e-10
+    )
+    assert operator.diagonal == pytest.approx(matrix_of(grid)[0, 0], rel=1e-14)
+
+
+@each_periodic_grid
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e3])
+def test_screened_product_solves_half_space_on_springs(grid, stiffness):
+    """(B + stiffness) u = p, also for the mean of p, which without springs displaces nothing."""
+    operator, p = InfluenceOperator(grid, STEEL), 1 + random_field(grid, 2)
+    stiffness /= operator.diagonal
+    screened, u, back = operator.screened_product, np.empty(grid.shape), np.empty(grid.shape)
+    for value in (7 * stiffness, stiffness):
+        screened.screen(value)
+    screened.apply(p, u)
+    operator.exact_inverse.apply(u, back)
+    np.testing.assert_allclose(back + stiffness * u, p, rtol=0, atol=1e-12 * abs(p).max())
