@@ -30,6 +30,10 @@ def make_solver(periodic=True, gap=GAP):
     return ContactSolver(ContactProblem(GRID, STEEL, gap, periodic), "norm")
 
 
+def make_loading_of(solver, **given):
+    return make_loading(solver.problem.grid, solver._distances[-1], **given)
+
+
 @pytest.fixture(scope="module")
 def solvers():
     made = {
@@ -171,13 +175,13 @@ def test_invalid_loadings_are_refused(solvers, name):
     "given", [{"mean_gap": 0}, {"mean_gap": -1e-19}, {"approach": MEAN}, {"approach": np.nextafter(MEAN, 9)}]
 )
 def test_loadings_up_to_full_contact_are_allowed(solvers, given):
-    loading = make_loading(GRID, solvers["periodic"]._distances[-1], **given)
+    loading = make_loading_of(solvers["periodic"], **given)
     assert loading.approach == pytest.approx(MEAN, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", ["free", "holed"])
 def test_free_and_holed_patches_take_any_approach(solvers, name):
-    assert make_loading(GRID, solvers[name]._distances[-1], approach=9.0).approach == 9.0
+    assert make_loading_of(solvers[name], approach=9.0).approach == 9.0
 
 
 @pytest.mark.parametrize("share", [1e-3, 1e-8, 1e-12])
