@@ -26,10 +26,9 @@ from app.problems.arrays import check_size, real_numbers
 
 @dataclass(frozen=True)
 class Problem:
-    """A patch of cells, a material and a shape.
+    """A patch of cells, a material and a shape, which subclasses define.
 
-    Subclasses define the shape. If it is `sampled`, coarse grids average the shape of the target grid; otherwise they
-    call `shape_on` again.
+    If it is `sampled`, coarse grids average the shape of the target grid; otherwise they call `shape_on` again.
     """
 
     grid: Grid
@@ -40,12 +39,9 @@ class Problem:
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance in some rows of a grid.
+        """Return the undeformed distance (rows, nx) [mm] in some rows of a grid.
 
-        Returns
-        -------
-        ndarray, shape (rows, nx), [mm]
-            NaN in inadmissible cells.
+        It is that of cell centres at zero approach, NaN in inadmissible cells.
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 

@@ -72,9 +72,8 @@ class _Function:
 class WavySurface(_Function):
     """The paper's surface: M x N products of cosines.
 
-    Amplitudes and phases are random, see (6.1), (6.2) and References.
-
-    The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
+    Amplitudes and phases are random, see (6.1), (6.2) and References. The random numbers come from
+    ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
 
     Parameters
     ----------
@@ -143,9 +142,7 @@ class WavySurface(_Function):
     @cached_property
     def _wave_numbers(self):
         """Wave numbers in x, (M,), and y, (N,) [1/mm]."""
-        return tuple(
-            2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)
-        )
+        return [2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)]
 
     def describe(self):
         """Return data for the result file, by option names."""
@@ -166,29 +163,17 @@ class WavySurface(_Function):
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
 
     def height(self, x, y):
-        """Return the height in the points of a lattice.
+        """Return the height (ny, nx) [mm] at x (nx,) and y (ny,) [mm].
 
         A value depends on its own x and y only, to the bit. It costs O(M + N): by
         cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
-
-        Parameters
-        ----------
-        x, y : ndarray, shapes (nx,) and (ny,), [mm]
-
-        Returns
-        -------
-        ndarray, shape (ny, nx), [mm]
         """
         a, phi, theta = self.coefficients
         qx, qy = self._wave_numbers
         x, y = lattice(x, y, self.origin)
         along_x, along_y = np.outer(qx, x), np.outer(y, qy)
-        mixing = np.block(
-            [
-                [a * np.cos(phi) * np.cos(theta), -a * np.cos(phi) * np.sin(theta)],
-                [-a * np.sin(phi) * np.cos(theta), a * np.sin(phi) * np.sin(theta)],
-            ]
-        ).T
+        in_x, in_y = (np.stack([np.cos(phase), -np.sin(phase)]) for phase in (phi, theta))
+        mixing = np.block([[a * x_part * y_part for y_part in in_y] for x_part in in_x]).T
         waves_x = np.vstack([np.cos(along_x), np.sin(along_x)])
         waves_y = np.hstack([np.cos(along_y), np.sin(along_y)])
         # (6.1)
@@ -265,7 +250,8 @@ class SelfAffineSurface(_Function):
         Of this surface over the period [mm], [1].
     wave_numbers : tuple of ndarray
         k_x, shape (K_x + 1,), and k_y, shape (2 K_y + 1,).
-    amplitudes : ndarray, shape (2 K_y + 1, K_x + 1), [mm]
+    coefficients : ndarray, shape (2 K_y + 1, K_x + 1)
+        ``a_k exp(i phi_k)`` [mm].
 
     References
     ----------
@@ -367,14 +353,10 @@ class SelfAffineSurface(_Function):
             yield columns, power, q
 
     @property
-    def amplitudes(self):
-        """Amplitudes a_k [mm], shape (2 K_y + 1, K_x + 1)."""
-        return self._factor * np.sqrt(np.hstack([power for _, power, _ in self._strips()]))
-
-    @property
     def coefficients(self):
         """Complex amplitudes ``a_k exp(i phi_k)`` [mm], rows k_y, columns k_x."""
-        return self.amplitudes * np.exp(2j * np.pi * self._draws())
+        power = np.hstack([power for _, power, _ in self._strips()])
+        return self._factor * np.sqrt(power) * np.exp(2j * np.pi * self._draws())
 
     def _draws(self):
         """Return the phases over 2 pi, rows k_y, columns k_x."""
@@ -394,25 +376,11 @@ class SelfAffineSurface(_Function):
         return draws
 
     def height(self, x, y):
-        """Return the height in the points of a lattice.
+        """Return the height (ny, nx) [mm] at x (nx,) and y (ny,) [mm], within a period.
 
         Coordinates that divide the period into equal parts (cell centres of grids with whole cells per period) cost an
         FFT, others a matrix product; the values agree up to rounding. Waves too short for the lattice are aliased. The
         work arrays take 16 bytes for each row and k_x, and 8 for each wave.
-
-        Parameters
-        ----------
-        x, y : ndarray, shapes (nx,) and (ny,), [mm]
-            Within less than a period.
-
-        Returns
-        -------
-        ndarray, shape (ny, nx), [mm]
-
-        Raises
-        ------
-        InputError
-            If they have other shapes, or span a period or more.
         """
         x, y = lattice(x, y, self.origin)
         self._check_span(x, y)

@@ -94,20 +94,9 @@ class Paraboloid(Shape):
 
         See Johnson, Contact Mechanics, Sec. 4.1. Their curvatures in the direction theta add up to
         ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2`` with s the sum of all four, d = 1/R' - 1/R''
-        of a body. The patch's x is the principal direction of k nearest to the first axis of body 1.
-
-        Parameters
-        ----------
-        radii1, radii2 : pair of float
-            Principal radii of curvature [mm] in the direction of the body's first and second axis; inf: straight;
-            negative: concave.
-        angle : float
-            From body 1's first axis to body 2's [degrees].
-
-        Raises
-        ------
-        InputError
-            If radii are not two numbers of each body, or the bodies are not curved apart in all directions.
+        of a body. The patch's x is the principal direction of k nearest to the first axis of body 1. The radii [mm] are
+        those of the body's first and second axis; inf: straight; negative: concave. The angle [degrees] is that from
+        body 1's first axis to body 2's.
         """
         for body, radii in ((1, radii1), (2, radii2)):
             if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):

@@ -100,17 +100,10 @@ def _check_cells(height, least, **sizes):
 
 
 def roughness(height, dx, dy):
-    """Return the `Roughness` of heights.
+    """Return the `Roughness` of heights (ny, nx), at least 2 x 2, in cells of dx x dy [mm].
 
     Slopes are central differences across the faces between neighbouring cells, which multiply a wave q in x by
     sin(q dx / 2) / (q dx / 2).
-
-    Parameters
-    ----------
-    height : ndarray, shape (ny, nx), [mm]
-        At least 2 x 2.
-    dx, dy : float
-        Size of a cell [mm].
     """
     height = _check_cells(height, 2, dx=dx, dy=dy)
     deviation = height - height.mean()
@@ -125,20 +118,11 @@ def roughness(height, dx, dy):
 
 
 def radial_spectrum(height, dx, dy, window=False):
-    """Return the `RadialSpectrum` of heights.
+    """Return the `RadialSpectrum` of heights (ny, nx), at least 4 x 4, in cells of dx x dy [mm].
 
     Rings are as wide as the coarser spacing of the wave vectors. They end below the smaller Nyquist wave number,
-    beyond which they would not be closed.
-
-    Parameters
-    ----------
-    height : ndarray, shape (ny, nx), [mm]
-        At least 4 x 4.
-    dx, dy : float
-        Size of a cell [mm].
-    window : bool
-        Whether to multiply by a Hann window of mean square 1, for patches that are not periodic: their edges would
-        add to the spectrum.
+    beyond which they would not be closed. A Hann window of mean square 1 is for patches that are not periodic: their
+    edges would add to the spectrum.
     """
     height = _check_cells(height, 4, dx=dx, dy=dy)
     height = height - height.mean()
@@ -159,13 +143,7 @@ def radial_spectrum(height, dx, dy, window=False):
 
 
 def normal_plot(height):
-    """Return the `NormalPlot` of heights, Fig. 12(d).
-
-    Parameters
-    ----------
-    height : ndarray, any shape, [mm]
-        At least 2 values.
-    """
+    """Return the `NormalPlot` of at least 2 heights [mm], Fig. 12(d)."""
     height = np.sort(_check_finite(height), axis=None)
     if height.size < 2:
         raise InputError("a normal plot needs at least 2 heights")

@@ -107,10 +107,6 @@ class NormalContact(ABC):
             return np.full(np.broadcast(x, y).shape, np.inf)
         return (np.asarray(x) / self.a) ** 2 + (np.asarray(y) / self.b) ** 2
 
-    def in_contact(self, x, y):
-        """Return whether points lie inside the contact area."""
-        return self._radius2(x, y) < 1
-
     @abstractmethod
     def pressure(self, x, y):
         """Return the contact pressure p at points [N/mm2]."""

@@ -28,22 +28,8 @@ from app.reference.hertz import EllipticHertz
 def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
     """Return the pressure that flattens a periodic surface.
 
-    Its waves are ``p_q = -E* |q| h_q / 2``. It is the solution if it is positive everywhere.
-
-    Parameters
-    ----------
-    distance : ndarray, shape (ny, nx), [mm]
-        Undeformed distance h in the points of one period.
-    dx, dy : float
-        Spacing of the points [mm].
-    e_star : float
-        Contact modulus [N/mm2].
-    mean_pressure : float
-        [N/mm2]
-
-    Returns
-    -------
-    ndarray, shape (ny, nx), [N/mm2]
+    Its waves are ``p_q = -E* |q| h_q / 2`` for the undeformed distance h (ny, nx) in points dx, dy apart [mm] over one
+    period. It is the solution if it is positive everywhere. E* and pressures are in N/mm2.
     """
     ny, nx = distance.shape
     q = 2 * np.pi * np.hypot(np.fft.fftfreq(ny, dy)[:, None], np.fft.rfftfreq(nx, dx))

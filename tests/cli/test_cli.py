@@ -77,7 +77,7 @@ CASES = {
     "decimal commas": (gap_of(b"0,12,0,34\n0,13,0,35\n", "gap.csv"), "commas may separate numbers or begin"),
     "empty field": (gap_of(b"1,,3\n4,,6\n", "gap.csv"), "line 1, entry 2: '' is no number"),
     "archive": (gap_of(b"PK\x03\x04\xff\xfe", "gap.zip"), "gap.zip: is an archive: unpack it"),
-    "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; allowed: numbers"),
+    "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; must be numbers"),
     "mistyped option in a file": (
         with_file("a.opts", b"-pc_mg_tipe full\n", *HERTZ, "-options_file", "FILE", "-pc_type", "jacobi"),
         "unknown or unused option: -pc_mg_tipe",

@@ -31,9 +31,7 @@ class ResampledSurface:
     Attributes
     ----------
     surface : Surface
-        On its own cells.
-    file, spacing, spike, rounding, rms_level, notes
-        Of that.
+        On its own cells; also the source of ``file``, ``spacing``, ``spike``, ``rounding``, ``rms_level``, ``notes``.
 
     Examples
     --------
