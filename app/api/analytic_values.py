@@ -1,4 +1,4 @@
-"""Analytic values beside those of a solution, where the problem knows them; theories of rough contact."""
+"""Analytic values and theories to compare a solution with."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from app.reference.base import NormalContact
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
 
 THEORIES = {"persson_fraction": persson_fraction, "bush_gibson_thomas_fraction": bush_gibson_thomas_fraction}
-ANALYTIC = (  # what `analytic_values` knows, by the names of a Solution
+ANALYTIC = (  # names of a Solution's numbers that have analytic values
     "load", "approach", "max_pressure", "contact_area", "semi_axis_major", "semi_axis_minor", "stiffness",
 )  # fmt: skip
 
 
 def analytic_values(problem, approach, load=None):
-    """Numbers of the analytic solution: ``analytic_NAME`` for NAMEs of a Solution.
-
-    Not collective.
+    """Return numbers of the analytic solution, ``analytic_NAME``.
 
     Parameters
     ----------
@@ -22,34 +20,27 @@ def analytic_values(problem, approach, load=None):
     approach : float
         [mm]
     load : float, optional
-        If that is prescribed [N]: then the analytic approach belongs to it.
+        Prescribed load [N]; the analytic approach belongs to it.
 
     Returns
     -------
     dict
-        Empty if there is none, or no contact.
+        Empty without an analytic solution or contact.
     """
     reference = problem.reference(approach)
     if not isinstance(reference, NormalContact) or reference.a == 0:
         return {}
     if load is not None:
         reference = reference.at_load(load)
-    values = (
-        reference.load,
-        reference.approach,
-        reference.max_pressure,
-        reference.contact_area,
-        max(reference.a, reference.b),
-        min(reference.a, reference.b),
-        reference.stiffness,
-    )
-    return {f"analytic_{name}": value for name, value in zip(ANALYTIC, values, strict=True)}
+    axes = {
+        "semi_axis_major": max(reference.a, reference.b),
+        "semi_axis_minor": min(reference.a, reference.b),
+    }
+    return {f"analytic_{name}": axes[name] if name in axes else getattr(reference, name) for name in ANALYTIC}
 
 
 def theories(problem, mean_pressure, rms_slope):
-    """Contact fractions of `THEORIES`, where nominally flat bodies are rough: surfaces on a plane.
-
-    Not collective.
+    """Return contact fractions of `THEORIES` for nominally flat surfaces.
 
     Parameters
     ----------

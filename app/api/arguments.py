@@ -1,4 +1,4 @@
-"""Checks of the arguments of `ContactSolver`, and the settings that follow from them."""
+"""Checks of the arguments of `ContactSolver`."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
 def check_type(name, value, kind, what):
-    """Raise InputError unless an argument has a type."""
+    """Check the type of an argument."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
 
 
 def parse_arguments(problem, method, options, prefix, listeners):
-    """Return settings, and options for PETSc, from the arguments of `ContactSolver`.
+    """Return settings and PETSc's options from the arguments of `ContactSolver`.
 
     Returns
     -------
@@ -65,7 +65,10 @@ def parse_arguments(problem, method, options, prefix, listeners):
 
 
 def _check_python_types(texts):
-    """Raise InputError at preconditioner classes at which PETSc would abort; it reports missing ones."""
+    """Check preconditioner classes at which PETSc would abort.
+
+    PETSc itself reports missing ones.
+    """
     for name, text in texts.items():
         module, _, attribute = text.rpartition(".")
         if not name.endswith("pc_python_type") or not module:

@@ -1,9 +1,9 @@
-"""Load paths: one problem, many loads, in one process.
+"""Load paths: one problem at many loads.
 
-Every step is solved for itself: the nested iteration begins anew on the coarsest grid. So a row depends on nothing but
-its own load, and a path goes on from any row. To start from the step before pays only where steps are small: 20 loads
-on a self-affine surface of 512 x 512 cells, free and periodic, take 196 and 241 operator applications anew and 245 and
-351 from the last solution over three decades, 204 and 247 against 145 and 233 in steps of a percent.
+Each step starts from the coarsest grid, so it depends on its own load alone, and a path can be resumed after any step.
+To start from the last solution pays only if steps are small. On a self-affine surface of 512 x 512 cells, free and
+periodic, 20 loads over three decades take 196 and 241 operator applications from scratch, 245 and 351 from the last
+solution; in steps of a percent 204 and 247 against 145 and 233.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
 
-# Columns of the table that a solution has by these names, after `load` and the like what beside it is known.
+# Columns of the table that are numbers of a Solution.
 COLUMNS = (
     "load", "approach", "indentation", "mean_pressure", "mean_gap", "contact_area", "contact_fraction",
     "contact_fraction_corrected", "perimeter", "max_pressure", "mean_contact_pressure", *ContactMoments._fields,
@@ -31,36 +31,35 @@ COLUMNS = (
 
 
 class LoadPath:
-    """The solutions along a path, one after the other: iterate over it, then look at its table.
+    """Iterator over the solutions of a load path. Collective.
 
-    Collective, as is every step. Nothing is solved before it is iterated over, which can be done once: it keeps no
-    solutions. Where that was cut short, by Ctrl-C say, the next time goes on after the steps that are done. A pickled
-    one keeps its table, and has no steps to come.
+    Steps are solved by iteration, once; solutions are not stored. After an interruption, such as Ctrl-C, the next
+    iteration resumes. A pickled path has the table only.
 
     Parameters
     ----------
     solver : ContactSolver
     kind : str
-        What is prescribed: load, mean_pressure, approach or mean_gap.
+        Prescribed quantity: load, mean_pressure, approach or mean_gap.
     numbers : sequence of float
         One for each step, in any order.
     stiffness : bool
         Solve for the exact stiffness of every step, too.
     rows : sequence of dict, optional
-        Of steps done already, from the first on, at the same loads: they are taken as they are and their solutions left
-        out. The last step is solved in any case.
+        Of finished steps of the same path, from the first on. Their solutions are left out. The last step is solved in
+        any case.
 
     Attributes
     ----------
     rows : list of dict
-        A row for each step done so far: names and units in `app.base.quantities`; the same on all ranks.
+        One for each finished step, the same on all ranks; units are in `app.base.quantities`.
     operator_applications, solve_seconds : float
-        Of the steps done here.
+        Of the steps solved here.
 
     Raises
     ------
     InputError
-        If a number is not allowed, or a row is of another one; before any step is solved.
+        If a number is not allowed, or a row is of another path; before any step is solved.
 
     Examples
     --------
@@ -77,21 +76,21 @@ class LoadPath:
     def __init__(self, solver, kind, numbers, stiffness=False, rows=()):
         self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
         self._problem = solver.problem
-        self._rank = solver.comm.rank  # the solver may be closed when the table is saved
+        self._rank = solver.comm.rank  # the table may be saved after the solver is closed
         self.numbers = call_collectively(solver.comm, _as_numbers, kind, numbers)
         check_equal_on_ranks(solver.comm, (self.numbers, stiffness), "path")
         solver.check_all([{kind: number} for number in self.numbers])
-        self.go_on_after(rows)
+        self.resume_after(rows)
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
 
-    def go_on_after(self, rows):
-        """Take the `rows` of steps done already, before one is solved here. Collective."""
+    def resume_after(self, rows):
+        """Use the `rows` of finished steps."""
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
         check_equal_on_ranks(comm, len(self.rows), "path")
         if len(self.rows) > len(self.numbers):
-            raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
+            raise InputError(f"path: {len(self.rows)} steps are finished already, of {len(self.numbers)}")
 
     def __getstate__(self):
         return self.__dict__ | {"_solver": None, "_problem": None, "_steps": None}
@@ -103,10 +102,10 @@ class LoadPath:
         return len(self.numbers)
 
     def __iter__(self):
-        ended = self._steps is None or self._steps.gi_frame is None
-        if ended and self._steps and len(self.rows) < len(self):  # it was cut short, and goes on
-            self._steps, ended = self._solve(), False
-        if ended:
+        has_ended = self._steps is None or self._steps.gi_frame is None
+        if has_ended and self._steps and len(self.rows) < len(self):  # after an interruption
+            self._steps, has_ended = self._solve(), False
+        if has_ended:
             raise InputError(
                 "path: it has been iterated over, and its solutions are not kept; keep them by solutions = list(path); "
                 "path.table has the numbers of all steps"
@@ -127,11 +126,11 @@ class LoadPath:
             yield solution
 
     def _row(self, step, solution):
-        known = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
+        optional = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
         row = {
             "step": step + 1,
             **{name: getattr(solution, name) for name in COLUMNS},
-            **{name: solution.problem[name] for name in known if name in solution.problem},
+            **{name: solution.problem[name] for name in optional if name in solution.problem},
             **solution.count_patches(),
         }
         if self._with_stiffness:
@@ -140,19 +139,19 @@ class LoadPath:
 
     @property
     def converged(self):
-        """Whether all steps done so far are solved. Not collective."""
+        """True if all finished steps converged."""
         return all(row["converged"] for row in self.rows)
 
     @property
     def table(self):
-        """The rows as columns: name -> ndarray, shape (steps,); NaN where a step has none. Not collective.
+        """Columns, name -> ndarray of shape (steps,), NaN for missing values.
 
-        With two steps and more a column more: the stiffness by differences of neighbouring steps.
+        From two steps on with the stiffness by differences of neighbouring steps.
 
         Raises
         ------
         InputError
-            If no step is solved yet.
+            Before the first step is solved.
         """
         if not self.rows:
             raise InputError(
@@ -166,7 +165,7 @@ class LoadPath:
         return columns
 
     def save(self, path):
-        """Write the table of the steps solved so far as CSV, whole or not at all. Rank 0 only writes; not collective.
+        """Write the table of the finished steps as CSV on rank 0.
 
         Parameters
         ----------
@@ -176,7 +175,7 @@ class LoadPath:
         Raises
         ------
         InputError
-            If no step is solved yet, or it cannot be written.
+            If no step is finished, or the file cannot be written.
         """
         from app.io.table import write_table
 
@@ -188,64 +187,62 @@ class LoadPath:
         columns = {name: column.tolist() for name, column in self.table.items()}
         if self._rank:
             return
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         try:
-            write_table(
-                path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-            )
+            write_table(path, rows)
         except (OSError, ValueError) as error:
-            raise InputError(
-                f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}"
-            ) from None
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{path}: cannot be written: {reason}") from None
 
 
 def _as_rows(rows, kind, numbers):
-    """Rows of an earlier path by the same numbers, copied."""
+    """Copy the rows of an earlier path."""
     try:
-        found = [dict(row) for row in rows]
+        rows = [dict(row) for row in rows]
     except (TypeError, ValueError):
-        found = [{}]
-    whole = all(isinstance(value, Number | np.bool_) for row in found for value in row.values())
-    if not whole or not all(row.keys() >= {"step", "converged", kind} for row in found):
-        raise InputError("path: rows: needed: those of an earlier path, as its `rows` are")
+        rows = [{}]
+    are_numbers = all(isinstance(value, Number | np.bool_) for row in rows for value in row.values())
+    if not are_numbers or not all(row.keys() >= {"step", "converged", kind} for row in rows):
+        raise InputError("path: rows: must be the `rows` of an earlier path")
     rounding = 1e-12 * max(map(abs, numbers))
-    for step, (row, number) in enumerate(zip(found, numbers, strict=False), 1):
-        # What is not solved may have missed its load.
+    for step, (row, number) in enumerate(zip(rows, numbers, strict=False), 1):
+        # A step that has not converged may have missed its load.
         if row["converged"] and not np.isclose(row[kind], number, 1e-9, rounding):
             raise InputError(
                 f"path: rows: step {step} has {kind} {format_exact(row[kind])}, this path {format_exact(number)} "
-                f"{LOADINGS[kind]}; needed: rows of the same path, from its first step on"
+                f"{LOADINGS[kind]}; they must be rows of the same path, from its first step on"
             )
-    return found
+    return rows
 
 
 def check_one_kind(loadings):
-    """Return the loadings of a path if they are one. Not collective."""
+    """Check that the loadings of a path are of one kind."""
     if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
-        raise InputError(f"path: needed: exactly one of {', '.join(LOADINGS)}, a number for each step")
+        raise InputError(f"path: must be by exactly one of {', '.join(LOADINGS)}, a number for each step")
     return loadings
 
 
 def _as_numbers(kind, numbers):
     try:
-        found = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)
+        values = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)
     except TypeError:
-        found = []
-    if not found:
-        raise InputError(f"path: {kind}: needed: a list of one number or more [{LOADINGS[kind]}]")
-    return [validate_number(kind, number) for number in found]
+        values = []
+    if not values:
+        raise InputError(f"path: {kind}: must be a list of one number or more [{LOADINGS[kind]}]")
+    return [validate_number(kind, number) for number in values]
 
 
 def _slope(x, y):
-    """Slope of the parabola through each point and its neighbours; NaN where there is more than one y at an x.
+    """Return the slope of the parabola through neighbouring points.
 
-    At an end where that has the other sign, as after large steps of a load, or where the chord has none, as before
-    first touch, the slope of the chord.
+    It is the slope of the chord if that is zero, as before first touch, or has the other sign, as at an end after large
+    steps. NaN if y is ambiguous.
     """
-    at, first, which = np.unique(x, return_index=True, return_inverse=True)
-    one = y[first][which]
-    if len(at) < 2 or ((y < one) | (y > one)).any():  # NaN is neither
+    points, first, index = np.unique(x, return_index=True, return_inverse=True)
+    unique_y = y[first][index]
+    if len(points) < 2 or ((y < unique_y) | (y > unique_y)).any():  # NaN is neither
         return np.full(len(x), np.nan)
     with np.errstate(all="ignore"):
-        chord, slope = (np.gradient(y[first], at, edge_order=k) for k in (1, min(2, len(at) - 1)))
-        slope = np.where((slope * chord < 0) | (chord == 0), chord, slope)[which]
+        chord, slope = (np.gradient(y[first], points, edge_order=k) for k in (1, min(2, len(points) - 1)))
+        slope = np.where((slope * chord < 0) | (chord == 0), chord, slope)[index]
     return np.where(np.isfinite(slope), slope, np.nan)

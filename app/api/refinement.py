@@ -1,4 +1,4 @@
-"""Finer and finer grids, until the error that the size of the cells makes is small enough."""
+"""Refinement of the grid down to a discretisation error."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from app.options.solver_options import SolverOptions
 from app.parallel import mpi_abort
 from app.problems.problem import Problem
 
-MOST_CELLS = 4096**2
+MAX_CELLS = 4096**2
 
 
 class Refinement(NamedTuple):
-    """What `refine` returns."""
+    """Result of `refine`."""
 
     solution: Solution  # on the finest grid
-    errors: GridErrors  # of it
-    reached: bool  # whether all of them that are known are small enough
-    stiffness: float  # dF/d(approach), exactly, if asked for [N/mm]; else NaN
+    errors: GridErrors  # on the finest grid
+    reached: bool  # True if all known errors are small enough
+    stiffness: float  # dF/d(approach) [N/mm]; NaN unless requested
     rows: list  # of dict, one for each grid: cells, numbers, errors
-    options: SolverOptions | None = None  # of the first gridr
+    options: SolverOptions | None = None  # of the first grid
 
 
 def refine(
     problem,
     until,
-    most_cells=MOST_CELLS,
+    most_cells=MAX_CELLS,
     method=None,
     options=None,
     comm=None,
@@ -44,18 +44,18 @@ def refine(
     prefix=None,
     **loading,
 ):
-    """Solve a problem on finer and finer grids, each with twice the cells in both directions.
+    """Solve a problem on finer and finer grids.
 
-    Collective over `comm`. The errors of a grid are the changes of the numbers since the grid before
-    (`app.contact.grid_errors`); of the first grid they are those that its nested iteration tells. What (5.1) leaves of
-    the shortest waves is worth the more pressure the shorter they are, in proportion: so it is tightened by as much.
+    Collective over `comm`. Each grid has twice the cells in both directions. Errors are estimated from the changes
+    since the last grids (`app.contact.grid_errors`); on the first grid by its nested iteration. The pressure that (5.1)
+    leaves in the shortest waves is inversely proportional to their length, so -lcp_rtol is halved for each grid.
 
     Parameters
     ----------
     problem : Problem
-        On the coarsest grid; its undeformed distance a function, not known on that grid only.
+        On the coarsest grid; its undeformed distance must be known on any grid.
     until : float
-        Relative error of load (or approach), maximum pressure and contact area that is small enough.
+        Largest relative error of load (or approach), maximum pressure and contact area.
     most_cells : int
         Of the finest grid.
     method, options, comm, listeners, prefix
@@ -68,12 +68,12 @@ def refine(
     Returns
     -------
     Refinement
-        Stops at the first grid that is fine enough, or not solved, or the last one allowed or that memory has room for.
+        Of the first grid that is fine enough or does not converge, or the finest that `most_cells` and memory allow.
 
     Raises
     ------
     InputError
-        If the problem cannot be put on another grid, or a number is not allowed.
+        If the problem is known on its own grid only, or a number is not allowed.
 
     Examples
     --------
@@ -87,16 +87,17 @@ def refine(
     comm = mpi_abort.abort_on_exception(mpi_comm(comm))
     call_collectively(comm, check, problem, until, most_cells)
     check_equal_on_ranks(comm, (until, most_cells, stiffness), "refine")
-    rows, numbers, asked = [], [], None
+    rows, numbers, first_options = [], [], None
     options = call_collectively(comm, to_texts, options or {})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:
-            solution, asked = solver.solve(**loading), asked or solver.options
-            loading.pop("start", None)  # it is of the first grid
+            solution = solver.solve(**loading)
+            first_options = first_options or solver.options
+            loading.pop("start", None)  # of the first grid
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
-            found = solution.load, solution.approach, solution.max_pressure, solution.contact_area
-            numbers.append(GridNumbers(*found, grid.cell_area))
+            values = solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            numbers.append(GridNumbers(*values, grid.cell_area))
             if len(numbers) > 1:
                 [prescribed] = (kind for kind, number in loading.items() if number is not None)
                 errors = estimate_errors(numbers, solver.touching, prescribed).with_contact_edge(solution)
@@ -113,16 +114,13 @@ def refine(
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
                 exact = solution.stiffness if stiffness else float("nan")
-                return Refinement(solution, errors, reached, exact, rows, asked)
+                return Refinement(solution, errors, reached, exact, rows, first_options)
             options["lcp_rtol"] = solver.settings.rtol / 2
         problem = problem.on(grid.refine())
 
 
 def _has_room(solver, grid):
-    """Whether there are numbers and memory for a grid beside that of a solver; if not, what was found is not lost.
-
-    Collective.
-    """
+    """Return whether a further grid fits into memory. Collective."""
     try:
         check_cells(grid)
         check_room(solver.comm, grid, solver.settings)
@@ -132,12 +130,12 @@ def _has_room(solver, grid):
 
 
 def check(problem, until, most_cells):
-    """Refuse what cannot be refined. Not collective."""
+    """Check that a problem can be refined, and the limits."""
     check_type("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):
-        raise InputError(f"refine until {until}: allowed: a relative error above 0 and below 1")
+        raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")
     if not (isinstance(most_cells, Real) and most_cells > 0):
-        raise InputError(f"refine most_cells {most_cells!r}: allowed: a positive number")
+        raise InputError(f"refine most_cells {most_cells!r}: must be a positive number")
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "

@@ -1,4 +1,4 @@
-"""What a solve returns: fields, numbers, history; on any number of ranks."""
+"""Solutions: fields, numbers and history, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from app.parallel.communicator import Traffic
 from app.parallel.slabs import Slabs
 from app.problems.arrays import real_numbers
 
-# Attributes that who saves may know better: those of a whole run, and errors from more grids.
-OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
-_LARGE = 65_000  # bytes: HDF5 has no larger attributes, but texts
-_OF_FILE = {"contact_patches", "largest_patch"}  # are counted for it, if nobody has
+# Attributes that the caller of `save` may replace: those of a whole run, and errors from more grids.
+RUN_ATTRIBUTES = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
+_MAX_ATTRIBUTE_BYTES = 65_000  # HDF5 stores no larger ones, texts excepted
+_COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are not numbers of a Solution
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ContactFields):
-    """The solution of a contact problem, or the best there is.
+    """Solution of a contact problem; the last iterate if not ``converged``.
 
-    Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one. Can be pickled there.
+    Arrays hold the rows of this rank, (rows, nx); `gather` collects all on one rank, where it can be pickled.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Solution(ContactFields):
         u = A p, (2.7).
     contact : ndarray of bool
     converged : bool
-        Contact area unchanged, (5.1) met, and proved to the error bound asked for.
+        Contact set unchanged, (5.1) satisfied, and error within -lcp_error_bound.
     message : str
         Why the iteration ended.
     load, approach, indentation : float
@@ -49,8 +49,8 @@ class Solution(ContactFields):
         Of the ellipse with the second moments of the contact set [mm]; its angle from the x axis [degree]. These seven
         are NaN on a periodic patch, which has no origin.
     contact_fraction, contact_fraction_corrected, perimeter : float
-        Share of the cells where contact is possible; the same corrected for its stepped boundary; the length of that
-        [mm]. See `app.contact.measures`.
+        Share of the cells where contact is possible; the same corrected for its stepped boundary; length of that
+        boundary [mm]. See `app.contact.measures`.
     rms_height, rms_slope : float
         Of the undeformed distance [mm], [1].
     residual : float
@@ -58,30 +58,30 @@ class Solution(ContactFields):
     iterations, inner_iterations : int
         Active set iterations on the target grid, and those of the linear solver in them.
     work_units, operator_applications : float
-        The paper's count; and everything computed, in products on the target grid.
+        The paper's count; all work, in products on the target grid.
     discretisation_error : float
-        Relative rms difference of the pressures on the last two grids; NaN where it is not known.
+        Relative rms difference of the pressures on the last two grids; NaN if unknown.
     load_error, approach_error, max_pressure_error, contact_area_error : float
-        Estimated relative errors that the size of the cells makes in these numbers, rather too large; the approach
-        counts from first touch. NaN but of the default methods with nested iteration; see `app.contact.grid_errors`.
+        Estimated relative discretisation errors, rather too large; of the approach beyond first touch. NaN unless by a
+        default method with nested iteration; see `app.contact.grid_errors`.
     fallbacks : int
-        Grids on which a fallback took over: the safeguard, or the root search for a load.
+        Grids on which the safeguard, or the root search for a load, took over.
     certificate : Certificate
     history : dict of str to list
-        A column per quantity, an entry per active set iteration.
+        Columns with an entry for each active set iteration.
     problem : dict
-        What the problem says of itself.
+        Description of the problem.
     options : str
     notes : tuple of str
-        What a user should look at twice.
+        See `app.api.notes`.
     solve_seconds, setup_seconds : float
     traffic : Traffic
-        What rank 0, which has a part in every grid, sent to others for it.
+        Messages of rank 0, which has a part of every grid.
     grid : Grid
     slabs : Slabs
     comm : mpi4py communicator
     stiffness : float or None
-        dF/d(approach) [N/mm]; None where nobody has asked for it, see `ContactSolver.path`.
+        dF/d(approach) [N/mm]; None unless requested, see `ContactSolver.path`.
     """
 
     pressure: np.ndarray
@@ -133,11 +133,11 @@ class Solution(ContactFields):
     grid: Grid
     slabs: Slabs
     comm: object
-    distance: object  # gives `undeformed_distance` when called
+    distance: object  # function that returns `undeformed_distance`
     stiffness: float | None = None
 
     def __getstate__(self):
-        """What is pickled: everything, on one rank; the copy has a communicator of its own process."""
+        """Return everything but the communicator."""
         if self.comm.size > 1:
             raise TypeError("a Solution on several ranks cannot be pickled; gather() brings it to one")
         return self.__dict__ | {"distance": self.undeformed_distance, "comm": None}
@@ -150,17 +150,17 @@ class Solution(ContactFields):
 
     @property
     def undeformed_distance(self):
-        """h, the approach taken off, shape (rows, nx) [mm]; NaN where contact is impossible. Made when asked for."""
+        """Distance h at the approach, shape (rows, nx) [mm]."""
         return self.distance()
 
     @property
     def gap(self):
-        """Deformed distance e = h + u, (2.3), shape (rows, nx) [mm]; NaN where contact is impossible."""
+        """Gap e = h + u, (2.3), shape (rows, nx) [mm]."""
         return self.undeformed_distance + self.displacement
 
     @property
     def error_bound(self):
-        """Proved bound of the relative error of the pressure in the energy norm."""
+        """Proved bound on the relative pressure error (energy norm)."""
         return self.certificate.error_bound
 
     @property
@@ -170,12 +170,12 @@ class Solution(ContactFields):
 
     @property
     def y(self):
-        """Cell centres in y of the rows here [mm]."""
+        """Cell centres in y of the local rows [mm]."""
         return self.grid.y(self.slabs.rows)
 
     @property
     def attributes(self):
-        """All numbers and texts, as they go into the root of a result file. Not collective."""
+        """Numbers and texts for the root of a result file."""
         from app import __version__
 
         numbers = [field.name for field in fields(self) if field.type in ("bool", "int", "float", "str")]
@@ -194,7 +194,7 @@ class Solution(ContactFields):
         }
 
     def gather(self, root=0):
-        """Bring all rows to one rank. Collective.
+        """Collect all rows on one rank. Collective.
 
         Returns
         -------
@@ -204,57 +204,57 @@ class Solution(ContactFields):
             return self
         from app.base.mpi import MPI
 
-        here, whole, nx = self.comm.rank == root, {}, self.grid.nx
+        is_root, whole, nx = self.comm.rank == root, {}, self.grid.nx
         for name in ("pressure", "displacement", "contact", "undeformed_distance"):
-            mine = np.ascontiguousarray(getattr(self, name))
-            row = MPI.BYTE.Create_contiguous(nx * mine.itemsize).Commit()  # pickles end at 2 GiB
-            whole[name] = np.empty((self.grid.ny if here else 0, nx), mine.dtype)
-            self.comm.Gatherv(
-                [mine, len(mine), row], [whole[name], list(self.slabs.counts), row] if here else None, root
-            )
+            local = np.ascontiguousarray(getattr(self, name))
+            # Counts of items are limited to 2^31, so an item is a row.
+            row = MPI.BYTE.Create_contiguous(nx * local.itemsize).Commit()
+            whole[name] = np.empty((self.grid.ny if is_root else 0, nx), local.dtype)
+            received = [whole[name], list(self.slabs.counts), row] if is_root else None
+            self.comm.Gatherv([local, len(local), row], received, root)
             row.Free()
-        if not here:
+        if not is_root:
             return None
         h = whole.pop("undeformed_distance")
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
-    def _fields_among(self, attributes, taken, what):
-        """Attributes that are arrays of the cells, of all or of those here: their rows here. Not collective."""
-        found = {}
+    def _select_fields(self, attributes, taken, what):
+        """Return the local rows of attributes that are fields."""
+        selected = {}
         for name, value in attributes.items():
             if name in taken:
-                raise InputError(f"{what}: {name} is there already; allowed: another name")
+                raise InputError(f"{what}: {name} is there already; take another name")
             if not name or name == "." or "/" in name:
                 raise InputError(f"{what}: {name!r} cannot be a name in it")
             try:
                 array = real_numbers(name, value) if np.ma.is_masked(value) else np.asarray(value)
             except ValueError:  # a list of lists of several lengths
-                raise InputError(f"{what}: attributes: needed: numbers, texts, and arrays") from None
+                raise InputError(f"{what}: attributes: must be numbers, texts, and arrays") from None
             if array.shape == self.displacement.shape:
-                found[name] = array
+                selected[name] = array
             elif array.shape == self.grid.shape:
-                found[name] = array[self.slabs.rows]
-            elif array.dtype.kind != "U" and array.nbytes >= _LARGE:
-                raise InputError(f"{what}: {name}: needed: an array of the cells, or less than 64 KB")
-        return found
+                selected[name] = array[self.slabs.rows]
+            elif array.dtype.kind != "U" and array.nbytes >= _MAX_ATTRIBUTE_BYTES:
+                raise InputError(f"{what}: {name}: must be an array of the cells, or less than 64 KB")
+        return selected
 
     def save(self, path, steps=None, **attributes):
-        """Write a result file (HDF5), whole or not at all. Collective.
+        """Write a result file (HDF5). Collective.
 
         Parameters
         ----------
         path : str or Path
             Ends in ``.h5`` or ``.hdf5``.
         steps : mapping of str to ndarray, shape (steps,), optional
-            Table of the load path that ended here, `app.api.load_path.LoadPath.table`; the group ``path`` of the file.
+            Table of a load path, `app.api.load_path.LoadPath.table`, for the group ``path`` of the file.
         **attributes
-            More root attributes; arrays of all cells, or of the rows here, are more fields, which `app.read_result`
-            has in ``extra``. Of those that are there `OF_RUN` may be others.
+            More root attributes; arrays of all cells, or of the local rows, become fields, ``extra`` of
+            `app.read_result`. `RUN_ATTRIBUTES` may be replaced.
 
         Raises
         ------
         InputError
-            If it cannot be written, or a name is the result's own.
+            If it cannot be written, or a name is taken.
         """
         from app.io.result import Result
         from app.io.write import ByRows, write_result
@@ -268,23 +268,22 @@ class Solution(ContactFields):
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),
         }
-        facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
-        own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
-        more = call_collectively(self.comm, self._fields_among, attributes, own, f"result file {path}")
+        facts = self.attributes | ({} if attributes.keys() >= _COUNTED else self.count_patches())
+        own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
+        more = call_collectively(self.comm, self._select_fields, attributes, own, f"result file {path}")
         kinds = {name: field.dtype.str for name, field in more.items()}
         check_equal_on_ranks(self.comm, kinds, f"result file {path}: names and types of fields")
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
+        contents = fields, self.x, self.grid.y(), facts, self.history, steps
         try:
-            write_result(
-                path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, steps
-            )
+            write_result(path, self.comm, self.slabs, *contents)
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
 
 
 def fingerprint(start):
-    """What tells a Solution from another one, the same on all ranks; of anything else its type. Not collective."""
+    """Return values that identify a Solution on all ranks."""
     if not isinstance(start, Solution):
         return type(start).__name__
     return start.load, start.approach, start.max_pressure, start.contact_cells

@@ -1,4 +1,4 @@
-"""Solver of a contact problem: set up once, solve as often as wanted, on any communicator.
+"""Solver of a contact problem: set up once, solve often.
 
 >>> from app import ContactProblem, Grid, Material, solve
 >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
@@ -49,9 +49,10 @@ def solve(
     problem, *, approach=None, load=None, method=None, options=None, comm=None, start=None,
     mean_pressure=None, mean_gap=None,
 ):  # fmt: skip
-    """Solve a contact problem for one of approach, load, mean pressure and mean gap.
+    """Solve a contact problem for an approach or load.
 
-    Collective over `comm`. See `ContactSolver` and `ContactSolver.solve` for errors.
+    Exactly one of approach, load, mean pressure and mean gap is prescribed. Collective over `comm`. See `ContactSolver`
+    and `ContactSolver.solve` for errors.
 
     Parameters
     ----------
@@ -85,11 +86,11 @@ def solve(
 
 
 class ContactSolver:
-    """Solver of one problem for any loading, and of others on the same cells after `update`.
+    """Solver of a contact problem for any loading.
 
-    Collective over `comm`, as are all its methods. May be used in a ``with`` block; otherwise it is freed by `close`,
-    by garbage collection, or when the process ends. One thread calls it at a time. It cannot be pickled; problems and
-    solutions can.
+    Collective over `comm`, as are all its methods. `update` replaces the problem. May be used in a ``with`` block;
+    otherwise it is freed by `close`, by garbage collection, or when the process ends. One thread calls it at a time. It
+    cannot be pickled; problems and solutions can.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ class ContactSolver:
 
     @synchronized
     def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
-        """Solve for exactly one of approach, load, mean pressure and mean gap.
+        """Solve for an approach, load, mean pressure or mean gap.
 
         Parameters
         ----------
@@ -254,7 +255,7 @@ class ContactSolver:
         return solution
 
     def _note_late_options(self, solution):
-        """Add a note on options that the first solve of linear systems has left unused."""
+        """Note options that the first linear solves have left unused."""
         if self._late_options_checked or not sum(solution.history.get("inner_iterations", ())):
             return solution
         self._late_options_checked = True
@@ -311,12 +312,12 @@ class ContactSolver:
         return LoadPath(self, kind, numbers, stiffness, rows)
 
     def check(self, **loading):
-        """Raise InputError if `solve` would, for a loading."""
+        """Check a loading, without solving."""
         self.check_all([loading])
 
     @synchronized
     def check_all(self, loadings):
-        """Raise InputError if `solve` would, for any of some loadings (dicts of its keywords)."""
+        """Check loadings, dicts of keywords of `solve`."""
         self._check_open()
         check_equal_on_ranks(self.comm, loadings, "loading")
         for values in loadings:
@@ -324,10 +325,10 @@ class ContactSolver:
 
     @synchronized
     def update(self, problem):
-        """Replace the problem by another one of the same grid and material, such as a worn gap.
+        """Replace the problem by one on the same grid and material.
 
-        Solutions stay as they are, and one may be a `start`. The old problem stays after an InputError (another grid or
-        material, contact impossible in all cells).
+        Solutions of the old one stay as they are, and one may be a `start`. The old problem stays after an InputError
+        (another grid or material, contact impossible in all cells).
         """
         self._check_open()
         before, fits = self.problem, self.problem.fits(problem)
@@ -343,7 +344,9 @@ class ContactSolver:
 
     @synchronized
     def stiffness(self, solution):
-        """Compute the contact stiffness dF/d(approach) of a solution by one more linear solve.
+        """Compute the contact stiffness dF/d(approach) of a solution.
+
+        It takes one more linear solve.
 
         Parameters
         ----------

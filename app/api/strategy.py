@@ -1,4 +1,4 @@
-"""Strategies (-lcp_type): the iteration of a method, from scratch or from a solution."""
+"""Strategies (-lcp_type), which run the iteration of a method."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from app.multigrid.solver_cache import SolverCache
 
 
 class Strategy:
-    """Base class of strategies, which solve on the grids of a hierarchy. Collective.
+    """Base class of strategies. Collective.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class Strategy:
         self._distances, self._coarse_minimum = distances, coarse_minimum
 
     def run(self, loading, history, start=None):
-        """Solve for a loading, from a Solution `start` that `check` has accepted.
+        """Solve for a loading, from a checked Solution or scratch.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """Return the solution with all cells in contact if there is one, otherwise the given one."""
+        """Return a solution with full contact if there is one."""
         contact, full_state = state.contact.copy(), self._new_state()
         if full_outcome := full.solve(full_state, loading, self._stop(), history):
             state.destroy()
@@ -130,12 +130,12 @@ class Strategy:
         return contact_state(self._hierarchy.target, self._distances[-1])
 
     def destroy(self):
-        """Free the solver and what is cached between solves."""
+        """Free the solver and its caches."""
         if self.solver is not None:
             self.solver.destroy()
 
     def check(self, start, name="start"):
-        """Raise InputError unless `start` is a Solution on the same grid and ranks."""
+        """Check that `start` is a Solution on the same grid."""
         slabs = self._hierarchy.slabs
         fits = isinstance(start, Solution) and start.grid == self._hierarchy.target.grid
         fits = fits and start.slabs.rows == slabs.rows
@@ -143,7 +143,7 @@ class Strategy:
             raise InputError(f"{name}: must be a Solution on the same grid and as many ranks")
 
     def check_loading(self, loading, largest):
-        """Raise InputError if the method or its precision cannot solve for a loading.
+        """Check that the method can solve for a loading.
 
         Single precision needs the `largest` influence coefficient [mm3/N].
         """
@@ -154,7 +154,7 @@ class Strategy:
             check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
-        """Return the state of a solution on the target grid, at the approach of the loading."""
+        """Return the state of a solution at another loading."""
         state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
         state.values[...] = start.pressure
         state.project()  # the solution may be of a problem with other holes
@@ -166,7 +166,7 @@ class Strategy:
 
 
 class ActiveSet(Strategy):
-    """``active_set``: the paper's iteration around any KSP, nested (FMG) or alone."""
+    """``active_set``: the paper's iteration around any KSP."""
 
     def _solve(self, loading, history, start):
         if start is not None:
@@ -180,7 +180,7 @@ class ActiveSet(Strategy):
 
 
 class Inexact(Strategy):
-    """Base class of the default methods, which solve linear systems inexactly."""
+    """Base class of the default methods."""
 
     def _inexact_stop(self):
         names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
@@ -265,7 +265,7 @@ class Primal(Inexact):
 
 
 class Reference(Strategy):
-    """``tao`` and ``snesvi``: PETSc's solvers of problems with bounds, on the target grid."""
+    """``tao`` and ``snesvi``: PETSc's solvers of problems with bounds."""
 
     target_only, finds_approach = True, False
 
@@ -288,7 +288,7 @@ STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fr
 
 
 def make_strategy(hierarchy, settings):
-    """Make the strategy of a method, with the solver of the target grid. Collective.
+    """Make the strategy of a method. Collective.
 
     Raises
     ------
@@ -315,7 +315,7 @@ def make_strategy(hierarchy, settings):
 
 
 def check_single(what, value, unit):
-    """Raise InputError if a value exceeds the range of single precision."""
+    """Check that a value is in the range of single precision."""
     if value and not 1e-25 < value < 1e25:
         raise InputError(
             f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "

@@ -1,1 +1,1 @@
-"""What everything rests on: errors, MPI, PETSc, numba, memory, units. Knows nothing of contact."""
+"""Errors, MPI, PETSc, numba, memory and units; nothing of contact."""

@@ -1,4 +1,4 @@
-"""Errors of the user, on one rank or on all at once, and the words of messages."""
+"""Errors on one rank or all, and numbers in messages."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ def shorten(text, longest=MAX_WORD):
 
 
 class InputError(ValueError):
-    """A request that cannot be met; the message says what, where and what is allowed.
+    """A request that cannot be met.
 
-    Long words and long messages are shortened. Quote a text with blanks by `shorten`.
+    The message says what, where and what is allowed. Long words and long messages are shortened. Quote a text with
+    blanks by `shorten`.
     """
 
     def __init__(self, message=""):
@@ -30,15 +31,15 @@ class InputError(ValueError):
 
 
 class PackageError(ImportError, InputError):
-    """A package that does not load; the message says what to do."""
+    """A package that does not load."""
 
 
 class PackageMissing(ModuleNotFoundError, PackageError):
-    """A package that is not installed; the message says how to get it."""
+    """A package that is not installed."""
 
 
 class OtherRankError(RuntimeError):
-    """A mistake of the program on another rank; the message quotes it."""
+    """A mistake of the program on another rank."""
 
 
 def format_exact(number):
@@ -54,7 +55,7 @@ def format_exact(number):
 
 
 def format_distinct(number, other, digits=3):
-    """Write a number with few digits, but enough to differ from another one.
+    """Write a number with few digits that differ from another's.
 
     Examples
     --------
@@ -68,7 +69,7 @@ def format_distinct(number, other, digits=3):
 
 
 def format_message(error):
-    """Return the text of an exception on one line; its type if there is no text."""
+    """Return the text of an exception, or its type, on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
@@ -79,14 +80,14 @@ def format_error(error):
 
 
 def format_yaml_error(error, content):
-    """Return line and fault of invalid YAML, to follow the name of its file."""
+    """Return line and fault of invalid YAML."""
     mark = getattr(error, "problem_mark", None)
     line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
     return f"{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}"
 
 
 def call_collectively(comm, function, *args, only_root=False):
-    """Call ``function(*args)`` on every rank; raise an error of any rank on all.
+    """Call a function on every rank; raise any error on all.
 
     Collective over the mpi4py communicator `comm`; `function` itself must not be. ValueError, OSError and MemoryError
     become an InputError. It names the host if only some of several hosts raised it. Any other exception is a mistake
@@ -124,7 +125,7 @@ def call_collectively(comm, function, *args, only_root=False):
 
 
 def check_equal_on_ranks(comm, value, what):
-    """Raise InputError unless a value has the same `repr` on all ranks.
+    """Check that a value has the same `repr` on all ranks.
 
     Collective over the mpi4py communicator `comm`. Ranks with different input would deadlock later. `what` names the
     value in the message.

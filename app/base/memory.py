@@ -1,4 +1,4 @@
-"""Memory of hosts and processes, compared with what a solve needs before anything is allocated.
+"""Memory of hosts and processes, checked before anything is allocated.
 
 Peak resident memory of set-up and solve was measured in doubles per cell of the target grid, with coarser grids and
 the solution; see docs/notebook/scaling.md. Ranks of one host share its memory.
@@ -29,13 +29,13 @@ MIN_CHECKED = 1 << 20  # bytes; smaller requests are not checked
 
 
 def set_malloc_option(option, value):
-    """Set an option of glibc's malloc by mallopt's number; do nothing with other C libraries."""
+    """Set an option of glibc's malloc, by mallopt's number."""
     with suppress(AttributeError, ValueError):
         ctypes.CDLL(None).mallopt(option, value)
 
 
 def doubles_per_cell(settings, periodic=False):
-    """Return the most doubles per local cell that a method needs.
+    """Return the most doubles per cell of a method.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ def doubles_per_cell(settings, periodic=False):
 
 
 def doubles_in_strips(grid):
-    """Return the doubles of the strips that a rank transforms at once."""
+    """Return the doubles of strips transformed at once."""
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 
 def check_host_memory(comm, grid, doubles):
-    """Raise InputError on all ranks if a grid exceeds the memory of a host or process.
+    """Check on all ranks that a grid fits into memory.
 
-    Collective.
+    Collective. Each host must hold its ranks, and each process its share.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def check_host_memory(comm, grid, doubles):
 
 
 def check_address_space():
-    """Raise InputError if this process may not load the libraries of a solve."""
+    """Check that this process may load a solver's libraries."""
     free = _address_space()
     if free < LOADING:
         raise InputError(
@@ -96,7 +96,7 @@ def check_address_space():
 
 
 def check_rank_memory(grid, cells):
-    """Raise InputError if this rank cannot hold its cells of a grid by any method."""
+    """Check that this rank can hold its cells of a grid."""
     _check(grid, 8.0 * MIN_DOUBLES * cells, available_memory(), "on one host")
 
 
@@ -109,7 +109,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Raise InputError if a number of bytes exceeds the free memory; `what` needs them."""
+    """Check that a number of bytes for `what` is free."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())
@@ -118,7 +118,7 @@ def check_fits(size, what):
 
 
 def available_memory():
-    """Return the free bytes of the host, or of this process's control groups if fewer.
+    """Return the free bytes of the host and control groups.
 
     Pages that the kernel can drop count as free; swap does not count.
     """
@@ -137,7 +137,7 @@ _CONTROL_GROUPS = {
 
 
 def _free_in_control_groups(root="/"):
-    """Yield infinity, then the free bytes of each control group of this process."""
+    """Yield infinity, then the free bytes of each control group."""
     yield float("inf")
     for line in _lines(f"{root}/proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -156,7 +156,7 @@ def _free_in_control_groups(root="/"):
 
 
 def _address_space():
-    """Return the bytes of address space that this process may still take, by ``ulimit -v``."""
+    """Return the free bytes of address space, by ``ulimit -v``."""
     most, _ = resource.getrlimit(resource.RLIMIT_AS)
     if most == resource.RLIM_INFINITY:
         return float("inf")

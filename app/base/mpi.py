@@ -1,4 +1,4 @@
-"""MPI, started without a search for networks if all ranks are on one host.
+"""MPI, without a search for networks on a single host.
 
 ``from app.base.mpi import MPI`` starts MPI unless another package has, see `app.base.packages`. Importable without
 mpi4py.
@@ -24,10 +24,10 @@ def __getattr__(name):
 
 
 def single_host_variables(environment):
-    """Return variables that choose Open MPI's transports between ranks of one host.
+    """Return variables for Open MPI on one host.
 
-    Open MPI would choose the same after a search for networks. The search takes 0.2 s, a fifth of a small solve's
-    command. Empty if the ranks may be on several hosts, or the user has set one of the variables.
+    They choose transports. Open MPI would choose the same after a search for networks. The search takes 0.2 s, a fifth
+    of a small solve's command. Empty if the ranks may be on several hosts, or the user has set one of the variables.
     """
     variables = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "^openib,ofi,uct,usnic"}
     ranks, local_ranks = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
@@ -41,7 +41,7 @@ def single_host_variables(environment):
 
 @contextmanager
 def temporary_environment(changes):
-    """Set variables of the environment inside the block; remove those that are None."""
+    """Set environment variables inside the block; remove those with None."""
     before = {name: os.environ.pop(name) for name in changes if name in os.environ}
     os.environ.update({name: value for name, value in changes.items() if value is not None})
     try:

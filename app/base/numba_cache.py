@@ -1,7 +1,7 @@
-"""Compiled loops, cached on disk; one process compiles while the others wait.
+"""Compiled loops, cached on disk by one process at a time.
 
-numba's cache lies beside the source, in ``NUMBA_CACHE_DIR``, or in the user's cache folder if the source is read-only.
-If none of these is writable, it is a private folder in the temporary one.
+numba's cache lies in the folder of the source, in ``NUMBA_CACHE_DIR``, or in the user's cache folder if the source is
+read-only. If none of these is writable, it is a private folder in the temporary one.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class LockedCache(FunctionCache):
         self._locked = None
 
     def load_overload(self, signature, context):
-        """Load compiled code; after None the caller compiles, then calls `save_overload` and `unlock`."""
+        """Load compiled code; after None the caller compiles and unlocks."""
         global on_first_compile
         loaded = self._load(signature, context)
         if loaded is None:
@@ -77,7 +77,7 @@ class LockedCache(FunctionCache):
         return loaded
 
     def _load(self, signature, context):
-        """Load without numba's tables of all types, which take 0.1 s and only compiling needs."""
+        """Load without numba's tables of types, which take 0.1 s."""
         if not hasattr(self, "_load_overload"):  # not a public method of numba
             return super().load_overload(signature, context)
         rtsys.initialize(context)  # allocator of arrays
@@ -116,13 +116,13 @@ def cache_folder_of(function):
 
 
 def check_compiler():
-    """Raise InputError if numba interprets loops: some are valid only compiled."""
+    """Check that numba compiles: some loops are invalid interpreted."""
     if numba.config.DISABLE_JIT:
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
 def _private_cache_folder():
-    """Return a temporary folder that only this user can write: numba executes what it loads."""
+    """Return a private temporary folder: numba executes what it loads."""
     folder = Path(tempfile.gettempdir(), f"numba-{os.getuid()}")
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()

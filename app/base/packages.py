@@ -1,7 +1,7 @@
-"""One-line errors for packages that are missing, or compiled for another numpy.
+"""One-line errors of missing or incompatible packages.
 
-A package compiled for numpy 1 does not load with numpy 2, as pip may install beside Debian's packages. numpy then
-prints a long notice and a traceback for each of its modules.
+A package compiled for numpy 1 does not load with numpy 2, as pip may install in addition to Debian's packages. numpy
+then prints a long notice and a traceback for each of its modules.
 """
 
 import io
@@ -92,7 +92,7 @@ def numpy_mismatch(name):
 
 
 def _raise(error):
-    """Raise an error; in a command whose imports fail, print it and exit with status 2."""
+    """Raise an error, or end a command with it."""
     main = sys.modules.get("__main__")
     name = getattr(getattr(main, "__spec__", None), "name", None) or ""
     if name.startswith("app.") and not hasattr(main, "main"):

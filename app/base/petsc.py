@@ -1,4 +1,4 @@
-"""Functions of PETSc's C library that petsc4py 3.18 lacks, and differences between its releases.
+"""Functions that petsc4py 3.18 lacks, and differences between releases.
 
 ``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide the differences.
 """
@@ -42,20 +42,20 @@ def _library():
 
 
 def call(name, *arguments):
-    """Call a C function of PETSc; raise PETSc.Error if it fails. Collective as that function."""
+    """Call a C function of PETSc. Collective as that function."""
     if code := getattr(_library(), name)(*arguments):
         raise PETSc.Error(code)
 
 
 @cache
 def return_large_arrays():
-    """Let malloc return large arrays to the system; SuperLU_DIST, part of many a PETSc, forbids it."""
+    """Let malloc return large arrays, which SuperLU_DIST forbids."""
     with suppress(ValueError):  # a text that is no number
         set_malloc_option(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 
 
 def _ignore_closed_pipes():
-    """Restore Python's handler of SIGPIPE: PETSc's aborts, and the system's, after PETSc ends, kills."""
+    """Restore Python's handler of SIGPIPE; others end the process."""
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
@@ -65,7 +65,7 @@ _ignore_closed_pipes()
 
 @atexit.register
 def _finalize():
-    """Finalize PETSc while Python still runs: objects at module level call their Python contexts."""
+    """Finalize PETSc while Python runs: objects call their Python contexts."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed
             stream.flush()
@@ -97,7 +97,10 @@ _LOCK = threading.RLock()
 
 
 def synchronized(function):
-    """Run a function in one thread at a time: PETSc's options database is global."""
+    """Run a function in one thread at a time.
+
+    PETSc's options database is global.
+    """
 
     @wraps(function)
     def locked(*args, **kwargs):
@@ -108,7 +111,7 @@ def synchronized(function):
 
 
 def mpi_comm(comm):
-    """Return the mpi4py communicator of a communicator of petsc4py or mpi4py; None means all ranks.
+    """Return an mpi4py communicator; None means all ranks.
 
     Raises
     ------
@@ -162,14 +165,14 @@ def error_message(error):
 
 
 def _unwrapped(error):
-    """Return the cause of an error of PETSc: newer petsc4py wraps any exception of a callback."""
+    """Return the exception of a callback that newer petsc4py wraps."""
     while isinstance(error, PETSc.Error) and error.__cause__ is not None:
         error = error.__cause__
     return error
 
 
 def to_input_error(error):
-    """Return an InputError if PETSc found solvers incompatible; otherwise the error itself."""
+    """Return an InputError if PETSc found solvers incompatible."""
     inner = _unwrapped(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _INCOMPATIBLE:
         return InputError(f"solver options: {error_message(inner)}")
@@ -178,7 +181,10 @@ def to_input_error(error):
 
 @contextmanager
 def unwrap_errors():
-    """Raise exceptions of Python callbacks as they were; newer petsc4py wraps them in PETSc.Error."""
+    """Raise exceptions of Python callbacks unwrapped.
+
+    Newer petsc4py wraps them in PETSc.Error.
+    """
     try:
         yield
     except PETSc.Error as error:
@@ -229,12 +235,12 @@ def _no_entries(mat, kind, info):
 
 
 def report_no_entries(mat):
-    """Let ``getInfo`` of a Mat of type python report no stored entries; petsc4py does not."""
+    """Let ``getInfo`` of a Mat of type python report no entries."""
     call("MatSetOperation", mat.handle, _MATOP_GETINFO, ctypes.cast(_no_entries, ctypes.c_void_p))
 
 
 def check_cells(grid):
-    """Raise InputError if a grid has more cells than PETSc's integers can number."""
+    """Check that PETSc's integers can number the cells of a grid."""
     most = np.iinfo(PETSc.IntType).max
     if grid.n > most:
         raise InputError(
@@ -244,7 +250,7 @@ def check_cells(grid):
 
 
 class Resources:
-    """Objects with a ``destroy`` and a communicator, freed in reverse order, once. Collective."""
+    """Objects to destroy in reverse order, once. Collective."""
 
     def __init__(self):
         return_large_arrays()
@@ -260,7 +266,7 @@ class Resources:
         part.destroy()
 
     def free(self):
-        """Free everything, unless PETSc or MPI has ended."""
+        """Free everything, unless PETSc has ended."""
         if PETSc.Sys.isFinalized() or MPI.Is_finalized():
             return
         while self._parts:

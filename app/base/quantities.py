@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """Unit in files ("1" for none), label (default: the name in words), meaning, symbol on axes."""
+    """Unit in files, label, meaning, and symbol on axes."""
 
     unit: str = "1"
     label: str = ""
@@ -55,7 +55,7 @@ QUANTITIES = {
 
 
 def unit_of(name):
-    """Return the unit of a quantity, or of its analytic value; "1" if not in the table."""
+    """Return the unit of a quantity or its analytic value."""
     return QUANTITIES.get(name.removeprefix("analytic_"), Quantity()).unit
 
 

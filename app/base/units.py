@@ -1,4 +1,4 @@
-"""Units of length: their names in files and options, and a readable one for a number."""
+"""Units of length in files, options and messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Unit(NamedTuple):
 
 
 def find_unit(name):
-    """Return the name in `UNITS` of a unit as files write it, or None."""
+    """Return the name of a unit in `UNITS`, or None."""
     if isinstance(name, bytes):
         name = name.decode(errors="replace")
     # Two code points mean micro, and two angstrom: NFKC makes them one.
@@ -47,7 +47,7 @@ unit.names = (ALLOWED,)  # for the help
 
 
 def choose_length_unit(largest):
-    """Return nm, µm, mm or m, in which lengths up to `largest` [mm] are readable numbers."""
+    """Return the unit in which lengths up to `largest` [mm] are readable."""
     for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
         if largest >= least:
             return unit
@@ -55,7 +55,7 @@ def choose_length_unit(largest):
 
 
 def round_to_cell(value, cell):
-    """Round a position to a thousandth of a cell size; smaller parts are rounding errors.
+    """Round a position to a thousandth of a cell size.
 
     Examples
     --------

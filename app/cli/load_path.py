@@ -107,7 +107,7 @@ def run_path(request, solver, stiffness, save):
     path = solver.path(stiffness=stiffness, **{request.kind: request.numbers})  # checks the numbers
     checkpoint = call_collectively(solver.comm, _Checkpoint, request, solver)
     rows, notes = solver.comm.bcast((checkpoint.rows, checkpoint.notes))
-    path.go_on_after(rows)
+    path.resume_after(rows)
     if rows:
         print_output(f"{len(rows)} of {len(path)} steps are done already")
     notes = notes[: len(path) - 1]  # the last step is solved in any case

@@ -60,7 +60,7 @@ def _option(kind, default, meaning, strategies=_STRATEGIES, only_nested=False):
 # fmt: off
 @dataclass(frozen=True)
 class Settings:
-    """Values of the options ``-lcp_NAME``, and the texts of all options."""
+    """Values of the options ``-lcp_NAME``, and all texts."""
 
     type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
     nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
@@ -128,7 +128,7 @@ _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # preconditioners 
 
 
 def find_method_file(name):
-    """Return the path of a method file by its name; raise InputError if unknown."""
+    """Return the path of a method file by its name."""
     if name not in {path.stem for path in FILES.glob("*.opts")}:
         raise InputError(f"method {name!r}: must be one of {', '.join(list_methods())}")
     return FILES / f"{name}.opts"
@@ -142,7 +142,7 @@ def list_methods():
 
 
 def read_method_file(name):
-    """Return the options of a method file, name -> text; PETSc reads them."""
+    """Return the options of a method file, name -> text."""
     return read_option_file(find_method_file(name))
 
 
@@ -199,12 +199,12 @@ def make_settings(method=None, options=None, periodic=False):
 
 
 def _is_method(texts):
-    """Return whether options are those of a method file: they choose a strategy, or KSP and PC."""
+    """Return whether options choose a strategy, or KSP and PC."""
     return "lcp_type" in texts or {"ksp_type", "pc_type"} <= texts.keys()
 
 
 def _drop_overridden_methods(files, typed):
-    """Remove all method files but the last of the chosen strategy; return a warning for each."""
+    """Remove overridden method files; return a warning for each."""
     warnings, strategy, last = [], typed.get("lcp_type"), None
     for name in [name for name in reversed(files) if _is_method(files[name])]:
         mismatch = strategy is not None and files[name].get("lcp_type", "active_set") != strategy
@@ -217,7 +217,7 @@ def _drop_overridden_methods(files, typed):
 
 
 def _find_replaceable(files, typed):
-    """Return the names in method files that are followed by a choice of other solvers."""
+    """Return names in method files before another choice of solvers."""
     later, replaceable = set(typed), set()
     for texts in reversed(files.values()):
         if _is_method(texts) and any(map(_CHOICE.fullmatch, later)):
@@ -227,7 +227,9 @@ def _find_replaceable(files, typed):
 
 
 def drop_unused(settings, unused, known):
-    """Return settings without unused options of method files; raise InputError at others.
+    """Return settings without unused options of method files.
+
+    Raises InputError at other unused options.
 
     Parameters
     ----------
@@ -245,7 +247,7 @@ def drop_unused(settings, unused, known):
 
 
 def _find_useless(texts):
-    """Return options that are not at their default and have no effect: name -> what they need."""
+    """Return changed options without effect: name -> what they need."""
     reader, useless = OptionReader(METHOD_OPTIONS, texts), {}
     for name in texts.keys() & _TABLE.keys():
         option = _TABLE[name]
@@ -261,7 +263,7 @@ def _find_useless(texts):
 
 
 def _check_solvers(strategy, texts):
-    """Raise InputError at options of PETSc that spoil a strategy, or abort."""
+    """Check options of PETSc that spoil a strategy, or abort."""
     has_bounds = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
     for name, text in texts.items():
         for end, (spoilt, reason) in _REFUSED.items():

@@ -1,4 +1,4 @@
-"""Options as tables of name, kind, default and meaning, and a reader of their values from texts.
+"""Tables of options, and a reader of their values.
 
 `app.cli.option_sources` takes the texts from files, environment and command line; a program from a dict. Options of
 linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) are PETSc's and in no table.
@@ -19,14 +19,14 @@ import numpy as np
 
 from app.base.errors import InputError, shorten
 
-LARGEST = 1e50  # 1 / LARGEST is the smallest number besides 0: neither squares nor quotients overflow
+LARGEST = 1e50  # 1 / LARGEST is the smallest number but 0: neither squares nor quotients overflow
 REQUIRED = object()
-# The program's option files: inside of an installed package, beside app/ in a checkout.
+# The program's option files: in an installed package, or in the folder of app/.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
 
 def find_option_file(path):
-    """Return the path of an option file: itself, or one of `FILES`, also without ``.opts``."""
+    """Return the path of an option file, also of one of `FILES`, also without ``.opts``."""
     for name in (path, f"{path}.opts"):
         own = FILES / Path(name).name
         if os.path.exists(name):  # noqa: PTH110: accepts names of any length
@@ -37,7 +37,9 @@ def find_option_file(path):
 
 
 def list_named_files(text):
-    """Return names of files that an option may mean: its text, without ``:/DATASET``, as a module.
+    """Return names of files that an option may mean.
+
+    These are its text, the text without ``:/DATASET``, and the file of a module.
 
     Examples
     --------
@@ -51,7 +53,10 @@ def list_named_files(text):
 
 @dataclass(frozen=True)
 class Option:
-    """One option; its kind turns a text into a value, or raises ValueError with what is allowed."""
+    """An option.
+
+    Its `kind` is a function that turns a text into a value, or raises ValueError with what is allowed.
+    """
 
     name: str
     kind: object
@@ -65,7 +70,7 @@ class Option:
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
     def help(self, files=None):
-        """Return a line for ``-help``, with the values in option files, name -> texts."""
+        """Return a line for ``-help``, with values in option files."""
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
             if self.name in texts:
@@ -75,7 +80,7 @@ class Option:
 
 
 def format_value(value):
-    """Write a value as a user would type it; nothing for None or `REQUIRED`.
+    """Write a value as a user would type it.
 
     Examples
     --------
@@ -123,7 +128,7 @@ class OptionReader:
         return list(self._table)
 
     def given(self, *names):
-        """Return whether one of some options is set; does not count as reading it."""
+        """Return whether one of some options is set."""
         return any(name.lower() in self._texts for name in names)
 
     def __getitem__(self, name):
@@ -151,12 +156,12 @@ class OptionReader:
             raise InputError(f"{wrong}: must be {error}{unit}") from None
 
     def unused(self):
-        """Return the names of the table's options that are set and were not read, sorted."""
+        """Return the names of set options that were not read."""
         return sorted(self._table.keys() & self._texts.keys() - self.asked)
 
 
 def to_texts(options, what="options"):
-    """Write options as on a command line: names in lower case, values as text.
+    """Convert options to texts, with names in lower case.
 
     Raises
     ------
@@ -195,7 +200,7 @@ def format_options(texts):
 
 
 def find_similar_name(name, known):
-    """Return the known name that differs by two letters, or a quarter of a short name; or None.
+    """Return a known name that differs by few letters, or None.
 
     Examples
     --------
@@ -249,7 +254,10 @@ def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allow
 
 
 def real(allowed="a finite number", **limits):
-    """Kind: a real number within limits; inf is allowed if it is the highest."""
+    """Kind: a real number within limits.
+
+    inf is allowed if it is the highest.
+    """
     return partial(_real, allowed=allowed, **limits)
 
 

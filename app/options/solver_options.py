@@ -1,4 +1,4 @@
-"""Options of one solver, in PETSc's database under a prefix of its own.
+"""Options of one solver in PETSc's database, under its prefix.
 
 PETSc's database holds 512 options. Those of a solver are in it during set-up and solves only. Options that the user has
 set under the prefix stay there, and override the solver's.
@@ -74,7 +74,7 @@ class SolverOptions:
 
     @contextmanager
     def inserted(self):
-        """Keep the options in PETSc's database inside the block, and note which are used."""
+        """Insert the options into PETSc's database inside the block; note which are used."""
         if self._is_inserted:
             yield
             return
@@ -94,7 +94,7 @@ class SolverOptions:
             self._is_inserted = False
 
     def insert_for_good(self, others):
-        """Leave all options, and other used ones, in PETSc's database for its views and logs."""
+        """Insert all options, and used ones of others, for PETSc's logs."""
         used = self._ours | others
         for name, text in (self.texts | used).items():
             PETSc.Options().setValue(self.prefix + name, text or None)
@@ -108,7 +108,7 @@ class SolverOptions:
         self._judged.difference_update(names)
 
     def unused(self, comm, late=False):
-        """Return the names of options that no rank has used, sorted.
+        """Return the names of options that no rank has used.
 
         Collective over the mpi4py communicator `comm`. Options that PETSc reads while it solves count if `late`.
         """
@@ -150,7 +150,7 @@ def temporary_options(prefix, defaults, forced):
 
 
 def read_option_file(path, flag="-options_file"):
-    """Return the options of a file, name -> text, as PETSc reads them by the option `flag`.
+    """Return the options of a file, as PETSc reads them.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def read_option_file(path, flag="-options_file"):
 
 
 def _pop_prefixes(database):
-    """Pop all prefixes that PETSc puts before new options; return their number."""
+    """Pop all prefixes of new options; return their number."""
     for pushed in count():
         database.insertString(f"-{_PROBE}")
         [probe] = (name for name in database.getAll() if name.endswith(_PROBE))
@@ -185,7 +185,7 @@ def _pop_prefixes(database):
 
 
 def options_with_prefix(prefix):
-    """Return the options in PETSc's database that begin with a prefix: name without it -> text."""
+    """Return options of PETSc's database without their common prefix."""
     database, texts = PETSc.Options(), {}
     for name in database.getAll():  # cuts values at blanks
         if name.lower().startswith(prefix):
@@ -198,7 +198,7 @@ def options_with_prefix(prefix):
 
 
 def _names(database):
-    """Return the names in PETSc's database, in lower case, without using them."""
+    """Return the names in PETSc's database, in lower case."""
     return {*map(str.lower, database.getAll())}
 
 
@@ -207,7 +207,7 @@ def _mark_used(name):
 
 
 def is_used(name):
-    """Return whether an option of PETSc's database was read; petsc4py 3.24 has ``Options.used``."""
+    """Return whether an option of PETSc's database was read."""
     used = ctypes.c_int()
     call("PetscOptionsUsed", None, name.encode(), ctypes.byref(used))
     return bool(used.value)

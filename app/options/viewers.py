@@ -1,4 +1,4 @@
-"""Checks of viewers and files in PETSc's options, before any work.
+"""Checks of viewers and files in PETSc's options.
 
 PETSc itself checks them only when there is something to view, and aborts at some of them.
 """
@@ -20,14 +20,14 @@ _AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw
 
 
 def check_viewers(texts):
-    """Raise InputError if a viewer among the options of a solver is not allowed."""
+    """Check the viewers among the options of a solver."""
     for name, text in texts.items():
         if any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY)):
             check_viewer(name, text)
 
 
 def check_viewer(name, text):
-    """Raise InputError unless PETSc can show an option by a viewer ``KIND:FILE:FORMAT``."""
+    """Check a viewer ``KIND:FILE:FORMAT``."""
     kind, file, *_ = [*text.split(":"), ""]
     if kind not in ("", *_KINDS):
         raise InputError(
@@ -43,7 +43,7 @@ def check_viewer(name, text):
 
 
 def check_output(name, text, file):
-    """Raise InputError if PETSc cannot write a file that an option names."""
+    """Check that PETSc can write a file."""
     folder = Path(file).parent
     if not folder.is_dir():
         raise InputError(f"-{name} {text}: there is no folder {folder}")

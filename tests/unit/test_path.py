@@ -174,7 +174,7 @@ def test_rows_of_other_loads_are_refused(kind):
         with pytest.raises(InputError, match="step 1 has "):
             solver.path(rows=path.rows[1:], **{kind: numbers})
         for value in "x", None, [1.0]:
-            with pytest.raises(InputError, match="rows: needed: those of an earlier path"):
+            with pytest.raises(InputError, match="rows: must be the .rows. of an earlier path"):
                 solver.path(rows=[path.rows[0] | {"max_pressure": value}], **{kind: numbers})
         missed = [path.rows[0], path.rows[1] | {"converged": False}]
         assert len(solver.path(rows=missed, **{kind: other}).rows) == 2

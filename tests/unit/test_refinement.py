@@ -182,7 +182,7 @@ def test_stops_before_the_largest_grid_that_petsc_can_count(monkeypatch):
 def test_refuses_what_has_no_finer_grid():
     with pytest.raises(InputError, match="known on its own grid only, there is no finer one"):
         refine(self_affine(32), 0.1, load=3.0)
-    with pytest.raises(InputError, match="refine until 2: allowed"):
+    with pytest.raises(InputError, match="refine until 2: must be"):
         refine(hertz(16), 2, load=3.0)
 
 

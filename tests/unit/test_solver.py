@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from running import assert_proved_equal, assert_solves_lcp
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, Solution, Sphere, read_result, solve
-from app.api.solution import OF_RUN
+from app.api.solution import RUN_ATTRIBUTES
 from app.base.errors import InputError
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
@@ -406,10 +406,10 @@ def test_a_file_has_fields_of_ones_own_beside_its_own_ones(tmp_path):
     np.testing.assert_array_equal(saved.extra["wear"], wear)
     assert saved.attributes["passes"] == 3
     for name in (*found.attributes, "pressure", "x", "history", "units", "message"):
-        if name in OF_RUN:
+        if name in RUN_ATTRIBUTES:
             continue
         for value in (wear, 3):
-            with pytest.raises(InputError, match=f"{name} is there already; allowed: another name"):
+            with pytest.raises(InputError, match=f"{name} is there already; take another name"):
                 found.save(tmp_path / "other.h5", **{name: value})
     columns = {"load": [1.0, 2.0], "approach": [1.0]}
     for steps, message in (
