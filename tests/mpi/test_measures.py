@@ -32,7 +32,7 @@ def problems():
 
 
 @pytest.mark.mpi(2, 3)
-def test_measures_are_the_same_on_any_number_of_ranks(comm):
+def test_measures_are_independent_of_ranks(comm):
     for problem in problems():
         several, alone = (solve(problem, -5e-4, comm=one, lcp_rtol=1e-12) for one in (comm, MPI.COMM_SELF))
         assert 0 < alone.contact_fraction < 1
@@ -41,7 +41,7 @@ def test_measures_are_the_same_on_any_number_of_ranks(comm):
 
 
 @pytest.mark.mpi(1, 2, 3)
-def test_a_wall_of_few_cells_is_noted_wherever_it_stands(comm):
+def test_narrow_contact_is_noted_on_any_rank(comm):
     """Across the rows of several ranks, and across the sides of a periodic patch."""
     for width, periodic, along in product((1, 2, 3, 4), (False, True), "xy"):
         rows = np.arange(4, 4 + width) - 5 * periodic
@@ -55,7 +55,7 @@ def test_a_wall_of_few_cells_is_noted_wherever_it_stands(comm):
 
 
 @pytest.mark.mpi(2, 3)
-def test_patches_are_the_same_on_any_number_of_ranks(comm):
+def test_patches_are_independent_of_ranks(comm):
     several = 0
     for problem in problems():
         solution = solve(problem, -5e-4, comm=comm, lcp_rtol=1e-12)
@@ -72,7 +72,7 @@ def test_patches_are_the_same_on_any_number_of_ranks(comm):
 
 
 @pytest.mark.mpi(1, 3)
-def test_a_measured_surface_that_is_not_periodic_says_so(tmp_path, comm):
+def test_measured_surface_that_is_not_periodic_is_noted(tmp_path, comm):
     """A wave that fits is periodic; three quarters of one are not, in either direction."""
     for waves, told in (((3, 2), False), ((2.75, 2), True), ((3, 1.75), True)):
         at_x, at_y = (2 * np.pi * k * np.arange(64) / 64 for k in waves)
@@ -88,7 +88,7 @@ def test_a_measured_surface_that_is_not_periodic_says_so(tmp_path, comm):
 
 
 @pytest.mark.mpi(1, 3)
-def test_the_load_that_filled_points_carry_is_that_of_all_ranks(comm):
+def test_load_on_filled_points_is_of_all_ranks(comm):
     """Rows 9 to 12 were not measured, which lie on two ranks."""
     x = np.linspace(-1, 1, 32)
     cap = -(x**2) - (x[:, None] + 0.3) ** 2

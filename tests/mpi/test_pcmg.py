@@ -5,9 +5,11 @@ import weakref
 
 import numpy as np
 import pytest
+from cases import APPROACH, hertz
 from mpi4py import MPI
 from operators import STEEL, asymmetry, slabs_of
 from petsc4py import PETSc
+from running import solve
 
 from app.base.errors import InputError
 from app.base.petsc import unwrap_errors
@@ -78,7 +80,7 @@ def of_the_loop(grid, kind):
 @pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize("kind", ["gmres", "cg", "richardson"])
 @pytest.mark.parametrize("grid", [FREE, PERIODIC], ids=["free", "periodic"])
-def test_a_users_ksp_needs_as_many_iterations_as_the_loop(comm, kind, grid):
+def test_ksp_of_a_user_needs_as_many_iterations_as_the_loop(comm, kind, grid):
     """For one contact set and then another, however PETSc is notified."""
     operator, mat = bare(comm, grid)
     counts, (p, b) = [], mat.createVecs()
@@ -118,7 +120,7 @@ def ready(comm, grid=FREE):
 
 
 @pytest.mark.mpi(1, 2)
-def test_cycles_of_a_ksp_that_needs_symmetry_are_symmetric(comm):
+def test_cycle_is_symmetric_for_a_ksp_that_needs_it(comm):
     """Whether the type is an option or set in code, and as often as it changes."""
     operator, ksp, (mat, p, b) = ready(comm)
     ksp.solve(b, p)
@@ -169,7 +171,7 @@ def test_options_are_read_under_the_prefix_of_the_pc(comm):
         (Grid(1, 1, 0.1, 0.1), "1", "the grid 1,1 cannot be halved; allowed: at least 2 cells"),
     ],
 )
-def test_what_the_grid_does_not_allow_is_refused(comm, grid, levels, message):
+def test_invalid_numbers_of_levels_are_refused(comm, grid, levels, message):
     _, ksp, parts = ready(comm, grid)
     with (
         temporary_options("", {}, {"pc_mg_levels": levels}),
@@ -252,3 +254,55 @@ def test_an_interrupted_cycle_can_be_repeated(comm, place, call, monkeypatch):
         gc.collect()
     PETSc.garbage_cleanup()
     assert gone() is None  # else without Python's collector of cycles
+
+
+@pytest.mark.mpi(2)
+def test_coarsest_grid_of_many_cells_or_ranks_is_refused(comm):
+    for n, levels, message in (
+        (128, 2, "64 x 64 cells is too large"),
+        (64, 3, "16 x 16 cells is on 2 ranks"),
+    ):
+        with pytest.raises(InputError, match=f"a coarsest grid of {message}"):
+            solve(hertz(n), APPROACH, "mg_v11", pc_mg_levels=levels, lcp_cells_per_rank=1)
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize("method", ["fmg_v11", "fmg_fft"])
+def test_multigrid_with_one_level_is_its_smoother(comm, method):
+    """No grid is too large for it, and no matrix is assembled."""
+    one_level = solve(hertz(96), APPROACH, method, pc_mg_levels=1, lcp_max_it=300)
+    assert one_level.converged
+    assert one_level.iterations > 2 * solve(hertz(96), APPROACH, method).iterations
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize(
+    ("who", "options"),
+    [
+        (
+            "Circulant",
+            {
+                "mg_coarse_pc_type": "python",
+                "mg_coarse_pc_python_type": "app.methods.free.circulant.Circulant",
+            },
+        ),
+        (
+            "Circulant",
+            {
+                "mg_coarse_sub_pc_type": "python",
+                "mg_coarse_sub_pc_python_type": "app.methods.free.circulant.Circulant",
+            },
+        ),
+        (
+            "TrackingCG",
+            {
+                "mg_coarse_ksp_type": "python",
+                "mg_coarse_ksp_python_type": "app.methods.free.tracking_cg.TrackingCG",
+            },
+        ),
+        ("TwoGrid", {"pc_type": "python", "pc_python_type": "app.methods.periodic.two_grid.TwoGrid"}),
+    ],
+)
+def test_solvers_of_default_methods_refuse_other_systems(comm, who, options):
+    with pytest.raises(InputError, match=f"{who}: needs an In"):
+        solve(hertz(32), APPROACH, "fmg_v11", **options)

@@ -64,7 +64,7 @@ def assert_same_as_alone(comm, here, alone, seed):
 
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("grid", GRIDS)
-def test_each_rank_finds_its_rows(comm, grid):
+def test_transfers_are_independent_of_ranks(comm, grid):
     handed_over = 0
     alone = Hierarchy(grid, 1.0, MPI.COMM_SELF)
     for cells in CELLS:
