@@ -28,10 +28,7 @@ _MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no ti
 
 
 def check_room(comm, grid, settings):
-    """Raise if some host lacks the memory for a target grid. Collective.
-
-    `settings` are app.options.method.Settings. Raises InputError.
-    """
+    """Raise InputError if some host lacks the memory for a target grid. Collective."""
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.
@@ -41,10 +38,10 @@ def check_room(comm, grid, settings):
     check_host_memory(ranks.comm, grid, doubles)
 
 
-def _check_same_on_all(comm, problem):
+def _check_equal_on_ranks(comm, problem):
     """Raise if the problem differs between ranks. Collective.
 
-    It may by random numbers without a seed. Ranks compare weighted sums of some rows, up to rounding. No row is in the
+    Random numbers without a seed would make it differ. Ranks compare weighted sums of some rows, up to rounding. No row is in the
     middle, and each cell has its own weight, so that turned or shifted rows differ.
     """
     if comm.size == 1:
@@ -200,7 +197,7 @@ class Hierarchy:
         shapes = call_collectively(
             self.comm, lambda: [evaluate_shape(problem, level.grid, level.slabs.rows) for level in levels]
         )
-        _check_same_on_all(self.comm, problem)
+        _check_equal_on_ranks(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():
             shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes

@@ -18,7 +18,7 @@ MEASURES = (
 
 
 def problems():
-    """Free, periodic, with holes; as rough as the cells, and band-limited. Some ranks have a row or two, or none."""
+    """Yield free and periodic problems with and without holes; some ranks have one row or none."""
     for shape in ((2, 24), (13, 16)):
         grid = Grid.from_domain(*shape[::-1], (0.0, 3.0, 0.0, 2.0))
         gap = 1e-3 * np.random.default_rng(3).normal(size=shape)
@@ -73,7 +73,7 @@ def test_patches_are_independent_of_ranks(comm):
 
 @pytest.mark.mpi(1, 3)
 def test_measured_surface_that_is_not_periodic_is_noted(tmp_path, comm):
-    """A wave that fits is periodic; three quarters of one are not, in either direction."""
+    """Whole waves are periodic; three quarters of one are not, in either direction."""
     for waves, told in (((3, 2), False), ((2.75, 2), True), ((3, 1.75), True)):
         at_x, at_y = (2 * np.pi * k * np.arange(64) / 64 for k in waves)
         if comm.rank == 0:
@@ -89,7 +89,7 @@ def test_measured_surface_that_is_not_periodic_is_noted(tmp_path, comm):
 
 @pytest.mark.mpi(1, 3)
 def test_load_on_filled_points_is_of_all_ranks(comm):
-    """Rows 9 to 12 were not measured, which lie on two ranks."""
+    """The filled rows 9 to 12 are on two ranks."""
     x = np.linspace(-1, 1, 32)
     cap = -(x**2) - (x[:, None] + 0.3) ** 2
     cap[9:13] = np.nan

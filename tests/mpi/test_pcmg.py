@@ -39,7 +39,7 @@ def right_side(operator):
 
 
 def bare(comm, grid):
-    """An operator that belongs to no hierarchy, and its Mat."""
+    """Make an operator without hierarchy, and its Mat."""
     operator = InfluenceOperator(grid, STEEL, slabs_of(comm, grid), comm if comm.size > 1 else None)
     return operator, operator.mat()
 
@@ -60,7 +60,7 @@ def with_prefix(prefix, options):
 
 
 def of_the_loop(grid, kind):
-    """Iterations that the linear solver of the paper's loop needs for each contact set, on one rank."""
+    """Return the iterations of the paper's loop for each contact set, on one rank."""
     hierarchy, counts = Hierarchy(grid, STEEL, MPI.COMM_SELF), []
     options = {"ksp_type": kind, "ksp_norm_type": "preconditioned", "ksp_rtol": str(RTOL), "ksp_max_it": "60"}
     with temporary_options("", {}, options | {"pc_type": "mg"}):
@@ -81,7 +81,7 @@ def of_the_loop(grid, kind):
 @pytest.mark.parametrize("kind", ["gmres", "cg", "richardson"])
 @pytest.mark.parametrize("grid", [FREE, PERIODIC], ids=["free", "periodic"])
 def test_ksp_of_a_user_needs_as_many_iterations_as_the_loop(comm, kind, grid):
-    """For one contact set and then another, however PETSc is notified."""
+    """For two contact sets in turn, with both ways to notify PETSc."""
     operator, mat = bare(comm, grid)
     counts, (p, b) = [], mat.createVecs()
     with temporary_options("", {}, with_prefix("user_", MULTIGRID)):
@@ -104,7 +104,7 @@ def test_ksp_of_a_user_needs_as_many_iterations_as_the_loop(comm, kind, grid):
 
 
 def ready(comm, grid=FREE):
-    """A KSP with the PC, set in code, ready to solve for the first contact set; and what belongs to it."""
+    """Make a KSP with the PC, set in code, and its operator, Mat and Vecs, for the first contact set."""
     operator, mat = bare(comm, grid)
     operator.mask[...] = contact_sets(grid)[0][operator.slabs.rows]
     mat.assemble()
@@ -121,7 +121,7 @@ def ready(comm, grid=FREE):
 
 @pytest.mark.mpi(1, 2)
 def test_cycle_is_symmetric_for_a_ksp_that_needs_it(comm):
-    """Whether the type is an option or set in code, and as often as it changes."""
+    """The type may be an option, set in code, or changed."""
     operator, ksp, (mat, p, b) = ready(comm)
     ksp.solve(b, p)
     assert asymmetry(ksp.getPC(), operator, mat) > 1e-4
@@ -138,7 +138,7 @@ def test_cycle_is_symmetric_for_a_ksp_that_needs_it(comm):
 
 @pytest.mark.mpi(1, 2)
 def test_options_are_read_under_the_prefix_of_the_pc(comm):
-    """So two solvers of one program have cycles of their own; the user's options stay."""
+    """Two solvers of one program have different cycles; the user's options stay."""
     operator, ksp, parts = ready(comm)
     mat, p, b = parts
     options = {"pc_mg_levels": "3", "mg_levels_pc_sor_omega": "1", "mg_levels_ksp_max_it": "2"}
@@ -225,7 +225,7 @@ def test_a_scaled_mat_is_refused(comm):
     ids=lambda place: place[1],
 )
 def test_an_interrupted_cycle_can_be_repeated(comm, place, call, monkeypatch):
-    """By the KSP, after a reset; nothing is left then."""
+    """After a reset of the KSP; no memory leaks."""
     operator, ksp, (mat, p, b) = ready(comm)
     ksp.solve(b, p)
     expected, calls, plain = ksp.getIterationNumber(), [], getattr(*place)
@@ -269,7 +269,7 @@ def test_coarsest_grid_of_many_cells_or_ranks_is_refused(comm):
 @pytest.mark.mpi(1, 2)
 @pytest.mark.parametrize("method", ["fmg_v11", "fmg_fft"])
 def test_multigrid_with_one_level_is_its_smoother(comm, method):
-    """No grid is too large for it, and no matrix is assembled."""
+    """It needs no matrix, so the grid may be large."""
     one_level = solve(hertz(96), APPROACH, method, pc_mg_levels=1, lcp_max_it=300)
     assert one_level.converged
     assert one_level.iterations > 2 * solve(hertz(96), APPROACH, method).iterations

@@ -25,7 +25,7 @@ CELLS = (1, 100, 10**6)  # a rank has at least: all grids are shared, but the sm
 
 
 def assert_same_as_alone(comm, here, alone, seed):
-    """Every operation of a transfer gives this rank its rows of what one rank alone finds."""
+    """Assert that each operation of a transfer gives this rank its rows of the serial result."""
     rng = np.random.default_rng(seed)
     fine, coarse = alone.fine.grid.shape, alone.coarse.grid.shape
     rows, coarse_rows = here.fine.slabs.rows, here.coarse.slabs.rows

@@ -25,7 +25,7 @@ def make_state(shape, approach=0.0):
 
 
 class FixedPressure:
-    """A linear solver that answers with a given pressure."""
+    """A linear solver whose solution gives a fixed pressure."""
 
     level, work_units = 0, 0.0
 
@@ -45,7 +45,7 @@ class FixedPressure:
 
 
 def run_one_iteration(shape, contact, pressure, approach=0.0):
-    """Run one iteration from a contact set with this pressure from the linear solver."""
+    """Run one iteration from a contact set, with the pressure of the linear solver."""
     state = make_state(shape, approach)
     state.contact[...] = [contact]
     history, solver = History(), FixedPressure(state, pressure)
@@ -135,7 +135,7 @@ def test_start_from_interpenetration_and_norm_of_h():
 
 @pytest.mark.parametrize("method", ["norm", "fmg_v11"])
 def test_iteration_limit_counts_iterations_in_a_row(method):
-    """A search for a load makes several rows of them."""
+    """A search for a load makes several such rows."""
     solution = solve(periodic_rough(32), None, method, load=20.0, lcp_max_it=1)
     assert not solution.converged
     assert solution.message.startswith("1 active set iterations in a row were not enough")

@@ -132,7 +132,7 @@ def test_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
 
 @pytest.mark.parametrize("method", ["fast", "mg_v11", "norm"])
 def test_initial_pressure_is_projected(method):
-    """It may be of a problem with other holes, or have pressures that are not allowed."""
+    """A start from another problem may have pressures that are not allowed."""
     grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
     x, y = np.meshgrid(grid.x(), grid.y())
     gap = (x**2 + y**2) / 20
@@ -147,7 +147,7 @@ def test_initial_pressure_is_projected(method):
 
 
 def test_only_the_bounds_compare_and_clip_pressures():
-    """Nothing else in the solvers knows that a pressure is at least zero."""
+    """No other module of the solvers compares a pressure with zero."""
     spelt = re.compile(
         r"\bp(\[\w+(, \w+)*\])? < 0|maximum\((\w+\.)?(p|pressure|values)\b|max\(p\[\w+\], 0|\.p > 0\b"
     )

@@ -28,7 +28,7 @@ def test_certificate_has_the_smallest_pressure():
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize(("p", "smallest"), [((3.0, -0.25, 0.5, 0.0), -0.25), ((3.0, 0.5, 0.0, 0.5), -0.5)])
 def test_forbidden_pressure_has_no_error_bound(periodic, p, smallest):
-    """Negative, or where there can be none; what rounding makes negative is nothing."""
+    """Pressures that are negative, or in inadmissible cells; rounding errors are allowed."""
     operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0, periodic=periodic), 1.0)
     for share, bounded in (1.0, False), (1e-16, True):
         state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
@@ -75,7 +75,7 @@ def pressed(problem, approach, p):
 @pytest.mark.parametrize("holes", [0.0, 0.1])
 @pytest.mark.parametrize("seed", range(4))
 def test_error_bound_holds_on_periodic_patches(seed, holes):
-    """For the approach, and for the load that the exact solution has, if the pressure has it, too."""
+    """For the approach, and for the load of the exact solution if the pressure has it."""
     problem, approach = periodic.rough(9, 8, seed, holes), (0.5, 0.9, 0.99)[seed % 3]
     approach *= np.nanmean(problem.gap)
     exact, matrix = periodic.by_pivoting(problem, approach)
@@ -114,7 +114,7 @@ def test_small_error_bound_needs_no_product(seed, monkeypatch):
 @pytest.mark.parametrize("depth", [1e-3, 1e-10, 1e-16, 1e-25])
 @pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-6, 1.1])
 def test_error_bound_is_sharp_at_first_touch(depth, share):
-    """Sums of gaps, larger than those of contact by many decades, have no part in the bound."""
+    """Large sums of gaps outside contact do not enter the bound."""
     gap = np.random.default_rng(0).random((10, 12))
     gap[[2, 2, 7], [3, 4, 9]] = 0.0
     problem = ContactProblem(Grid(12, 10, 0.1, 0.1), Material.from_contact_modulus(1e5), gap, periodic="love")
@@ -129,7 +129,7 @@ def test_error_bound_is_sharp_at_first_touch(depth, share):
     [((3, 5), "spectral", 0.1), ((3, 6), "love", 0.5), ((4, 4), "spectral", 0.1)],
 )
 def test_error_bound_includes_the_rounding_of_a_stored_matrix(shape, symbol, share):
-    """Coefficients of long cells are much larger than the eigenvalues of the waves across them."""
+    """Coefficients of long cells are much larger than the smallest eigenvalues."""
     ny, nx = shape
     gap = np.tile(np.cos(2 * np.pi * np.arange(nx) / nx + 1), (ny, 1))
     problem = ContactProblem(Grid(nx, ny, 1.0, 1e4), periodic.MATERIAL, gap, periodic=symbol)

@@ -48,7 +48,7 @@ def test_distances_with_a_large_constant_keep_their_digits():
 
 
 def test_moves_are_exact(state):
-    """However far the bodies go, the distances there are those of the shape."""
+    """The distance at a depth is independent of earlier moves."""
     before = state.distance.h_at(state.depth)
     for depth in (1e13, 3e-7, -1e9, 0.0):
         state.depth = depth
@@ -57,7 +57,7 @@ def test_moves_are_exact(state):
 
 
 def test_first_touch_is_independent_of_earlier_solves():
-    """Which cells just touch is a matter of the last digits, which moving the bodies costs."""
+    """Moves that cost digits would change the cells that just touch."""
     grid = Grid.from_domain(48, 48, (-1, 1, -1, 1))
     ball = ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: (x**2 + y**2) / 40)
     with ContactSolver(ball) as solver:
@@ -68,7 +68,7 @@ def test_first_touch_is_independent_of_earlier_solves():
 
 @pytest.mark.parametrize(("nx", "ny"), [(45, 31), (50, 51), (33, 64)])
 def test_mean_distance_of_samples_is_equal_on_all_grids(nx, ny):
-    """Else a coarse grid would be in full contact, or beyond, before the target is."""
+    """Otherwise a coarse grid would reach full contact before the target."""
     grid = Grid.from_domain(nx, ny, (0, 1, 0, 1), "spectral")
     gap = random_field(grid, 1)
     with ContactSolver(
@@ -80,7 +80,7 @@ def test_mean_distance_of_samples_is_equal_on_all_grids(nx, ny):
 
 @pytest.mark.parametrize("shape", [(9, 9), (64, 65), (65, 64), (20, 3)])
 def test_distances_of_samples_move_on_every_grid(shape):
-    """Coarse grids of odd numbers of cells have means of overlaps: b and the Vec are one array."""
+    """Also on coarse grids of odd grids; b and the Vec share memory."""
     gap = np.random.default_rng(1).random(shape)
     grid = Grid(shape[1], shape[0], 1 / shape[1], 1 / shape[0])
     problem = ContactProblem(grid, Material.combined(1.0, 0.0), gap, periodic=True)

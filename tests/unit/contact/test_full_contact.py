@@ -40,7 +40,7 @@ def test_full_contact_is_found_in_two_products(method, symbol):
 
 @pytest.mark.parametrize("share", [0.05, 2.0])
 def test_full_contact_is_postponed_if_a_coarser_grid_is_far_from_it(monkeypatch, share):
-    """A product less where it is far; and if it is believed though it errs, the answer is the same."""
+    """This saves a product; the solution is the same."""
     problem = periodic.rough(64, 64, 8)
     with ContactSolver(problem) as solver:
         load = share * solver.solve(approach=problem.gap.mean()).load
@@ -60,7 +60,7 @@ def test_full_contact_is_postponed_if_a_coarser_grid_is_far_from_it(monkeypatch,
 
 
 def ridge_between_cells(x, y):
-    """Which coarse grids see, and the target does not."""
+    """A ridge that only coarse grids sample."""
     return 1e-3 * np.cos(2 * np.pi * x) * np.cos(2 * np.pi * y) - 5e-3 * np.exp(-(((x - 0.5) / 0.003) ** 2))
 
 

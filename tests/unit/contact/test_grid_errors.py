@@ -14,7 +14,7 @@ STEEL = Material.from_contact_modulus(1e5)
 @pytest.mark.parametrize("ratio", [0.25, 0.5, 0.6, 0.7, 0.8, 0.9])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_error_of_a_geometric_series_is_its_remainder(grids, ratio, sign):
-    """The error left on the finest grid is the rest of the series."""
+    """The error on the finest grid is the remainder of the series."""
     pressures = [1 + sign * 0.1 * ratio**k for k in range(grids)]
     errors = estimate_errors([GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures], 0.0, "load")
     error = abs(pressures[-1] - 1) / pressures[-1]
@@ -28,7 +28,7 @@ def rounded_punch(x, y):
 @pytest.mark.parametrize("shape", [rounded_punch, Cylinder(2.0, 0.53)])
 @pytest.mark.parametrize("share", [1e-4, 3e-4])
 def test_errors_of_edge_pressures_are_at_most_the_estimate(shape, share):
-    """At a rounded rim, and at sharp ends, where they grow with every grid."""
+    """At rounded edges, and at sharp ones, where pressures grow with every refinement."""
     found = []
     for n in (64, 128, 256):
         grid = Grid.from_domain(n, n, (-0.5, 0.5, -0.5, 0.5))

@@ -8,7 +8,7 @@ from app import ContactProblem, ContactSolver, Grid, Material
 
 @pytest.mark.parametrize("holes_first", [False, True])
 def test_first_grid_depends_on_the_problem_only(holes_first):
-    """Holes where the coarsest grid has its cells' centres, and no other one."""
+    """Here the coarsest grid of one problem has no admissible cells."""
     grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
     centres = -1 + (np.arange(8) + 0.5) / 4
 

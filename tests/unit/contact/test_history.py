@@ -43,7 +43,7 @@ def test_listeners_receive_the_end_of_a_refused_solve():
 
 @pytest.mark.parametrize("method", ["norm", None])
 def test_monitor_prints_the_history_of_each_solve(method, capsys):
-    """Also in a program, which has no other way to ask for it than the option."""
+    """From Python the option is the only way to switch it on."""
     with ContactSolver(hertz(12), method, options={"lcp_monitor": True}) as solver:
         for _ in range(2):
             history = solver.solve(approach=APPROACH).history

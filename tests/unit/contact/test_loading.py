@@ -25,7 +25,7 @@ def test_zero_load_just_touches(method):
     ids=["hertz", "rough", "affine"],
 )
 def test_load_path_is_monotone(problem, approach, warm):
-    """Loading and unloading: approach, contact and displacement grow and fall with the load."""
+    """Approach, contact and displacement grow with the load, and unloading reverses loading."""
     highest = solve(problem, approach, "fast").load
     loads = highest * np.array([0.01, 0.05, 0.2, 0.6, 1.0])
     steps, start = [], None

@@ -104,7 +104,7 @@ CHECKERS = np.indices((34, 13)).sum(axis=0) % 2
 
 
 def checkers(size=1.0, constant=0.2):
-    """Half of the cells touch first."""
+    """A checkerboard: half of the cells touch at once."""
     return ContactProblem(
         Grid.from_domain(13, 34, (0, 13, 0, 34)), STEEL, constant + size * CHECKERS, periodic=True
     )
@@ -186,7 +186,7 @@ def test_free_and_holed_patches_take_any_approach(solvers, name):
 
 @pytest.mark.parametrize("share", [1e-3, 1e-8, 1e-12])
 def test_mean_gap_near_first_touch_keeps_its_digits(share):
-    """The mean undeformed distance is summed without rounding: what it exceeds a mean gap by is the depth."""
+    """The depth is the exact mean undeformed distance minus the mean gap."""
     gap = np.random.default_rng(1).random((30, 41))
     gap[7, 8] = 0.0
     problem = ContactProblem(Grid(41, 30, 0.1, 0.1), Material.from_contact_modulus(1e5), gap, periodic=True)

@@ -18,7 +18,7 @@ PERIODIC = pytest.mark.parametrize("periodic", [False, "spectral", "love"])
 
 
 def rough(periodic, holes=False):
-    """Some bumps: by approach -1e-3 mm a part of the cells is in contact."""
+    """A random surface; at approach -1e-3 mm part of the cells is in contact."""
     gap = 1e-3 * np.random.default_rng(3).normal(size=SHAPE)
     if holes:
         gap[3:6, 20:] = gap[-1, 4] = np.nan
@@ -27,7 +27,7 @@ def rough(periodic, holes=False):
 
 
 def faces(contact, periodic):
-    """Numbers of faces across x and across y between contact and no contact."""
+    """Count the faces across x and y between contact and no contact."""
     if not periodic:
         contact = np.pad(contact, 1)
     return tuple(np.count_nonzero(contact != np.roll(contact, 1, axis)) for axis in (1, 0))

@@ -27,7 +27,7 @@ def test_one_cell_stays_open_below_full_contact():
 
 
 def test_light_contact_is_independent_of_a_deeper_solve():
-    """A cell touches alone, at an approach far smaller than the one before."""
+    """A single cell touches after a solve at a much larger approach."""
     grid, approach = Grid.from_domain(32, 32, (0, 1, 0, 1)), 1e-9
     x, y = np.meshgrid(grid.x(), grid.y())
     gap = (x - 0.5) ** 2 + (y - 0.5) ** 2

@@ -20,7 +20,7 @@ from app.multigrid.hierarchy import Hierarchy
 
 
 class Exact:
-    """A state on a small grid, and how to solve on it directly."""
+    """A state on a small grid with a direct solver."""
 
     def __init__(self, problem):
         hierarchy = Hierarchy(problem.grid, problem.material.compliance, MPI.COMM_SELF)
@@ -86,7 +86,7 @@ def test_search_meets_the_load_from_anywhere(exact, share, step):
 
 @pytest.mark.parametrize("share", [1e-3, 0.03, 0.3, 1.0, 30.0])
 def test_load_to_two_percent_takes_at_most_five_solves(exact, share):
-    """The overlap of the undeformed bodies tells nearly where it is; by doubling alone there were up to 15."""
+    """The overlap of the undeformed bodies gives a good first estimate; doubling would take up to 15."""
     load = share * exact.load_at(exact.state.distance.reference + 0.5 * spread(exact.state))
     exact.approaches.clear()
     assert PrescribedLoad(load).search(exact.state, exact.solve, rtol=0.02).converged
@@ -95,7 +95,7 @@ def test_load_to_two_percent_takes_at_most_five_solves(exact, share):
 
 
 def test_prescribed_load_does_not_import_scipy_optimize():
-    """scipy.optimize takes as long to load as 512 x 512 cells to solve."""
+    """Its import takes as long as a solve on 512 x 512 cells."""
     script = (
         "import sys; from app import *;"
         "ball = ContactProblem(Grid.from_domain(64, 64, (-1, 1, -1, 1)), Material.combined(1e5, 0.3), Sphere(10));"
@@ -106,13 +106,13 @@ def test_prescribed_load_does_not_import_scipy_optimize():
 
 
 def spread(state):
-    """Least to largest undeformed distance."""
+    """Return the range of the undeformed distance."""
     values = state.distance.b[state.admissible]
     return values.max() - values.min()
 
 
 def test_search_brackets_the_root(exact):
-    """All approaches lie between first touch and a solve that bears more than the load."""
+    """All approaches lie between first touch and one with more than the load."""
     state = exact.state
     load = exact.load_at(state.distance.reference + 0.4 * spread(state))
     right = state.approach
@@ -125,7 +125,7 @@ def test_search_brackets_the_root(exact):
 
 
 def test_search_ends_if_the_approach_has_no_digits_for_the_load():
-    """A load so light that the approach has no digits for it: the search ends all the same."""
+    """The load changes by less than the rounding of the approach."""
     shape = np.full((4, 4), 1e6)
     shape[1, 2] = 1e6 - 1
     exact = Exact(ContactProblem(Grid(4, 4, 1.0, 1.0), Material.combined(80000.0, 0.3), shape))
@@ -155,7 +155,7 @@ def test_search_ends_with_the_first_failed_solve(exact):
 
 
 def test_stiffness_of_patch_bounds_that_of_any_contact(exact):
-    """What the search begins with: load per approach of the whole patch in contact."""
+    """It is the first slope of the search."""
     state = exact.state
     low, high = (exact.load_at(state.distance.reference + far * spread(state)) for far in (50.0, 51.0))
     assert state.contact.sum() == state.admissible.sum()
@@ -197,7 +197,7 @@ def test_update_moves_the_approach_by_the_missing_load_over_the_slope(exact):
 
 
 def test_slope_is_at_least_the_mean_slope_since_first_touch(exact):
-    """Of the load, and so of the one that moves the approach."""
+    """This holds for the load, and for the slope that moves the approach."""
     state = exact.state
     touching, depths = state.first_touch(), np.array([0.2, 0.21, 0.5, 0.51]) * spread(state)
     loads = np.array([exact.load_at(state.distance.reference + depth) for depth in depths])
@@ -241,7 +241,7 @@ def test_prediction_extrapolates_a_geometric_series():
 
 
 def surface_of_few_heights(kind, n):
-    """A gap with many lowest cells, that means over cells take for less rough than it is."""
+    """A gap with many lowest cells, which is smoother on coarse grids."""
     if kind == "grooves":
         return 0.1 * np.tile([0.0, 1.0], (n, n // 2))
     if kind == "pins":
@@ -252,7 +252,7 @@ def surface_of_few_heights(kind, n):
 @pytest.mark.parametrize("load", [1e-7, 1e-5, 1e-3, 0.1])
 @pytest.mark.parametrize(("kind", "n"), [("grooves", 32), ("pins", 64), ("quantized", 128)])
 def test_light_loads_on_surfaces_of_few_heights(kind, n, load):
-    """The first load on the target grid is up to 1e11 times as large: u must not keep the rounding of that."""
+    """The first load on the target grid is up to 1e11 times as large; its rounding must not stay in u."""
     gap = surface_of_few_heights(kind, n)
     grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
     found = solve(ContactProblem(grid, Material.from_contact_modulus(1e5), gap), None, None, load)

@@ -10,7 +10,7 @@ from app import ContactSolver, solve
 
 
 def asymmetry_of(solver, contact):
-    """That of the preconditioner of a solver, on a contact set."""
+    """Return the asymmetry of a solver's preconditioner on a contact set."""
     linear, operator = solver._strategy.solver, solver.hierarchy.target
     operator.mask[...] = contact
     linear.set_contact()
@@ -60,7 +60,7 @@ def test_mg_is_an_alias_of_the_multigrid_pc(method):
 
 
 def test_work_of_multigrid_in_windows_is_counted():
-    """A window has coarser grids of its own, whose work is counted."""
+    """Windows have their own coarser grids."""
     with ContactSolver(hertz(160), "fast", {"pc_type": "mg"}) as solver:
         first, second = (solver.solve(approach=0.1) for _ in range(2))
     plain = solve(hertz(160), approach=0.1, method="fast")

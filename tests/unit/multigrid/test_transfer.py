@@ -31,7 +31,7 @@ def make_transfer(shape, factors):
 
 
 def children(shape, factors, j, i):
-    """Fine cells of a coarse cell that exist."""
+    """Return a slice of the existing children of a coarse cell."""
     return np.s_[j * factors[0] : (j + 1) * factors[0], i * factors[1] : (i + 1) * factors[1]]
 
 
@@ -66,7 +66,7 @@ def test_restriction_is_the_scaled_transpose_of_the_copy(shape, factors):
     ("name", "arguments", "least"), [("restrict_defect", 1, 1), ("add_copies", 2, 1), ("interpolate", 2, 3)]
 )
 def test_flops_of_transfers_are_logged(name, arguments, least):
-    """Some for each fine cell."""
+    """A few per fine cell."""
     transfer = make_transfer((8, 6), (2, 2))
     fields = [field((8, 6))] if arguments == 1 else [field((4, 3)), field((8, 6))]
     before = PETSc.Log.getFlops()
