@@ -12,7 +12,7 @@ from app.api.solver import ContactSolver
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
-from app.multigrid.hierarchy import check_room
+from app.multigrid.hierarchy import check_memory
 from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions
 from app.parallel import mpi_abort
@@ -123,7 +123,7 @@ def _has_room(solver, grid):
     """Return whether a further grid fits into memory. Collective."""
     try:
         check_cells(grid)
-        check_room(solver.comm, grid, solver.settings)
+        check_memory(solver.comm, grid, solver.settings)
     except InputError:
         return False
     return True

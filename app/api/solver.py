@@ -36,7 +36,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
 from app.contact.loading_input import make_loading
 from app.halfspace.influence import influence_quadrant
-from app.multigrid.hierarchy import Hierarchy, check_room
+from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
 from app.options.solver_options import SolverOptions
@@ -151,7 +151,7 @@ class ContactSolver:
             arguments = grid.shape, grid.periodic, sizes, self.settings, prefix
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
             self.comm.shares_memory = self.settings.shared_memory
-            check_room(self.comm, grid, self.settings)
+            check_memory(self.comm, grid, self.settings)
             with self.options.inserted():
                 self._set_up()
             if unused := self.options.unused(self.comm):
@@ -394,7 +394,7 @@ class ContactSolver:
             converged=outcome.converged,
             message=outcome.reason,
             approach=approach,
-            indentation=depth - distance.lowest,
+            indentation=depth - distance.zero_load_depth,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),

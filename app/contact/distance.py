@@ -59,7 +59,7 @@ class UndeformedDistance:
         Depth at which the first cells touch [mm]; None in a window.
     max_depth : float
         Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
-    lowest : float
+    zero_load_depth : float
         Depth below which no load is carried [mm]: `touching`, also in a window.
     full_contact_pressures : (float, float)
         Least and largest mean pressure of full contact of a periodic patch; infinite until known [N/mm2].
@@ -101,7 +101,7 @@ class UndeformedDistance:
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
-        part.touching, part.lowest = None, whole.lowest
+        part.touching, part.zero_load_depth = None, whole.zero_load_depth
         part.depth, part.reference = whole.depth, whole.reference
         return part
 
@@ -177,7 +177,7 @@ def _measure(levels, comm):
     for distance, cells, (mean, rest), about_mean, (*box, touching) in rows:
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
-        distance.lowest = distance.touching if np.isfinite(touching) else -np.inf
+        distance.zero_load_depth = distance.touching if np.isfinite(touching) else -np.inf
         if distance.patch.periodic and cells == distance.patch.n:
             distance.max_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
 

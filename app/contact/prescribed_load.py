@@ -217,8 +217,8 @@ class PrescribedLoad(Loading):
             return 0.0
         # The slope grows without bound towards full contact. Before first touch there is no load.
         new_depth = min(depth + step, (depth + state.distance.max_searched_depth) / 2)
-        lowest = state.distance.lowest
-        state.depth = new_depth if new_depth >= lowest else (depth + lowest) / 2
+        least = state.distance.zero_load_depth
+        state.depth = new_depth if new_depth >= least else (depth + least) / 2
         self._before = depth, expected
         return abs(state.depth - depth)
 
@@ -228,7 +228,7 @@ class PrescribedLoad(Loading):
         Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. The slope grows with the depth, so it
         is at least the mean slope since first touch.
         """
-        beyond = state.depth - state.distance.lowest
+        beyond = state.depth - state.distance.zero_load_depth
         mean_slope = expected / beyond if beyond > 0 else 0.0
         (before, then), self._before = self._before or (state.depth, 0.0), None
         moved = state.depth - before

@@ -27,7 +27,7 @@ MAX_DIRECT_CELLS = 1024  # of a grid whose matrix is stored and factorised
 _MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no time
 
 
-def check_room(comm, grid, settings):
+def check_memory(comm, grid, settings):
     """Raise InputError if some host lacks the memory for a target grid. Collective."""
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
@@ -41,8 +41,8 @@ def check_room(comm, grid, settings):
 def _check_equal_on_ranks(comm, problem):
     """Raise if the problem differs between ranks. Collective.
 
-    Random numbers without a seed would make it differ. Ranks compare weighted sums of some rows, up to rounding. No row is in the
-    middle, and each cell has its own weight, so that turned or shifted rows differ.
+    Random numbers without a seed would make it differ. Ranks compare weighted sums of some rows, up to rounding. No row
+    is in the middle, and each cell has its own weight, so that turned or shifted rows differ.
     """
     if comm.size == 1:
         return
