@@ -1,4 +1,4 @@
-"""Turn a measured surface into HDF5 that knows its units:  python -m app.convert FILE -o surface.h5.
+"""Convert a measured surface to HDF5: ``python -m app.convert FILE -o surface.h5``.
 
 =================  ==========================================================================
 dataset            meaning
@@ -29,16 +29,16 @@ from app.problems.surfaces.array_file import UnknownFormat
 from app.problems.surfaces.formats import ARRAYS, TEXTS, detect_format, split_suffix
 from app.problems.surfaces.height_map import TURNS, HeightMap, open_heights
 
-ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
+ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # variable with the path of a Python that has SurfaceTopography
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _line_count = integer(0, "a whole number from 0")
-_NAMES = "--unit", "--height-unit", "--spacing", "--override"  # of options, for messages
+_NAMES = "--unit", "--height-unit", "--spacing", "--override"
 
 
 def find_instruments_python():
-    """Python of the environment that ``run/setup --surfaces`` makes, or None. Not collective."""
-    named = os.environ.get(ENVIRONMENT)
-    path = Path(named) if named else Path(__file__).resolve().parents[2] / ".venv-surfaces/bin/python"
+    """Return the Python with SurfaceTopography, by default of ``run/setup --surfaces``, or None."""
+    path = os.environ.get(ENVIRONMENT) or Path(__file__).resolve().parents[2] / ".venv-surfaces/bin/python"
+    path = Path(path)
     return path if path.is_file() else None
 
 
@@ -62,7 +62,9 @@ def main(argv):
     replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
+    from app.api.notes import note_doubtful_units, note_spike  # they load numba
     from app.io.files import check_output_path, hash_file
+    from app.problems.surfaces.reading import make_surface
 
     path, file = arguments.file, _without_dataset(arguments.file)
     if not file.is_file():
@@ -72,11 +74,12 @@ def main(argv):
     if arguments.crop:
         source.crop(arguments.crop)
     set_units(source, arguments, arguments.height_unit, arguments.override)
-    summary, doubts = _summary(source)  # refuses what no solve would read
+    source.orient = ()  # the file has turned heights
+    surface = make_surface(source)  # checks the heights
     with report_write_errors(arguments.output):
         _write(arguments.output, source, {**origin, "source": file.name, "sha256": hash_file(file)})
-    streams.print_output(f"{arguments.output}: {summary}")
-    for note in doubts:
+    streams.print_output(f"{arguments.output}: {surface.understood()}")
+    for note in filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface))):
         streams.print_error(f"warning: {note}")
     return 0
 
@@ -86,7 +89,7 @@ def _without_dataset(path):
 
 
 def _read(path, arguments):
-    """Return turned heights and their origin: format and channel."""
+    """Return turned heights, and their format and channel."""
     channel, skip = arguments.channel, arguments.skip
     known = detect_format(_without_dataset(path), skip)
     if channel and known.kind in ("npy", "npz"):
@@ -96,21 +99,21 @@ def _read(path, arguments):
     if skip and known.kind == "instrument":
         raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
     if known.kind == "instrument" or (channel and known.kind == "hdf5"):
-        return _of_instruments(path, *_read_instruments(path, channel), arguments)
+        return _make_map(path, *_read_instruments(path, channel), arguments)
     try:
         source = open_heights(path, skip, arguments.orient, channel, coordinates=bool(arguments.crop))
     except UnknownFormat as error:
         if skip or (error.is_text and not find_instruments_python()):
             raise
         if not error.is_text:
-            return _of_instruments(path, *_read_instruments(path, channel), arguments)
+            return _make_map(path, *_read_instruments(path, channel), arguments)
         facts = {}
         with suppress(InputError):
             heights, facts = _read_instruments(path, channel)
-        # Of a text whose format is not known the numbers are picked out of its words.
+        # SurfaceTopography finds numbers in texts of any format.
         if not (facts.get("unit") and facts.get("spacing")):
-            raise  # what is wrong with it as text says more
-        return _of_instruments(path, heights, facts, arguments)
+            raise  # its own message would say less
+        return _make_map(path, heights, facts, arguments)
     return source, {"format": split_suffix(_without_dataset(path))[0][1:], "channel": channel}
 
 
@@ -124,26 +127,25 @@ def _read_instruments(path, channel):
     import numpy as np
 
     worker = Path(__file__).with_name("instruments.py")
-    hidden = {"PYTHONPATH", "PYTHONHOME"}
+    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")}
     with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder, "heights.npz")
-        done = subprocess.run(
-            [python, "-P", worker, path, made, channel],
-            env={name: text for name, text in os.environ.items() if name not in hidden},
-            stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+        output = Path(folder, "heights.npz")
+        process = subprocess.run(
+            [python, "-P", worker, path, output, channel], env=environment, stdin=subprocess.DEVNULL,
+            capture_output=True, text=True, check=False,
         )  # fmt: skip
-        if done.returncode or not made.exists():
-            complaint = done.stderr.strip().splitlines() or ["its reader died"]
-            raise InputError(f"surface file {path}: cannot be read: {complaint[-1]}")
-        with np.load(made) as arrays:
+        if process.returncode or not output.exists():
+            errors = process.stderr.strip().splitlines() or ["its reader died"]
+            raise InputError(f"surface file {path}: cannot be read: {errors[-1]}")
+        with np.load(output) as arrays:
             heights, facts = arrays["heights"], json.loads(str(arrays["facts"]))
     if not heights.size:
         raise InputError(f"surface file {path}: cannot be read: it is empty")
     return heights, facts
 
 
-def _of_instruments(path, heights, facts, arguments):
-    """Return turned heights and their origin, as `_read` does."""
+def _make_map(path, heights, facts, arguments):
+    """Return turned heights, and their format and channel."""
     unit = units.find_unit(facts["unit"])
     other = None if unit else facts["unit"]
     source = HeightMap(str(path), heights, arguments.orient, facts["spacing"], unit, other_unit=other)
@@ -151,7 +153,7 @@ def _of_instruments(path, heights, facts, arguments):
 
 
 def set_units(source, arguments, height_unit=None, override=False):
-    """Settle the unit and spacing of a `HeightMap`, each by the file or by ``--unit`` and ``--spacing``.
+    """Set unit and spacing of a `HeightMap` by file or options.
 
     Raises
     ------
@@ -178,15 +180,3 @@ def _write(output, source, origin):
         dataset.attrs.update(unit=source.unit, spacing=spacing, spacing_unit=source.lateral)
         file["mask"] = np.isnan(heights).astype(np.uint8)
         file.attrs.update(origin, version=__version__)
-
-
-def _summary(source):
-    """What a solve will read, and what is doubtful in it."""
-    from app.api.notes import note_doubtful_units, note_spike
-    from app.problems.surfaces.reading import make_surface
-
-    source.orient = ()  # it is turned in the file
-    surface = make_surface(source)
-    return surface.understood(), list(
-        filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface)))
-    )

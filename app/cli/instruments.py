@@ -1,11 +1,11 @@
-"""Heights in a format of an instrument, by SurfaceTopography, which needs a newer numpy than the rest.
+"""Read an instrument's file by SurfaceTopography, which needs a newer numpy.
 
-Run by `app.convert` as a program in an environment of its own; knows nothing of the project::
+`app.convert` runs this program in another environment; it imports nothing of the project::
 
     .venv-surfaces/bin/python -P app/cli/instruments.py FILE OUT.npz [CHANNEL]
 
-Writes heights (ny, nx) in the instrument's unit with NaN for missing points, and facts as JSON. Exit status 2: one line
-on standard error says why not.
+It writes heights (ny, nx) in the instrument's unit, NaN for missing points, and facts as JSON. Exit status 2 after an
+error, with one line on standard error.
 """
 
 import gzip
@@ -14,17 +14,18 @@ import re
 import sys
 import warnings
 import zipfile
+from functools import partial
 from typing import NamedTuple
 
-# Channels that are no heights, in whatever unit: amplitude and deflection may be lengths.
+# Channels that are no heights, even if their unit is a length.
 _NO_HEIGHT = re.compile("phase|amplitude|deflection|friction|lateral|current|intensity|error", re.IGNORECASE)
-_NO_MARK = {"hgt", "nms"}  # formats that any file of a suitable size seems to have
+_NO_SIGNATURE = {"hgt", "nms"}  # formats that fit any file of a suitable size
 _UNKNOWN = "is in no format that SurfaceTopography knows"
 _INDEXES = {"index.json", "meta.yml"}  # of contact.engineering's archives
 
 
 class Channel(NamedTuple):
-    """A channel or measurement of a file: its number and name, if it has heights, and a function that reads it."""
+    """Channel or measurement of a file; ``read()`` returns its topography."""
 
     index: int
     name: str
@@ -33,7 +34,10 @@ class Channel(NamedTuple):
 
 
 def read_heights(path, wanted):
-    """Return heights (ny, nx), NaN where missing, and facts, of a channel by name or number; "": the only one."""
+    """Return heights (ny, nx) and facts of a channel.
+
+    `wanted` is its name or number, empty for the only one. Missing heights are NaN.
+    """
     import numpy as np
 
     channels, kind = _archive(path) if path.lower().endswith(".zip") else _channels(path)
@@ -58,7 +62,7 @@ def _channels(path):
 
     source = gzip.open(path) if path.lower().endswith(".gz") else path  # noqa: SIM115: the reader's own
     reader = open_topography(source)
-    if reader.format() in _NO_MARK and f".{reader.format()}" not in path.lower():
+    if reader.format() in _NO_SIGNATURE and f".{reader.format()}" not in path.lower():
         raise ValueError(_UNKNOWN)
     return [_channel(channel) for channel in reader.channels], reader.format()
 
@@ -68,10 +72,10 @@ def _channel(channel):
         if channel.dim != 2:
             raise ValueError(f"channel {channel.name} is a line, no map of heights")
         sizes = channel.physical_sizes
-        how = {"physical_sizes": channel.nb_grid_pts} if sizes is None else {}
-        return channel.topography(**how), sizes is not None
+        arguments = {"physical_sizes": channel.nb_grid_pts} if sizes is None else {}
+        return channel.topography(**arguments), sizes is not None
 
-    # Where the unit of heights is another quantity, SurfaceTopography gives a pair of units.
+    # A pair of units means that heights have another unit than lengths.
     length = channel.is_height_channel and not isinstance(channel.unit, tuple)
     name = str(channel.name)
     return Channel(channel.index, name, length and not _NO_HEIGHT.search(name), read)
@@ -84,21 +88,24 @@ def _archive(path):
     with zipfile.ZipFile(path) as archive:
         if not _INDEXES & set(archive.namelist()):
             raise ValueError("is no archive of contact.engineering: unpack it")
-    # The archive's own file of a measurement is preferred to the instrument's.
+    # Prefer the archive's own file of a measurement to the instrument's.
     reader = open_container(path, format="ce", datafile_keys=["squeezed-netcdf", "original"])
-    found = []
+    channels = []
     for k in range(reader.nb_containers):
         surface = reader.container(k)
         for j, member in enumerate(reader.members(k)):
             sides = getattr(member.metadata, "size", (1, 1))
-            found.append(
-                Channel(len(found), member.name, len(sides) == 2, lambda s=surface, j=j: (s[j], True))
-            )
-    return found, reader.format()
+            read = partial(_read_member, surface, j)
+            channels.append(Channel(len(channels), member.name, len(sides) == 2, read))
+    return channels, reader.format()
+
+
+def _read_member(surface, number):
+    return surface[number], True
 
 
 def choose_channel(channels, wanted):
-    """Return the channel of heights that has a name or a number; "": the only one."""
+    """Return a channel of heights by name or number."""
     maps = [channel for channel in channels if channel.has_heights]
     names = ", ".join(f"{channel.index} {channel.name}" for channel in maps)
     if not maps:
@@ -108,27 +115,27 @@ def choose_channel(channels, wanted):
         if len(maps) > 1:
             raise ValueError(f"has several channels of heights; choose one by --channel: {names}")
         return maps[0]
-    found = [channel for channel in channels if str(channel.index) == wanted]
-    found = found or [channel for channel in channels if channel.name == wanted]
-    heights = [channel for channel in found if channel.has_heights]
+    matching = [channel for channel in channels if str(channel.index) == wanted]
+    matching = matching or [channel for channel in channels if channel.name == wanted]
+    heights = [channel for channel in matching if channel.has_heights]
     if len(heights) != 1:
         several = "several have this name, choose by number"
-        what = several if heights else "it is no map of heights" if found else "there is none"
-        raise ValueError(f"--channel {wanted}: {what}; allowed: {names}")
+        reason = several if heights else "it is no map of heights" if matching else "there is none"
+        raise ValueError(f"--channel {wanted}: {reason}; allowed: {names}")
     return heights[0]
 
 
 def main(path, output, wanted=""):
-    """Write the file; return the exit status."""
+    """Write heights and facts; return the exit status."""
     import numpy as np
 
     warnings.simplefilter("ignore")
     try:
         heights, facts = read_heights(path, wanted)
-    except Exception as error:  # whatever a reader meets in a file
-        text = " ".join(str(error).split()) or type(error).__name__
-        if type(error).__name__ == "CannotDetectFileFormat":  # and what each of forty readers says
-            text = _UNKNOWN
+    except Exception as error:  # of any reader
+        name = type(error).__name__
+        # This error quotes forty readers.
+        text = _UNKNOWN if name == "CannotDetectFileFormat" else " ".join(str(error).split()) or name
         print(text, file=sys.stderr)
         return 2
     np.savez(output, heights=heights, facts=json.dumps(facts))

@@ -1,10 +1,10 @@
-"""Stress below a contact: ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]``, or `stress` from Python.
+"""Stress below a contact, by command or from Python.
 
-The command finds the largest von Mises stress and the largest shear stress, and prints them. With -o it writes
-DIR/subsurface.png, the von Mises stress on a vertical section and the stresses on the line through its largest (or
-through ``--at``), and DIR/subsurface.h5: all six components, the von Mises stress and the largest shear stress on the
-section along x and on the one along y, on the line, and on the horizontal planes asked for by ``--planes``, [N/mm2],
-compression negative. Exit status 0, or 2 with one line on standard error. Runs on one rank.
+``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]`` prints the largest von Mises and shear stresses. With -o
+it writes DIR/subsurface.png, the von Mises stress on a vertical section and stresses on a line through the largest one
+(or through ``--at``), and DIR/subsurface.h5: six components, von Mises and largest shear stress on sections along x and
+y, on the line and on the planes of ``--planes``, [N/mm2], compression negative. Exit status 0, or 2 after an error. One
+rank.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from app.io.result import read_result
 from app.options.option_table import half, integer, pair_of_reals, real
 from app.plots import curves, figures, style
 
-_DEEP = 4.0  # sections reach to so many times the depth of the largest stress
+_SECTION_DEPTH = 4.0  # over depth of the largest stress
 _point = pair_of_reals("X,Y, two finite numbers [mm]")
 _body = integer(1, "1 or 2", 2)
 _depth = real("one positive number [mm]", above=0)
@@ -36,28 +36,26 @@ def _depths(text):
 
 
 def stress(solution, poisson_ratio=None, body=None):
-    """Stress in one of the two bodies below a solution.
+    """Return the stress in a body below a solution.
 
-    Not collective: for a solution on several ranks call it on one, with ``solution.gather()``.
+    For a solution on several ranks call it on one, with ``solution.gather()``.
 
     Parameters
     ----------
     solution : Solution or Result
-        As `app.solve` returns it, or `app.read_result`.
     poisson_ratio : float, optional
-        Of the body looked at; default: what the problem says.
+        Of the body; default: that of the problem.
     body : int, optional
-        1 or 2, where the problem knows both bodies; default: the first that is not rigid.
+        1 or 2, if the problem has both; default: the first that is not rigid.
 
     Returns
     -------
     SubsurfaceStress
-        Has `plane`, `section`, `line`, `maximum` and `maxima`.
 
     Raises
     ------
     InputError
-        If Poisson's ratio is unknown or not allowed, or the solution is none, or has the rows of one rank only.
+        If Poisson's ratio is unknown or not allowed, or `solution` is none or has rows of one rank only.
 
     Examples
     --------
@@ -88,7 +86,7 @@ def stress(solution, poisson_ratio=None, body=None):
 
 
 def find_poisson_ratio(facts, body=None):
-    """Poisson's ratio of a body as the attributes of a result tell it, None if they do not."""
+    """Return Poisson's ratio of a body by a result's attributes, or None."""
     if body not in (None, 1, 2):
         raise InputError(f"body {body!r}: allowed: 1, 2")
     each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
@@ -103,76 +101,74 @@ def find_poisson_ratio(facts, body=None):
 
 
 def survey(below, depths=64, at=None, deepest=None, along="xy"):
-    """Largest stress, sections and line through it.
-
-    Not collective.
+    """Return largest stresses, and sections and line through a point.
 
     Parameters
     ----------
     below : SubsurfaceStress
     depths : int
-        Of sections and line.
+        Number of depths.
     at : (float, float), optional
-        Point (x, y) [mm] that these go through, if not the most stressed one.
+        Point (x, y) [mm]; default: the most stressed one.
     deepest : float, optional
-        Last depth [mm]; default: some times that of the largest stress.
+        Last depth [mm]; default: several times that of the largest stress.
     along : str
-        Directions of the sections wanted: "xy", "x" or "y".
+        Directions of the sections: "xy", "x" or "y".
 
     Returns
     -------
     SimpleNamespace
-        `hottest` (where the von Mises stress is largest), `sheared` (where the shear stress is), `at` (the largest of
-        the line), `depths`, `section_x`, `section_y` (6, depths, nx or ny) or None, `line` (6, depths).
+        `hottest` and `sheared` (largest von Mises and shear stress), `at` (largest of the line), `depths`, `section_x`,
+        `section_y` (6, depths, nx or ny) or None, `line` (6, depths), `poisson_ratio`.
     """
     hottest, sheared = below.maxima()
     x, y = at or (hottest.x, hottest.y)
     cell = max(below.grid.dx, below.grid.dy)
-    depths = np.linspace(0.0, deepest or max(_DEEP * hottest.depth, 4 * cell), depths)
+    depths = np.linspace(0.0, deepest or max(_SECTION_DEPTH * hottest.depth, 4 * cell), depths)
     line = below.line(depths, x, y)
-    here = hottest
+    largest = hottest
     if at is not None:
         k = int(np.argmax(von_mises(line)))
-        here = StressMaximum(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
-    along_x = below.section(depths, y=y) if "x" in along else None
-    along_y = below.section(depths, x=x) if "y" in along else None
+        largest = StressMaximum(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
     return SimpleNamespace(
         hottest=hottest,
         sheared=sheared,
-        at=here,
+        at=largest,
         depths=depths,
-        section_x=along_x,
-        section_y=along_y,
+        section_x=below.section(depths, y=y) if "x" in along else None,
+        section_y=below.section(depths, x=x) if "y" in along else None,
         line=line,
         poisson_ratio=below.nu,
     )
 
 
-def draw(result, found, along="x"):
-    """Figure of a survey. Not collective."""
-    section = found.section_x if along == "x" else found.section_y
-    heading = f"{figures.make_title(result)}, ν = {found.poisson_ratio:.3g}"
-    return curves.stress_figure(along, result.grid, found.depths, section, found.line, found.at, heading)
+def draw(result, stresses, along="x"):
+    """Return a figure of a survey."""
+    section = stresses.section_x if along == "x" else stresses.section_y
+    heading = f"{figures.make_title(result)}, ν = {stresses.poisson_ratio:.3g}"
+    return curves.stress_figure(
+        along, result.grid, stresses.depths, section, stresses.line, stresses.at, heading
+    )
 
 
-def write(path, result, found, planes):
-    """HDF5 file of a survey and of some planes (depth -> stress); whole or not at all. Not collective."""
+def write(path, result, stresses, planes):
+    """Write a survey and planes (depth -> stress) to HDF5 atomically."""
     with atomic_hdf5(path) as file:
-        at = found.at
-        for name, values in (("x", result.x), ("y", result.y), ("depth", found.depths)):
+        at = stresses.at
+        for name, values in (("x", result.x), ("y", result.y), ("depth", stresses.depths)):
             file[name] = values
             file[name].attrs["unit"] = "mm"
             file[name].make_scale(name)
-        file.attrs.update(poisson_ratio=found.poisson_ratio, x=at.x, y=at.y)
-        for name, there in (("von_mises", found.hottest), ("max_shear", found.sheared)):
-            largest = f"max_{name.removeprefix('max_')}"
-            file.attrs[largest] = getattr(there, name)
-            file.attrs.update({f"{largest}_{where}": getattr(there, where) for where in ("x", "y", "depth")})
+        file.attrs.update(poisson_ratio=stresses.poisson_ratio, x=at.x, y=at.y)
+        for name, maximum in (("von_mises", stresses.hottest), ("max_shear", stresses.sheared)):
+            attribute = f"max_{name.removeprefix('max_')}"
+            file.attrs[attribute] = getattr(maximum, name)
+            file.attrs.update({f"{attribute}_{axis}": getattr(maximum, axis) for axis in ("x", "y", "depth")})
         groups = {
-            "section_x": (found.section_x, ("depth", "x")),
-            "section_y": (found.section_y, ("depth", "y")),
+            "section_x": (stresses.section_x, ("depth", "x")),
+            "section_y": (stresses.section_y, ("depth", "y")),
+            "line": (stresses.line, ("depth",)),
         }
-        groups["line"] = found.line, ("depth",)
         for number, (depth, plane) in enumerate(planes.items()):
             groups[f"plane_{number}"] = plane, ("y", "x")
             file.create_group(f"plane_{number}").attrs["depth"] = depth
@@ -180,14 +176,14 @@ def write(path, result, found, planes):
             fields = {f"sigma_{name}": part for name, part in zip(COMPONENTS, values, strict=True)}
             fields |= {"von_mises": von_mises(values), "max_shear": max_shear(values)}
             for name, field in fields.items():
-                item = file.create_dataset(f"{group}/{name}", data=field)
-                item.attrs["unit"] = "N/mm2"
-                for dimension, axis in zip(item.dims, axes, strict=True):
+                dataset = file.create_dataset(f"{group}/{name}", data=field)
+                dataset.attrs["unit"] = "N/mm2"
+                for dimension, axis in zip(dataset.dims, axes, strict=True):
                     dimension.attach_scale(file[axis])
 
 
 def add_body(add):
-    """Arguments that say below the surface of which body to look: ``add`` is that of the command's parser."""
+    """Add the arguments that choose the body, by ``parser.add_argument``."""
     add(
         "--poisson",
         type=argument_type(half),
@@ -215,36 +211,33 @@ def _arguments(argv):
     if arguments.output is not None:
         check_folder(arguments.output)
     else:
-        of_files = ("at", "section", "depths", "deepest", "planes", "format")
-        given = [f"--{name}" for name in of_files if getattr(arguments, name) != parser.get_default(name)]
-        if given:
-            raise InputError(f"{', '.join(given)}: no effect without -o DIR")
+        names = ("at", "section", "depths", "deepest", "planes", "format")
+        unused = [f"--{name}" for name in names if getattr(arguments, name) != parser.get_default(name)]
+        if unused:
+            raise InputError(f"{', '.join(unused)}: no effect without -o DIR")
     return arguments
 
 
 def summary(hottest, sheared, result, poisson_ratio):
-    """What was found, a text of two lines for each of `SubsurfaceStress.maxima`. Not collective."""
+    """Return a text of two lines for each of `SubsurfaceStress.maxima`."""
     highest = float(np.nanmax(result.pressure))
-    each = np.atleast_1d(result.attributes.get("poisson", ()))
-    of = (
-        [f" (body {k})" for k, nu in enumerate(each, 1) if nu == poisson_ratio] if len(set(each)) == 2 else []
-    )
-    # No place is more stressed than others without a pressure, nor below one that is the same all over.
+    ratios = np.atleast_1d(result.attributes.get("poisson", ()))
+    numbers = [k for k, nu in enumerate(ratios, 1) if nu == poisson_ratio] if len(set(ratios)) == 2 else []
+    body = "".join(f" (body {k})" for k in numbers)
+    # Without pressure, or below a uniform one, the stress has no maximum.
     variation = np.ptp(result.pressure)
     uniform = highest <= 0 or (result.grid.periodic and variation <= curves.MIN_STRESS_VARIATION * highest)
     texts = []
-    for name, value, there in (
+    for name, value, at in (
         ("von Mises", hottest.von_mises, hottest),
         ("shear", sheared.max_shear, sheared),
     ):
-        unit = choose_length_unit(there.depth or float(np.ptp(result.x)))
+        unit = choose_length_unit(at.depth or float(np.ptp(result.x)))
         share = f", {value / highest:.3g} of the maximum pressure" if highest > 0 else ""
-        place = (
-            f"x = {there.x:.6g} mm, y = {there.y:.6g} mm, depth {there.depth * unit.per_mm:.4g} {unit.name}"
-        )
+        place = f"at x = {at.x:.6g} mm, y = {at.y:.6g} mm, depth {at.depth * unit.per_mm:.4g} {unit.name}"
         texts.append(
-            f"largest {name} stress {value:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{''.join(of)}\n"
-            f"  {'everywhere' if uniform else f'at {place}'}"
+            f"largest {name} stress {value:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{body}\n"
+            f"  {'everywhere' if uniform else place}"
         )
     return texts
 
@@ -262,14 +255,13 @@ def main(argv):
     if arguments.output.exists():
         for name in names:
             check_output_path(name, [arguments.result], "-o", (name.suffix,))
-    found = survey(below, arguments.depths, arguments.at, arguments.deepest)
+    stresses = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
-    figure = draw(result, found, arguments.section)
+    figure = draw(result, stresses, arguments.section)
     with report_write_errors(arguments.output):
         arguments.output.mkdir(exist_ok=True)
-        write(names[0], result, found, planes)
+        write(names[0], result, stresses, planes)
         style.save_figure(figure, names[1])
-    streams.print_output(
-        "\n".join([*summary(found.hottest, found.sheared, result, below.nu), *map(str, names)])
-    )
+    texts = summary(stresses.hottest, stresses.sheared, result, below.nu)
+    streams.print_output("\n".join([*texts, *map(str, names)]))
     return 0

@@ -68,7 +68,7 @@ def _read_grid(result):
             raise InputError(f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say")
         types = {name: file[name].dtype for name, shape in shapes.items() if shape == (y.size, x.size)}
         attributes = read_attributes(file)
-    grid = make_grid(x, y, attributes)
+        grid = make_grid(x, y, attributes)
     nx, ny, dz = grid.nx, grid.ny, min(grid.dx, grid.dy)
     element = Element("Grid", Name=result.stem, GridType="Uniform")
     SubElement(element, "Topology", TopologyType="3DCoRectMesh", Dimensions=f"2 {ny + 1} {nx + 1}")
