@@ -6,7 +6,6 @@ import scipy.fft
 
 from app.base.errors import InputError
 from app.halfspace.grid import Grid
-from app.halfspace.periodic_symbol import wave_numbers
 from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
 
@@ -330,28 +329,6 @@ def test_every_grid_has_the_same_waves(grid):
     np.testing.assert_allclose(
         spectrum(rough_problem(grid)), spectrum(rough_problem("96")), rtol=0, atol=1e-14
     )
-
-
-@pytest.mark.parametrize("grid", ["32,20", "96"])
-def test_rms_values_are_those_of_the_spectrum(grid):
-    problem = rough_problem(grid)
-    z = np.fft.rfft2(heights(problem)) / problem.grid.n
-    g = problem.grid
-    i, j = np.arange(g.nx // 2 + 1), np.fft.fftfreq(g.ny, 1 / g.ny)
-    qx, qy = wave_numbers(g, i, j)
-    twice = np.where((i > 0) & (2 * i < g.nx), 2.0, 1.0)
-    assert np.sum(twice * np.abs(z) ** 2 * (qx**2 + qy[:, None] ** 2)) == pytest.approx(0.01, rel=1e-12)
-    facts = problem.describe()
-    assert facts["surface_rms_slope"] == pytest.approx(0.1, rel=1e-14)
-    assert facts["surface_rms_height"] == pytest.approx(heights(problem).std(), rel=1e-12)
-    assert abs(heights(problem).mean()) < 1e-15  # the mean plane
-
-
-def test_rows_of_a_rough_problem_do_not_depend_on_their_slab():
-    problem = rough_problem("32,24")
-    whole = problem.shape_on(problem.grid)
-    for rows in (slice(0, 9), slice(9, 10), slice(10, 24), slice(4, 4)):
-        np.testing.assert_allclose(problem.shape_on(problem.grid, rows), whole[rows], rtol=0, atol=1e-15)
 
 
 ROUGH = SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4)

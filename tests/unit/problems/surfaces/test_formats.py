@@ -65,13 +65,3 @@ def test_binary_files_of_instruments_with_the_name_of_a_text_are_sent_to_their_r
     (tmp_path / "zygo.dat").write_bytes(b"\x88\x1b\x03\x6f\x00\x01\xff")
     with pytest.raises(InputError, match="app.convert FILE -o surface.h5 reads what instruments write"):
         read_surface(tmp_path / "zygo.dat", "um")
-
-
-@pytest.mark.parametrize(("name", "told"), [("scan.sdf", True), ("scan.x3p", True), ("scan.csv", False)])
-def test_instruments_files_are_sent_to_the_command_that_reads_them(tmp_path, name, told):
-    (tmp_path / name).write_bytes(
-        b"PK\x03\x04\xff\xfe" if name.endswith("x3p") else b"aISO-1.0\n1 2\n" if told else b"ISO-1.0\n1 2\n"
-    )
-    with pytest.raises(InputError) as refused:
-        read_surface(tmp_path / name, "um")
-    assert ("app.convert FILE" in str(refused.value)) == told

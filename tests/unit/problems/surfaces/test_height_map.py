@@ -8,25 +8,15 @@ import pytest
 
 from app import read_surface
 from app.base.errors import InputError
+from app.base.units import UNITS
 from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 
 from .maps import DX, DY, FORMATS, HEIGHTS, TOLD
 
 
-def test_units(saved):
-    scales = {
-        "m": 1e3,
-        "cm": 10,
-        "mm": 1,
-        "um": 1e-3,
-        "nm": 1e-6,
-        "pm": 1e-9,
-        "Å": 1e-7,
-        "\u212b": 1e-7,
-        "in": 25.4,
-    }
-    for unit, scale in scales.items():
+def test_units_are_converted_to_mm(saved):
+    for unit, scale in (UNITS | {"Å": 1e-7, "\u212b": 1e-7, "µm": 1e-3}).items():
         np.testing.assert_allclose(read_surface(saved(HEIGHTS), unit).heights(), scale * HEIGHTS, rtol=1e-15)
 
 
@@ -64,19 +54,13 @@ TURNED = {
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("orient", TURNED)
 def test_orientation_turns_rows_columns_and_spacing(saved, name, orient):
+    """Orientation is a sequence or a text."""
+    assert read_surface(HEIGHTS, "um", orient=",".join(orient) or None).orient == orient
     surface = read_surface(saved(HEIGHTS, name), None if name in TOLD else "um", orient=orient)
     np.testing.assert_allclose(surface.heights(), 1e-3 * TURNED[orient], rtol=1e-15)
     if surface.spacing:
         turned = orient.count("transpose") % 2
         assert surface.spacing == pytest.approx((1e-3 * DY, 1e-3 * DX) if turned else (1e-3 * DX, 1e-3 * DY))
-
-
-def test_orientation_is_a_text_or_a_sequence():
-    by_text, by_names = (
-        read_surface(HEIGHTS, "um", orient=orient) for orient in ("transpose,flip_y", ("transpose", "flip_y"))
-    )
-    np.testing.assert_array_equal(by_text.heights(), by_names.heights())
-    assert by_text.orient == by_names.orient and read_surface(HEIGHTS, "um", orient=None).orient == ()
 
 
 def test_a_part_of_a_map_with_more_cells_than_petsc_can_number(tmp_path):

