@@ -92,11 +92,6 @@ class ContactProblem(Problem):
         for `gap`, surfaces of `app.problems.random_surfaces`, or measured ones (`app.read_surface`). They
         reduce the gap.
 
-    Raises
-    ------
-    InputError
-        If an array has another shape or is not made of real numbers, or a part has another type.
-
     Examples
     --------
     >>> from app import ContactProblem, Grid, Material, Sphere

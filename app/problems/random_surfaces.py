@@ -2,17 +2,6 @@
 
 All ranks sample the same function. Coarse grids sample `WavySurface` in their own cell centres (Sec. 5.2), and average
 `SelfAffineSurface`.
-
-=====================  ================================  ====  ==============
-paper                  here                              unit  where
-=====================  ================================  ====  ==============
-z(x, y)                ``height(x, y)``                  mm    (6.1)
-M, N                   ``modes``                         1     (6.1)
-a_mn, phi_mn, th_mn    ``WavySurface.coefficients``      mm    (6.1)
-gamma                  ``decay``                         1     appendix
-sigma                  ``sigma``                         mm    (6.2)
-l_x, l_y               ``extent``                        mm    (6.1)
-=====================  ================================  ====  ==============
 """
 
 from __future__ import annotations
@@ -88,11 +77,6 @@ class WavySurface(_Function):
         l_x, l_y: sides of the patch [mm].
     origin : tuple of float
         Lower left corner of the patch [mm]; x and y of (6.1) start there.
-
-    Raises
-    ------
-    ValueError
-        If a parameter is outside its range, or there is too little memory for so many waves.
 
     References
     ----------
@@ -224,25 +208,16 @@ class SelfAffineSurface(_Function):
     ----------
     hurst : float
         Hurst exponent H, 0 < H <= 1.
-    rolloff_wavelength, shortest_wavelength : float
-        [mm]
+    rolloff_wavelength, shortest_wavelength, longest_wavelength : float
+        [mm]; the last one is by default the longest of the period.
     period : tuple of float
         l_x, l_y [mm].
     seed : int
         0 or more.
-    rms_height : float, optional
-        Root mean square of the height over the period [mm]; exactly one of this and the next.
-    rms_slope : float, optional
-        Root mean square of the gradient's length over the period.
-    longest_wavelength : float, optional
-        [mm]; default: the longest of the period.
+    rms_height, rms_slope : float
+        Root mean square of the height [mm], or of the gradient's length, over the period; exactly one.
     origin : tuple of float
         Lower left corner of the patch [mm].
-
-    Raises
-    ------
-    ValueError
-        If a parameter is outside its range, no wave of the period lies between the wavelengths, or too many do.
 
     Attributes
     ----------

@@ -1,16 +1,5 @@
 """Base shapes: smooth bodies with apex at the origin.
 
-=================  ======================================  =======================================
-shape              undeformed distance                     analytic solution
-=================  ======================================  =======================================
-`Plane`            0
-`Paraboloid`       x^2 / (2 Rx) + y^2 / (2 Ry)             Hertz
-`Sphere`           (x^2 + y^2) / (2 R)                     Hertz
-`Cylinder`         x^2 / (2 R), up to half its length
-`Cone`             r tan(angle)                            Love
-`FlatPunch`        0 under it                              Boussinesq
-=================  ======================================  =======================================
-
 A shape has a `name`, `sampled`, `shape_on` and `describe` as `app.problems.problem.Problem`. Its `check_grid`, if any,
 raises for a grid that does not fit.
 """
@@ -69,6 +58,8 @@ class Plane(Shape):
 @dataclass(frozen=True)
 class Paraboloid(Shape):
     """A paraboloid of relative radii rx, ry [mm] (Sec. 5.1).
+
+    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), its contact that of Hertz.
 
     Examples
     --------

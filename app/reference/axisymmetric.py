@@ -9,7 +9,6 @@ I. N. Sneddon, Int. J. Engng. Sci. 3 (1965), 47-57.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,10 @@ from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
-    """Contact in a circle; the shape depends on the radius r."""
+    """Contact in a circle; the shape depends on the radius r.
+
+    Subclasses define the undeformed distance `_shape(r)` and, for r >= a > 0, `_outer_displacement(r)`.
+    """
 
     @property
     def b(self):
@@ -29,14 +31,6 @@ class AxisymmetricContact(NormalContact):
     def stiffness(self):
         """Derivative of load by approach [N/mm]."""
         return 2 * self.e_star * self.a
-
-    @abstractmethod
-    def _shape(self, r):
-        """Return the undeformed distance at zero approach."""
-
-    @abstractmethod
-    def _outer_displacement(self, r):
-        """Return the surface displacement at r >= a > 0."""
 
     def undeformed_distance(self, x, y):
         """See `NormalContact.undeformed_distance`."""
@@ -54,15 +48,7 @@ class AxisymmetricContact(NormalContact):
 
 @dataclass(frozen=True)
 class Sphere(AxisymmetricContact):
-    """Sphere, as the paraboloid r^2/(2 radius) of Hertz's theory.
-
-    Parameters
-    ----------
-    radius : float
-        Relative radius of curvature [mm].
-    e_star, approach : float
-        See `NormalContact`.
-    """
+    """Sphere of a relative radius [mm], as the paraboloid r^2/(2 radius)."""
 
     radius: float
     e_star: float
@@ -84,10 +70,6 @@ class Sphere(AxisymmetricContact):
         """Pressure at the centre [N/mm2]."""
         return 1.5 * self.mean_pressure
 
-    def pressure(self, x, y):
-        """See `NormalContact.pressure`."""
-        return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
-
     def _shape(self, r):
         return r**2 / (2 * self.radius)
 
@@ -102,16 +84,9 @@ class Sphere(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class FlatCircularPunch(AxisymmetricContact):
-    """Rigid flat-ended cylinder.
+    """Rigid flat-ended cylinder of a radius [mm].
 
     The pressure has an integrable singularity at the rim.
-
-    Parameters
-    ----------
-    radius : float
-        Radius of the punch and, at positive approach, of the contact area [mm].
-    e_star, approach : float
-        See `NormalContact`.
     """
 
     radius: float
@@ -149,16 +124,9 @@ class FlatCircularPunch(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class Cone(AxisymmetricContact):
-    """Cone, of undeformed distance slope * r.
+    """Cone of undeformed distance slope * r.
 
     The pressure has a logarithmic singularity at the tip.
-
-    Parameters
-    ----------
-    slope : float
-        Tangent of the angle between the cone and the half-space.
-    e_star, approach : float
-        See `NormalContact`.
     """
 
     slope: float

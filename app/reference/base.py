@@ -47,8 +47,6 @@ class NormalContact(ABC):
         Normal force [N].
     max_pressure : float
         Supremum of the pressure [N/mm2]; infinite where the pressure is singular.
-    mean_pressure, contact_area : float
-        Load over contact area [N/mm2], and that area [mm2].
     stiffness : float
         d load / d approach [N/mm].
 
@@ -107,9 +105,9 @@ class NormalContact(ABC):
             return np.full(np.broadcast(x, y).shape, np.inf)
         return (np.asarray(x) / self.a) ** 2 + (np.asarray(y) / self.b) ** 2
 
-    @abstractmethod
     def pressure(self, x, y):
-        """Return the contact pressure p at points [N/mm2]."""
+        """Return the contact pressure p at points [N/mm2], by default a semi-ellipsoid."""
+        return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 
     @abstractmethod
     def undeformed_distance(self, x, y):

@@ -51,12 +51,7 @@ def axis_ratio(rx, ry):
 class EllipticHertz(NormalContact):
     """Paraboloids: undeformed distance x^2/(2 rx) + y^2/(2 ry).
 
-    Parameters
-    ----------
-    rx, ry : float
-        Principal relative radii of curvature [mm], in any order of size.
-    e_star, approach : float
-        See `NormalContact`.
+    Their principal axes are parallel; the relative radii of curvature rx, ry [mm] have any order of size.
     """
 
     rx: float
@@ -99,10 +94,6 @@ class EllipticHertz(NormalContact):
     def stiffness(self):
         """Derivative of load by approach [N/mm]."""
         return math.pi * self.e_star * self.a / self._rf
-
-    def pressure(self, x, y):
-        """See `NormalContact.pressure`."""
-        return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 
     def undeformed_distance(self, x, y):
         """See `NormalContact.undeformed_distance`."""

@@ -42,19 +42,12 @@ class WavyContact(ABC):
 
     Parameters
     ----------
-    amplitude : float
-        a: the distance of undeformed bodies is a (1 - wave) [mm].
-    wavelength : float
-        L, the period in x and y [mm].
+    amplitude, wavelength : float
+        a and L [mm]: the undeformed distance is a (1 - wave), of period L in x and y.
     e_star : float
         Contact modulus E* [N/mm2].
     mean_pressure : float
         Load over the area of a period [N/mm2]; no contact if not positive.
-
-    Raises
-    ------
-    InputError
-        If a length or the modulus is not positive or a value not finite.
     """
 
     amplitude: float

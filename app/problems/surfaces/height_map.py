@@ -14,7 +14,7 @@ from app.base.units import ALLOWED, UNITS, find_unit
 from app.problems.arrays import real_numbers
 from app.problems.surfaces.array_file import StoredArray, read_array
 from app.problems.surfaces.points import POINTS, arrange, detect_list
-from app.problems.surfaces.text_heads import read_cell_size, read_gwyddion_head
+from app.problems.surfaces.text_heads import find_esri_entries, read_gwyddion_head
 
 OPTIONS = (
     "unit= (-surface_unit)",
@@ -208,7 +208,9 @@ def _read_stated(where, content):
         return unit
 
     stated = {"unit": length("unit"), "spacing": None, "lateral": None, "other_unit": None}
-    spacing = content.attributes.get("spacing", read_cell_size(content.comments))
+    esri = find_esri_entries(content.comments)
+    sides = [esri.get(name, esri.get("cellsize")) for name in ("dx", "dy")]
+    spacing = content.attributes.get("spacing", None if sides == [None, None] else tuple(sides))
     if spacing is not None:
         sides = _positive_pair(spacing)
         if sides is None:

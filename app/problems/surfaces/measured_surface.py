@@ -23,20 +23,12 @@ class Surface:
 
     Attributes
     ----------
-    file : str
-        ``(array)`` if it is none.
-    unit : str
-        Of the file's heights.
+    file, unit, level, missing, crop, orient, s_filter, l_filter, periodic
+        As of `read_surface`; an array has the file name ``(array)``.
     shape : tuple of int
         ny, nx: cells, after cropping and averaging.
     spacing : tuple of float or None
         Size dx, dy of a cell [mm], if stated.
-    level, missing : str
-        As of `read_surface`.
-    crop : tuple of int
-        Columns i0 to i1 - 1 and rows j0 to j1 - 1 of the file.
-    orient : tuple of str
-        Turns of the file's rows and columns, before all else.
     rms_height : float
         Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
     rms_level, skewness, kurtosis : float
@@ -52,10 +44,6 @@ class Surface:
         Of the file, within the crop.
     notes : tuple of str
         Doubts for the user.
-    s_filter, l_filter : float or None
-        Nesting indices, see `filtered` [mm].
-    periodic : bool
-        Whether it was read, or filtered, for a periodic patch.
     """
 
     file: str
@@ -136,14 +124,8 @@ class Surface:
     def filtered(self, grid, s_filter=None, l_filter=None):
         """Return the surface without short and long waves.
 
-        Every rank filters all of it, and keeps it. On a periodic grid filters wrap around.
-
-        Parameters
-        ----------
-        grid : Grid
-            That of this surface.
-        s_filter, l_filter : float, optional
-            Nesting indices of S-filter and L-filter, of which half passes [mm].
+        Every rank filters all of it, and keeps it. On a periodic grid filters wrap around. The nesting indices are
+        wavelengths of which half passes [mm].
         """
         if s_filter is None and l_filter is None:
             return self

@@ -28,11 +28,6 @@ class ResampledSurface:
     The middle of the surface lies in the middle of the grid's patch, which may be smaller. If the file does not state
     its spacing, the surface is as large as the patch. A cell of the grid is missing where it overlaps no known point.
 
-    Attributes
-    ----------
-    surface : Surface
-        On its own cells; also the source of ``file``, ``spacing``, ``spike``, ``rounding``, ``rms_level``, ``notes``.
-
     Examples
     --------
     >>> from app import Grid, read_surface

@@ -90,17 +90,9 @@ def read_gwyddion_head(comments):
     return head.get("unit") or None, tuple(sides) if min(sides) > 0 else None
 
 
-def _esri_entries(lines):
-    """Return entries of an ESRI head by name."""
-    return {match[1].lower(): match[2] for match in map(_ESRI.fullmatch, lines) if match}
-
-
-def read_cell_size(comments):
-    """Return dx, dy of an ESRI head, or None."""
-    head = {name: text.replace(",", ".") for name, text in _esri_entries(comments).items()}
-    both = head.get("cellsize")
-    sides = head.get("dx", both), head.get("dy", both)
-    return None if sides == (None, None) else sides
+def find_esri_entries(lines):
+    """Return entries of an ESRI head by lower-case name, with decimal points."""
+    return {match[1].lower(): match[2].replace(",", ".") for match in map(_ESRI.fullmatch, lines) if match}
 
 
 def read_esri_head(lines, skip=0):
@@ -113,5 +105,5 @@ def read_esri_head(lines, skip=0):
         return not line.strip() or is_comment(line) or _ESRI.fullmatch(line)
 
     head = lines[:skip] if skip else list(takewhile(in_head, lines))
-    entries = _esri_entries(head)
+    entries = find_esri_entries(head)
     return (entries, len(head)) if {"ncols", "nrows"} <= entries.keys() else ({}, skip)
