@@ -24,14 +24,7 @@ FAILURE_CODES = 63, 72, 77, 82, 91
 
 
 class _ReferenceSolver:
-    """Base of both solvers. Collective.
-
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-        Only the target grid is used.
-    stop : StoppingTest
-    """
+    """Base of both solvers, on the target grid of a hierarchy. Collective."""
 
     _name = ""
     types = ()  # with bounds that only need products with the matrix; the first is the default
@@ -50,16 +43,9 @@ class _ReferenceSolver:
         self._h = self.mat.createVecRight()
 
     def solve(self, state, history, start=None):
-        """Solve from the pressure of a Solution `start` if given.
+        """Solve from the pressure of a Solution `start` if given; return the Outcome.
 
-        Returns
-        -------
-        Outcome
-
-        Raises
-        ------
-        PETSc.Error
-            If the chosen linear solver needs more than this matrix offers.
+        Raises a PETSc.Error if the chosen linear solver needs more than this matrix offers.
         """
         for listener in history.listeners:
             listener.start(state, self.level)

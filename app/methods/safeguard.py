@@ -56,19 +56,7 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
 def projected_newton(state, solver, stop, history):
     """Solve (2.8)-(2.10) for the approach of `state`, from its pressure.
 
-    Collective over the ranks of `state`.
-
-    Parameters
-    ----------
-    state : ContactState
-    solver : LinearSolver
-        In double precision.
-    stop : InexactStop
-    history : History
-
-    Returns
-    -------
-    Outcome
+    Collective over the ranks of `state`. Parameters and result as of `active_set`; the solver is in double precision.
     """
     history.start(state, solver)
     state.project()

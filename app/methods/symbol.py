@@ -118,18 +118,9 @@ def _centre(dx, dy):
 
 
 def fit_stencils(grid, power=-1):
-    """Fit the stencils of all levels.
+    """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
-    Parameters
-    ----------
-    grid : Grid
-    power : int
-        1: of A; -1: of its inverse.
-
-    Returns
-    -------
-    tuple of StencilLevel
-        For unit compliance and cells whose longer side is 1.
+    They are for unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
@@ -163,18 +154,8 @@ def _coarsening(dx, dy):
 def near_field_correction(grid, levels):
     """Return the difference of coarsest symbol and influence coefficients.
 
-    It vanishes at large distances, where only the load of a cell matters, not its shape.
-
-    Parameters
-    ----------
-    grid : Grid
-    levels : int
-        Number of stencils.
-
-    Returns
-    -------
-    ndarray, shape (offsets in y, offsets in x)
-        For unit compliance and cells (of the finest grid) whose longer side is 1.
+    It vanishes at large distances, where only the load of a cell matters, not its shape. Shape (offsets in y, offsets
+    in x), for unit compliance, cells of the finest grid whose longer side is 1, and a number of `levels` with stencils.
     """
     side = max(grid.dx, grid.dy)
     return _near_field_correction(grid.dx / side, grid.dy / side, levels)
@@ -199,18 +180,8 @@ def _powers(kind, dx, dy, x, y, power):
 def coarsen_symbol(values, near, x, y):
     """Return the remainder of g_0 below some levels.
 
-    Parameters
-    ----------
-    values : ndarray, shape (x, y)
-        g_0.
-    near : sequence of StencilLevel
-        n_0, n_1, ...; in units of g_0.
-    x, y : ndarray
-        Wave numbers over the highest ones of the finest grid.
-
-    Returns
-    -------
-    ndarray, shape (x, y)
+    `values`, shape (x, y), are g_0 at wave numbers x, y over the highest ones of the finest grid; `near`: StencilLevels
+    in units of g_0.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -53,13 +53,7 @@ class BlockAverage:
         self._means, self._weights, self._work = (np.zeros(self._shape) for _ in range(3))
 
     def set_contact(self, contact, r=None):
-        """Set the contact set; update the means of a given residual.
-
-        Returns
-        -------
-        bool
-            C is scattered.
-        """
+        """Set C and means of a residual; return whether C is scattered."""
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
         shares, *means = sum_over(self._comm, np.stack([self.local_means(field) for field in fields]))

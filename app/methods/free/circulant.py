@@ -121,18 +121,10 @@ class Circulant:
     def precondition(self, r, z, reduced=None):
         """Compute z = E^T B E r on C.
 
-        Parameters
-        ----------
-        r, z : ndarray of float64 or float32, shape `local_shape`
-            May be the same array; r vanishes outside C. z is arbitrary there.
-        reduced : (float, ndarray), optional
-            If r is that of the last call on this contact set minus a share of q: this share, and the sum of
-            `local_terms` of q over the ranks. It saves a reduction.
-
-        Returns
-        -------
-        float or None
-            r.z, if they are two arrays and it costs nothing.
+        r and z are float64 or float32 and may be the same array; r vanishes outside C, z is arbitrary there. If r is
+        that of the last call on this contact set minus a share of q, `reduced` is this share and the sum of
+        `local_terms` of q over the ranks; it saves a reduction. Returns r.z, if they are two arrays and it costs
+        nothing, else None.
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)

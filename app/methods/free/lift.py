@@ -25,12 +25,8 @@ MAX_LOAD_RATIO = (
 def lift(transfer, coarse, state):
     """Set C and p of `state` from the coarser grid.
 
-    Collective. u of `state` is I u_H; u of the coarser grid is overwritten.
-
-    Returns
-    -------
-    bool
-        False if the loads differ so much that the coarse grid cannot be trusted. u is unchanged.
+    Collective. u of `state` is I u_H; u of the coarser grid is overwritten. Returns False if the loads differ so much
+    that the coarse grid cannot be trusted.
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)

@@ -119,21 +119,11 @@ class TrackingSolver(LinearSolver):
             self._change_not_in_u, state.displacement_status = False, Displacement.UPDATED
 
     def predict(self, state, factor):
-        """Predict the change of u outside C by the residual.
+        """Predict the change of u outside C [mm], times `factor`.
 
-        The method ``extend(r)`` of the preconditioner, if it has one, continues the residual past the contact edge. It
-        has the contact set of the last solve, so that released cells are not predicted to return.
-
-        Parameters
-        ----------
-        state : ContactState
-        factor : float
-            Factor on the prediction; 0: none.
-
-        Returns
-        -------
-        ndarray, shape (local rows, nx), [mm], or None
-            In the solver's work array.
+        The method ``extend(r)`` of the preconditioner continues the residual past the contact edge; without one the
+        result is None. It has the contact set of the last solve, so that released cells are not predicted to return.
+        The result is in the solver's work array.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None

@@ -23,7 +23,6 @@ class VerificationProduct:
     inner : Slabs
         Of the window.
     ranks : RankGroups
-        All.
 
     Attributes
     ----------

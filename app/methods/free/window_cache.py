@@ -29,18 +29,9 @@ class WindowCache(SolverCache):
         self._windows, self._spectra, self._direct = {}, {}, {}
 
     def window(self, place, grid, slabs, comm, verification=None):
-        """Return the operator of a window.
+        """Return the operator of a window. Collective over `comm`.
 
-        Collective over `comm`.
-
-        Parameters
-        ----------
-        place : hashable
-            Purpose of the window; the last small one of each place is cached.
-        grid, slabs, comm
-            See `InfluenceOperator`.
-        verification : VerificationProduct, optional
-            Its exact product.
+        The last small window of each `place`, a hashable purpose, is cached. `verification`: its exact product.
         """
         operator = self._windows.get(place)
         if operator is None or (operator.grid.shape, operator.slabs.starts) != (grid.shape, slabs.starts):

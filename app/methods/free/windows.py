@@ -44,10 +44,7 @@ class CoarseSolution(NamedTuple):
 class WindowState(ContactState):
     """State of a window, which owns its undeformed distance.
 
-    Attributes
-    ----------
-    scaled : float
-        Factor by which p and u were multiplied since the last product in double precision.
+    `scaled` is the factor on p and u since the last product in double precision.
     """
 
     scaled = 1.0
@@ -86,15 +83,11 @@ class WindowedLevel:
 
     Parameters
     ----------
-    hierarchy : Hierarchy
-    cache : WindowCache
-    number : int
-        Level.
+    hierarchy, cache, number
+        Hierarchy, WindowCache and level.
     distance : UndeformedDistance
         On all cells of the level.
-    coarse : ContactState or None
-        State of the coarser grid.
-    boxes : Boxes, optional
+    coarse, boxes : ContactState or None, Boxes or None
         Of the coarser grid.
 
     Attributes
@@ -146,21 +139,10 @@ class WindowedLevel:
         self.state = WindowState(fine, part)
 
     def boxes_for_next(self, coarse_minimum, depth):
-        """Return the boxes for the next finer window.
+        """Return the boxes for the next finer window, or None.
 
-        Collective over the ranks of the state.
-
-        Parameters
-        ----------
-        coarse_minimum : ndarray or None
-            See `Hierarchy.coarse_minimum`; used on the finest grid without a window.
-        depth : float
-            Predicted on the next finer grid [mm].
-
-        Returns
-        -------
-        Boxes or None
-            None if the next grid has no window.
+        Collective over the ranks of the state. `coarse_minimum`: see `Hierarchy.coarse_minimum`, used on the finest
+        grid without a window; `depth`: predicted on the next finer grid [mm].
         """
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:
@@ -186,18 +168,9 @@ class WindowedLevel:
                 self._cache.close(operator)
 
     def expand_to_grid(self, converged):
-        """Return the state on all cells of the target grid.
+        """Return the state on all cells, and whether it is complete.
 
-        Parameters
-        ----------
-        converged : bool
-            In the window.
-
-        Returns
-        -------
-        state : ContactState
-        complete : bool
-            False if the bodies penetrate outside of a window that has converged.
+        It is incomplete if the bodies penetrate outside of a window that has `converged`.
         """
         inside, scatter = self.state, self._scatter
         u = self._verification.displacement(inside, converged)
@@ -216,16 +189,8 @@ class WindowedLevel:
 def _choose_window(boxes, patch, margin, possible):
     """Return the window around contact of the coarser grid.
 
-    If a smaller window does not pay it is that of the coarser grid, or None if that had none.
-
-    Parameters
-    ----------
-    boxes : Boxes
-    patch : Grid
-        The coarser grid.
-    margin : float
-    possible : Window
-        Around all cells where contact is possible.
+    If a smaller window does not pay it is that of the coarser grid, or None if that had none. `possible`: window of the
+    coarser grid around all cells where contact is possible.
     """
     outer, contact = boxes.outer, boxes.contact
     fallback, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)

@@ -39,23 +39,8 @@ NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 def primal_active_set(primal, solver, stop, history):
     """Solve (2.8)-(2.10) on one grid from w and p.
 
-    Collective over the ranks of the state.
-
-    Parameters
-    ----------
-    primal : PrimalState
-    solver : PrimalSolver
-    stop : InexactStop
-    history : History
-
-    Returns
-    -------
-    Outcome
-
-    Raises
-    ------
-    NeedsSafeguard
-        If it makes no progress.
+    Collective over the ranks of the state. Parameters and result as of `active_set`, with a PrimalState and a
+    PrimalSolver. Raises `NeedsSafeguard` if it makes no progress.
     """
     state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
     solver.begin(state, primal.loading, stop.defect_correction)
@@ -129,20 +114,8 @@ def _finish_unsolved(primal, solver):
 class _Accuracy:
     """Error at which the solver aims, by its preconditioned residual.
 
-    Parameters
-    ----------
-    allowed : float
-        Largest root mean square error of the gap [mm].
-
-    Attributes
-    ----------
-    allowed : float
-    aim : float
-        Error aimed at [mm].
-    verification_failed : bool
-        At least once. From then on p is recomputed before a verification.
-    exhausted : bool
-        It failed at the smallest error that can be aimed at.
+    `aim` starts as a fraction of the `allowed` root mean square error of the gap [mm]. Once a verification has failed
+    (`verification_failed`), p is recomputed before the next one. `exhausted`: it failed at the smallest possible aim.
     """
 
     def __init__(self, allowed):
@@ -152,14 +125,7 @@ class _Accuracy:
     def lower(self, reached, error, lowest):
         """Lower the aim by error over residual at a verification.
 
-        Parameters
-        ----------
-        reached : float
-            Error by the residual [mm].
-        error : float
-            Error by the verification [mm]; NaN: there was no pressure.
-        lowest : float
-            Rounding error [mm].
+        `reached`: error by the residual; `error`: by the verification, NaN without pressure; `lowest`: rounding [mm].
         """
         no_pressure = np.isnan(error)
         self.exhausted = no_pressure and self.aim <= lowest
@@ -235,19 +201,9 @@ def allowed_gap(primal, stop):
 def verify(primal, p):
     """Do step 4 for a valid pressure, by one exact product.
 
-    Collective. The pressure is >= 0 and has the right load. Sets the depth of the state, and adds overlapping cells to
-    its contact set.
-
-    Parameters
-    ----------
-    primal : PrimalState
-    p : ndarray, shape (local rows, nx)
-        Overwritten by that pressure, for `accept`.
-
-    Returns
-    -------
-    Update, or None
-        None if there is no pressure under a load: more is left on the free cells.
+    Collective. `p` is overwritten by the pressure, >= 0 and with the right load, for `accept`. Sets the depth of the
+    state, and adds overlapping cells to its contact set. Returns an Update, or None without pressure under a load: more
+    is left on the free cells.
     """
     state, loading = primal.state, primal.loading
     total = float(state.sum([state.bounds.project(state.p, state.contact, p)])[0])

@@ -30,21 +30,8 @@ _SAFEGUARD = {
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
     """Solve on all periodic grids, from the coarsest to the target.
 
-    Collective. The ranks that share a grid solve it, and broadcast the results to those that share the next one.
-
-    Parameters
-    ----------
-    hierarchy, distances, loading, stop, history, nested
-        See `app.methods.free.nested.nested_iteration`.
-    cache : SolverCache
-        Of `PrimalSolver`.
-    start : Solution, optional
-        On the target grid; coarser grids are left out.
-
-    Returns
-    -------
-    ContactState, Outcome
-        On the target grid.
+    Collective. Parameters and result as of `app.methods.free.nested.nested_iteration`; the cache has solvers of type
+    PrimalSolver. From a Solution `start` on the target grid, coarser grids are left out.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if loading.approach_is_known:

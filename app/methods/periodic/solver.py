@@ -97,19 +97,8 @@ class PrimalSolver(LinearSolver):
     def improve(self, primal, allowed):
         """Reduce p on the free cells; compute `change` and `carried`.
 
-        Parameters
-        ----------
-        primal : PrimalState
-        allowed : float
-            Largest norm of the preconditioned residual that passes [mm].
-
-        Returns
-        -------
-        iterations : int
-        failure : str
-            As of `LinearSolver.solve`.
-        residual : float
-            Its norm, about the error of w [mm].
+        Parameters and result as of `TrackingSolver.improve`, in the norm of the preconditioned residual, about the
+        error of w.
         """
         if self.preconditioner.constrained:
             primal.balance_free_cells(self)

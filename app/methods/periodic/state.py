@@ -145,8 +145,8 @@ class PrimalState:
             self.w -= self.prescribed_depth + self.mean(self.w)
         if not self._has_pressure:
             return self.refresh()
-        rows, room = solver.guess_halo(change), np.empty((3, self.w.shape[1] + 2))
-        stencil.add_centre(change, *rows, solver.preconditioner.weights, room, state.values)
+        rows, work = solver.guess_halo(change), np.empty((3, self.w.shape[1] + 2))
+        stencil.add_centre(change, *rows, solver.preconditioner.weights, work, state.values)
 
     def continue_from(self, solution):
         """Start from a Solution on this grid."""
@@ -167,9 +167,9 @@ class PrimalState:
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
         rows = solver.guess_halo
-        room = stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
+        work = stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
         stencil.sweep_projected(
-            force, *rows(force), lowest, *rows(lowest), weights, solver.guess_sweeps, x, room
+            force, *rows(force), lowest, *rows(lowest), weights, solver.guess_sweeps, x, work
         )
         loops.apply_guess(x, lowest, self.w, state.distance.b, state.contact)
         if not (self.loading.allows_no_contact or state.cells_in_contact()):
@@ -190,12 +190,8 @@ class PrimalState:
         """Release cells with p < -slack, capture those with e < least_gap.
 
         p and w are those of `solver`. Under a load one cell stays in contact, under an approach below that of full
-        contact one stays open, so that the system has a solution.
-
-        Returns
-        -------
-        Update
-            With `residual` [mm]; `moves` is infinite if one of these cells moves by more than `far` [mm].
+        contact one stays open, so that the system has a solution. Returns an Update with `residual` [mm]; its `moves`
+        are infinite if one of these cells moves by more than `far` [mm].
         """
         state = self.state
         counts = state.bounds.exchange(

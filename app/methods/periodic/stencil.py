@@ -43,11 +43,11 @@ def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
 
 @njit_reassoc
 def _first_row(s, free, scale, share, more, source, inside, out):
-    nothing = np.float32(0)
+    zero = np.float32(0)
     for i in range(s.size):
-        here = np.float32(s[i] * scale) if free[i] else nothing
+        here = np.float32(s[i] * scale) if free[i] else zero
         source[i] = here
-        out[i] = share * here + (more[i] if free[i] else nothing)
+        out[i] = share * here + (more[i] if free[i] else zero)
     copy_row(free, inside)
 
 

@@ -200,13 +200,13 @@ class _LongWaves:
         self.coarse, (self._compliance, self._stiffness) = fine.coarser, springs
         coarse = self.coarse
         self._factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
-        made, comm = fine.slabs.coarsen(fy), fine.comm
+        coarse_slabs, comm = fine.slabs.coarsen(fy), fine.comm
         ranks, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         first, last = fine.slabs.bounds(ranks)
         some, self._skipped = last > first, int(first[rank] % fy)
         low, high = first // fy, np.where(some, -(-last // fy), first // fy)
         self._sums = np.empty((high[rank] - low[rank], coarse.grid.nx))
-        self._to_coarse = Fetch(made, [coarse.slabs.bounds(ranks)], comm)
+        self._to_coarse = Fetch(coarse_slabs, [coarse.slabs.bounds(ranks)], comm)
         (ay, by), in_x = fine.grid.places_in(coarse.grid)
         above = np.floor(ay * (first - width) + by - ROW_TOLERANCE).astype(int)
         below = np.floor(ay * (last - 1 + width) + by + ROW_TOLERANCE).astype(int) + 2
@@ -214,7 +214,7 @@ class _LongWaves:
         self._places = (ay, ay * (first[rank] - width) + by - above[rank]), in_x
         # Number of ranks that begin inside each coarse row; they follow the one that makes it.
         inside = np.bincount(low[some & (first % fy > 0)], minlength=coarse.grid.ny)
-        begin, end = made.bounds(ranks)
+        begin, end = coarse_slabs.bounds(ranks)
         number = np.where(end > begin, inside[end - 1], 0)
         following = np.arange(1, ranks + 1)
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)

@@ -166,32 +166,6 @@ def test_extension_follows_the_contact_set_whatever_the_unit_of_the_stencil():
     np.testing.assert_allclose(apply(extension.extend, r), extended(second, 3, r), atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    "stencil",
-    [
-        np.ones((2, 3)),
-        -np.array(STENCIL),
-        np.full((3, 3), np.nan),
-        [[0, 0, 0], [-0.2, 1, -0.1], [0, 0, 0]],
-        [[-0.1, 0, 0], [0, 1, 0], [0, 0, -0.1]],
-    ],
-)
-def test_uneven_stencils_raise(stencil):
-    with pytest.raises(ValueError, match="stencil"):
-        EdgeExtension((4, 4), None, None, 3).set_stencil(stencil)
-
-
-def test_fields_of_wrong_shape_or_layout_raise():
-    extension = make(np.eye(6, dtype=bool), 3)
-    for x in (np.zeros((6, 5)), np.zeros((6, 12))[:, ::2], np.zeros((6, 6), order="F")):
-        for operation in (extension.extend, extension.restrict):
-            with pytest.raises(ValueError, match="contiguous"):
-                operation(x)
-    for contact in (np.ones((5, 6), bool), np.ones((6, 6))):
-        with pytest.raises(ValueError, match="contact set"):
-            extension.set_contact(contact)
-
-
 @pytest.mark.parametrize("steps", [-1, 251])
 def test_impossible_numbers_of_steps_raise(steps):
     with pytest.raises(ValueError, match="steps"):
