@@ -20,7 +20,7 @@ _PLACES = {
     "FlatPunch": "app.problems.shapes",
     "Grid": "app.halfspace.grid",
     "Listener": "app.contact.history",
-    "Material": "app.halfspace.influence",
+    "Material": "app.halfspace.material",
     "Paraboloid": "app.problems.shapes",
     "Plane": "app.problems.shapes",
     "SelfAffineSurface": "app.problems.random_surfaces",

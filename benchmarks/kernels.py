@@ -14,7 +14,8 @@ from mpi4py import MPI
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.gauss_seidel.sweep import GaussSeidel
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material, influence_quadrant
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.material import Material
 from app.halfspace.operator import InfluenceOperator
 from app.methods.multilevel_operators import create_circulant_inverse, create_multilevel_influence
 from app.parallel.slabs import Slabs

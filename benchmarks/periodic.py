@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.io.table import format_markdown
 from app.problems.random_surfaces import SelfAffineSurface
 from benchmarks.measure import Memory, head, insist, note_on, publish, quickest, solve_command

@@ -33,7 +33,7 @@ from app.base.petsc import _counter
 from app.contact.full_multigrid import GridSequence
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.halfspace.window import Scatter
 from app.io.table import format_markdown
 from app.methods.free.verification_product import VerificationProduct

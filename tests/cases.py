@@ -4,7 +4,7 @@ import pytest
 
 from app import ContactProblem
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.shapes import FlatPunch, Paraboloid
 

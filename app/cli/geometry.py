@@ -152,7 +152,7 @@ def make_problem(options, texts, comm):
 
 
 def _make_material(options):
-    from app.halfspace.influence import Material
+    from app.halfspace.material import Material
 
     if options.given("contact_modulus"):
         return Material.from_contact_modulus(options["contact_modulus"])

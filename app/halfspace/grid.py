@@ -33,7 +33,7 @@ def validate_symbol(periodic):
     """
     name = SYMBOLS[0] if periodic is True else periodic or ""
     if name and name not in SYMBOLS:
-        raise InputError(f"periodic: {periodic!r}; allowed: True, False, {', '.join(map(repr, SYMBOLS))}")
+        raise InputError(f"periodic: {periodic!r}; must be True, False, {', '.join(map(repr, SYMBOLS))}")
     return name
 
 
@@ -52,8 +52,7 @@ class Grid:
     x0, y0 : float
         Lower left corner of the patch.
     periodic : str
-        Empty for a free patch. Otherwise the patch is periodic in x and y, and this names the symbol of its influence
-        matrix, see `app.halfspace.periodic_symbol`.
+        Symbol of the influence matrix of a periodic patch (`app.halfspace.periodic_symbol`); empty for a free patch.
     """
 
     nx: int
@@ -74,7 +73,7 @@ class Grid:
         if not (all(map(isfinite, numbers)) and min(numbers[:2]) > 0):
             raise InputError(
                 f"grid: cells of {self.dx} x {self.dy} mm, corner at {self.x0}, {self.y0}: "
-                "needed: finite numbers, positive sizes"
+                "must be finite numbers, and positive sizes"
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
@@ -90,10 +89,10 @@ class Grid:
         try:
             x0, x1, y0, y1 = map(float, domain)
         except (TypeError, ValueError):
-            raise InputError(f"domain {domain!r}: needed: four numbers (x0, x1, y0, y1) [mm]") from None
+            raise InputError(f"domain {domain!r}: must be four numbers (x0, x1, y0, y1) [mm]") from None
         if not (np.isfinite([x0, x1, y0, y1]).all() and x1 > x0 and y1 > y0):
             sides = ",".join(map(format_exact, (x0, x1, y0, y1)))
-            raise InputError(f"domain {sides}: need finite x0 < x1 and y0 < y1")
+            raise InputError(f"domain {sides}: must be finite, with x0 < x1 and y0 < y1")
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
 
     @cached_property
@@ -177,9 +176,9 @@ def _cells(nx, ny):
     try:
         cells = index(nx), index(ny)
     except TypeError:
-        raise InputError(f"grid {nx},{ny}: whole numbers of cells are needed") from None
+        raise InputError(f"grid {nx},{ny}: must be whole numbers of cells") from None
     if min(cells) < 1:
-        raise InputError(f"grid {nx},{ny}: at least one cell in each direction is needed")
+        raise InputError(f"grid {nx},{ny}: must be at least one cell in each direction")
     return cells
 
 

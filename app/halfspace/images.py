@@ -34,14 +34,8 @@ _HALF_WIDTH = 0.52  # of the interval of the polynomials, in periods: half a per
 class Box:
     """Periodic box of a patch.
 
-    Parameters
-    ----------
-    grid : Grid
-        The patch.
-    periods : (int, int)
-        Cells of the box in y and x.
-    influence : callable
-        ``influence(rows, columns)``: coefficients K for unit compliance, at arrays of offsets in cells.
+    `periods` are its cells in y and x. ``influence(rows, columns)`` returns coefficients K for unit compliance at
+    arrays of offsets.
     """
 
     def __init__(self, grid, periods, influence):
@@ -160,17 +154,7 @@ def _interpolate(nodes, first, weights, mask, out, row):
 class ImageCorrection:
     """Product with S on the rows of a rank. Collective over `comm`.
 
-    Parameters
-    ----------
-    box : Box
-    compliance : float
-        [mm2/N].
-    steps : (int, int)
-        Cells between nodes, in y and x.
-    width : int
-        Number of nodes from which a cell is interpolated, in each direction.
-    slabs, comm, dtype
-        See `Layout`.
+    Nodes are `steps` cells apart in y and x. A cell is interpolated from `width` nodes in each direction.
     """
 
     def __init__(self, box, compliance, steps, width, slabs, comm, dtype):

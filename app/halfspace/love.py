@@ -108,20 +108,8 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
 def love_coefficients(cell, compliance, rows, columns):
     """Return influence coefficients of an elastic half-space.
 
-    Parameters
-    ----------
-    cell : (float, float)
-        dx, dy [mm].
-    compliance : float
-        (1 - nu) / (pi G) [mm2/N].
-    rows : ndarray of int
-        Offsets in y, 0 or more.
-    columns : int
-        Number of offsets in x, from 0 on.
-
-    Returns
-    -------
-    ndarray, shape (rows, columns), [mm / (N/mm2)]
+    They are for cells of dx, dy = `cell` [mm] at offsets `rows` in y and 0 to `columns` - 1 in x, for a compliance
+    (1 - nu) / (pi G) [mm2/N]: shape (rows, columns) [mm / (N/mm2)].
     """
     quadrant = np.empty((len(rows), columns))
     sides, squares, series = _taylor_series(*cell)

@@ -38,19 +38,8 @@ def wave_numbers(grid, columns, rows):
 def influence_symbol(grid, compliance, columns, rows):
     """Return eigenvalues of the periodic influence matrix.
 
-    Parameters
-    ----------
-    grid : Grid
-        It must be periodic.
-    compliance : float
-        (1 - nu) / (pi G) = 1 / (pi E*) [mm2/N].
-    columns, rows : ndarray of int
-        Frequencies in x, 0 to nx // 2, and in y, 0 to ny // 2; for ``love`` also floats.
-
-    Returns
-    -------
-    ndarray, shape (columns, rows), [mm / (N/mm2)]
-        Zero at frequency (0, 0).
+    They are for frequencies `columns` in x, 0 to nx // 2, and `rows` in y, 0 to ny // 2 (for ``love`` also floats), and
+    a compliance (1 - nu) / (pi G) [mm2/N]: shape (columns, rows) [mm / (N/mm2)], zero at frequency (0, 0).
     """
     symbol = {"spectral": _spectral, "love": _love}[grid.periodic]
     with events.coeffs:

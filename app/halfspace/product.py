@@ -35,12 +35,7 @@ class Convolution(EvenMultiplier):
 
     Collective over the layout's ranks.
 
-    Parameters
-    ----------
-    quadrant_rows : callable
-        ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, called for a few rows at a time.
-    shape, layout
-        See `EvenMultiplier`.
+    ``quadrant_rows(slice)`` returns influence coefficients, shape (rows, nx), and is called for a few rows at a time.
     """
 
     def __init__(self, quadrant_rows, shape, layout=SERIAL):
@@ -53,13 +48,6 @@ class BoxProduct(EvenMultiplier):
     """Product (2.6) in a periodic box, less the influence of images.
 
     Collective over the layout's ranks.
-
-    Parameters
-    ----------
-    grid : Grid
-    compliance : float
-        [mm2/N].
-    layout : Layout
     """
 
     def __init__(self, grid, compliance, layout=SERIAL):
@@ -112,12 +100,7 @@ class PeriodicProduct(EvenMultiplier):
 
     Collective over the layout's ranks.
 
-    Parameters
-    ----------
-    symbol : callable
-        See `EvenMultiplier.set_spectrum`.
-    shape, layout
-        See `EvenMultiplier`.
+    `symbol`: see `EvenMultiplier.set_spectrum`.
     """
 
     def __init__(self, symbol, shape, layout=SERIAL):

@@ -72,16 +72,7 @@ def whole_window(grid):
 def bounding_boxes(masks, slabs, comm):
     """Return windows around the cells of each mask. Collective.
 
-    Parameters
-    ----------
-    masks : sequence of ndarray of bool, shape (local rows, nx)
-    slabs : Slabs
-    comm : mpi4py communicator or None
-        Ranks that share the rows.
-
-    Returns
-    -------
-    list of Window, or of None for masks without cells
+    Masks without cells have None. There is one reduction over `comm`, the ranks that share the rows.
     """
     minima = minimum_over(comm, [local_bounds(mask, slabs) for mask in masks])
     return [window_from_bounds(bounds) for bounds in minima]
@@ -118,13 +109,7 @@ def _extent(mask):
 class Scatter:
     """Transfer of fields between a grid and a window.
 
-    Parameters
-    ----------
-    window : Window
-    outer, inner : Slabs
-        Rows of the grid and of the window.
-    comm : mpi4py communicator or None
-        All ranks; None: this rank has all rows.
+    `outer` and `inner` are the slabs of the grid and of the window; `comm` has all ranks.
     """
 
     def __init__(self, window, outer, inner, comm):

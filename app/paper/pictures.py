@@ -9,7 +9,8 @@ from matplotlib.colors import ListedColormap, LogNorm
 from scipy.special import ndtri
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material, influence_quadrant
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.material import Material
 from app.paper import smoother_analysis, trace
 from app.paper.item import CASES, Item, solver_run
 from app.paper.tables import PAPER, converged, evaluate_methods, traced

@@ -27,7 +27,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material, dense_matrix
+from app.halfspace.influence import dense_matrix
+from app.halfspace.material import Material
 
 #: Modes of Fig. 7; the first four are smooth and have a partner on the coarse grid.
 PAPER_MODES = (2, 4, 6, 8, 18, 32)

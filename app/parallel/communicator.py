@@ -45,20 +45,10 @@ class Traffic:
 class Communicator(MPI.Intracomm):
     """mpi4py communicator that counts messages.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-        It is wrapped, not duplicated.
-    traffic : Traffic, optional
-        Counts to add to.
-
-    Attributes
-    ----------
-    shares_memory : bool
-        Ranks of one node may share memory, see `app.parallel.shared_memory`.
+    `comm` is wrapped, not duplicated. Messages are added to `traffic`, if there is one.
     """
 
-    shares_memory = True
+    shares_memory = True  # Ranks of one node may share memory, see `app.parallel.shared_memory`.
 
     def __new__(cls, comm=None, traffic=None):  # noqa: D102
         self = super().__new__(cls, comm)
@@ -159,12 +149,7 @@ class _Failure:
 class propagate_errors:
     """Context manager that propagates an error to waiting ranks.
 
-    They wait in `bcast_or_raise`.
-
-    Parameters
-    ----------
-    comm : Communicator or None
-        This rank is its rank 0. None: no rank waits.
+    They wait in `bcast_or_raise` of `comm`, whose rank 0 is this one. If it is None, no rank waits.
     """
 
     def __init__(self, comm):

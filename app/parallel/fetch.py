@@ -67,15 +67,7 @@ class Fetch:
     def __call__(self, field, out=None):
         """Fetch the wanted rows of a field. Collective.
 
-        Parameters
-        ----------
-        field : ndarray, shape (local rows, columns)
-        out : ndarray, shape (rows wanted, columns), optional
-
-        Returns
-        -------
-        ndarray, shape (rows wanted, columns)
-            `out`, or the field itself if it has exactly the rows wanted.
+        Return `out`, shape (rows wanted, columns), or the field itself if it has exactly these rows.
         """
         if self.unchanged:
             return field

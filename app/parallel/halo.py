@@ -16,16 +16,9 @@ class _GhostRows:
         self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
-        """Fetch the ghost rows of a field. Collective.
+        """Return the ghost rows before and after those of a field. Collective.
 
-        Parameters
-        ----------
-        field : ndarray, shape (local rows, columns)
-
-        Returns
-        -------
-        before, after : ndarray, shape (ghost rows, columns)
-            Of the field's type; without rows on a rank that has none.
+        They have the field's type, and no rows on a rank without rows.
         """
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
@@ -34,14 +27,8 @@ class _GhostRows:
 class Halo(_GhostRows):
     """Exchange of `width` ghost rows before and after those of this rank.
 
-    Parameters
-    ----------
-    slabs : Slabs
-    comm : mpi4py communicator or None
-        Ranks that share the rows; None: this rank has all.
-    width : int
-    periodic : bool
-        Ghost rows continue over the period. Otherwise there are fewer at the ends of the patch.
+    Periodic ghost rows continue over the period. Otherwise there are fewer at the ends of the patch. `comm` is None if
+    this rank has all rows.
     """
 
     def __init__(self, slabs, comm, width, periodic=True):
@@ -56,18 +43,9 @@ class Halo(_GhostRows):
 class CoarseHalo(_GhostRows):
     """Exchange of coarse rows needed to interpolate fine rows.
 
-    Parameters
-    ----------
-    slabs : Slabs
-        Of the fine rows. The coarse ones have the slabs `Slabs.surround`; on a periodic grid those of two rows each.
-    comm : mpi4py communicator or None
-    periodic : bool
-
-    Attributes
-    ----------
-    first : int
-        Number of the first coarse row needed, counted as in `Slabs.surround`: the coarse row of the first two fine
-        rows is row 1, on a periodic grid, too.
+    `slabs` are those of the fine rows. The coarse ones have the slabs `Slabs.surround`; on a periodic grid, those of
+    two rows each. `first` is the number of the first coarse row needed. The coarse row of the first two fine rows is
+    row 1.
     """
 
     def __init__(self, slabs, comm, periodic=False):
@@ -84,16 +62,8 @@ class CoarseHalo(_GhostRows):
 def fetch_row_before(field, periodic, slabs, comm, beyond):
     """Return the row before those of this rank. Collective.
 
-    On a periodic patch the row before the first is the last; otherwise it is filled with `beyond`.
-
-    Parameters
-    ----------
-    field : ndarray, shape (local rows, nx)
-    periodic : bool
-    slabs : Slabs or None
-        None: this rank has all rows.
-    comm : mpi4py communicator or None
-    beyond : number
+    On a periodic patch the row before the first is the last; otherwise it is filled with `beyond`. `slabs` and `comm`
+    are None if this rank has all rows.
     """
     if comm is None:
         return field[-1] if periodic and len(field) else np.full(field.shape[1], beyond, field.dtype)

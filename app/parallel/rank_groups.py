@@ -15,11 +15,7 @@ from app.parallel.slabs import Slabs
 class RankGroups:
     """Ranks of a solver, and those that share each grid.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    cells : int
-        Least number of cells per rank on a shared grid.
+    `cells` is the least number of cells per rank on a shared grid.
     """
 
     def __init__(self, comm, cells):
@@ -39,11 +35,7 @@ class RankGroups:
     def distribute(self, grid, size=None):
         """Return slabs and communicator of a grid. Collective over its ranks.
 
-        Returns
-        -------
-        slabs : Slabs
-        comm : Communicator or None
-            None if this rank has all rows, or none.
+        The communicator is None if this rank has all rows, or none.
         """
         slabs = self.slabs(grid, size)
         if slabs.size == 1 or not slabs.active:

@@ -10,7 +10,7 @@ import numpy as np
 from app.base.errors import InputError
 from app.base.units import format_lengths
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.problems.arrays import check_size, real_numbers
 from app.problems.problem import Problem
 from app.problems.shapes import Plane

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.problems.contact_problem import ContactProblem
 from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.shapes import Cylinder

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.problems.contact_problem import ContactProblem
 from app.verification.check import Check, Figure
 from app.verification.solving import PATCHES, UNIT, difference, solved

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.base.mpi import MPI
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.parameter_study.processes import run_command
 from app.problems.contact_problem import ContactProblem
 from app.problems.random_surfaces import SelfAffineSurface

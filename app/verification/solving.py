@@ -8,7 +8,7 @@ import numpy as np
 
 from app.api.solver import ContactSolver
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.options.method import list_methods
 from app.problems.contact_problem import ContactProblem
 

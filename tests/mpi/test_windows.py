@@ -11,7 +11,7 @@ from running import assert_solves_lcp, solve
 
 from app import ContactProblem
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.halfspace.window import Scatter, Window, bounding_boxes
 from app.multigrid import solver_cache
 from app.multigrid.hierarchy import Hierarchy

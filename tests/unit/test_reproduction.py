@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.halfspace.influence import Material, influence_quadrant
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.material import Material
 from app.paper import pictures, report, reproduce, studies, tables
 from app.paper.report import Entry
 

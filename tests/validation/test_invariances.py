@@ -8,7 +8,8 @@ from running import assert_solves_lcp, solve
 
 from app import ContactProblem
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material, dense_matrix
+from app.halfspace.influence import dense_matrix
+from app.halfspace.material import Material
 
 UNIT = Material.combined(1 / np.pi, 0.0)  # compliance 1
 

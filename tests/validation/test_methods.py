@@ -10,7 +10,8 @@ from running import assert_solves_lcp, solve
 
 from app import ContactProblem
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material, dense_matrix
+from app.halfspace.influence import dense_matrix
+from app.halfspace.material import Material
 from app.problems.random_surfaces import SelfAffineSurface
 
 SIZES = (32, 64, 128, 256)

@@ -7,7 +7,7 @@ from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.halfspace.operator import InfluenceOperator
 
 

@@ -190,12 +190,7 @@ class EvenMultiplier:
     def load_or_make(self, key, make):
         """Load the spectrum from the cache, or make it. Collective.
 
-        Parameters
-        ----------
-        key : hashable
-            It identifies the spectrum among those of this type, periods and layout.
-        make : callable
-            It calls `set_kernel` or `set_spectrum`.
+        `key` identifies it among those of this type, periods and layout. `make` calls `set_kernel` or `set_spectrum`.
         """
         key = type(self), key, self.periods, self.dtype.name, tuple(self._edges)
         self._spectrum = None if self._spectra is None else self._spectra.lookup(key)
@@ -208,12 +203,8 @@ class EvenMultiplier:
     def set_kernel(self, kernel_rows, rows, columns):
         """Set the spectrum to the transform of an even kernel. Collective.
 
-        Parameters
-        ----------
-        kernel_rows : callable
-            ``kernel_rows(slice) -> ndarray (rows, >= columns)``: the kernel at non-negative offsets.
-        rows, columns : int
-            Number of these that are not zero; at most half a period and one.
+        ``kernel_rows(slice)`` returns it at non-negative offsets. The first `rows` and `columns` of these are not zero;
+        at most half a period and one.
         """
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
@@ -249,11 +240,7 @@ class EvenMultiplier:
     def set_spectrum(self, symbol):
         """Set the spectrum to a function of the frequencies.
 
-        Parameters
-        ----------
-        symbol : callable
-            ``symbol(columns, rows) -> ndarray (columns, rows)`` for arrays of some frequencies in x and all in y, up to
-            half the period.
+        ``symbol(columns, rows)`` returns it for arrays of some frequencies in x and all in y, up to half the period.
         """
         columns, rows = self._frequencies()
         spectrum = np.empty((columns.size, rows.size), self.dtype)

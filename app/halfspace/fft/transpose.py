@@ -19,18 +19,7 @@ _GROUP_BYTES = 1 << 22  # sent by a rank at once, approximately
 def deal_columns(columns, row_counts, comm):
     """Split columns into groups, each dealt to all ranks.
 
-    Groups are the same in all precisions.
-
-    Parameters
-    ----------
-    columns : int
-    row_counts : sequence of int
-        Rows of each rank.
-    comm : mpi4py communicator or None
-
-    Returns
-    -------
-    list of ColumnGroup
+    Groups are the same in all precisions. `row_counts` are the rows of each rank.
     """
     if comm is None:
         return [ColumnGroup(0, columns, 1, 0, row_counts)]
@@ -104,21 +93,10 @@ class ColumnGroup:
 class Exchange:
     """Access to the columns between two transposes, on one rank.
 
-    Collective.
-
-    Parameters
-    ----------
-    groups : list of ColumnGroup
-    transformed : ndarray of complex
-        Strips of the rows here.
-
-    Attributes
-    ----------
-    memory : int
-        Bytes in addition to those of the rows.
+    `transformed` has the strips of the rows of this rank. Collective.
     """
 
-    memory = 0
+    memory = 0  # bytes in addition to those of the rows
 
     def __init__(self, groups, transformed):
         self._groups, self._parts = groups, [group.part(transformed) for group in groups]

@@ -84,9 +84,7 @@ class KernelInX:
     def columns(self, edges):
         """Return all rows at frequencies ``first, last = edges[rank]``. Collective, once.
 
-        Returns
-        -------
-        ndarray, shape (last - first, ny)
+        The shape is (last - first, ny).
         """
         here = self._here[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
         del self._here

@@ -38,17 +38,8 @@ def deal_chunks(weights, ranks):
 class SweepMessages:
     """Messages of one sweep, point to point.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    slabs : Slabs
-        Rows of each rank.
-    edges : list of (int, int)
-        Chunks of each rank, see `deal_chunks`.
-    leaves : list of slice
-        Rows of each leaf; None for leaves without contact.
-    r, d : ndarray, shape (local rows, nx)
-        Defect and correction; of float64, contiguous.
+    `edges` are the chunks of each rank, see `deal_chunks`. `leaves` are the rows of each leaf, or None without contact.
+    `r` and `d` are defect and correction, contiguous arrays of float64.
     """
 
     def __init__(self, comm, slabs, edges, leaves, r, d):

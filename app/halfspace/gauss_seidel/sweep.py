@@ -190,12 +190,7 @@ class GaussSeidel:
     def _cut_into_leaves(self, occupied, cells, backward):
         """Cut the grid into leaves, in the order of the sweep.
 
-        Returns
-        -------
-        list of slice
-            Rows of the grid; None for leaves without contact.
-        ndarray of bool
-            Tiles that have contact, after those of an empty leaf.
+        Return their rows, None without contact, and which tiles have contact, after those of an empty leaf.
         """
         ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
         ordered = np.zeros((number + 1) * rows, bool)

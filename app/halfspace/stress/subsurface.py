@@ -110,20 +110,14 @@ class SubsurfaceStress:
     def plane(self, depth):
         """Return the stress on a horizontal plane below the cell centres.
 
-        Returns
-        -------
-        ndarray, shape (6, ny, nx), [N/mm2]
-            In the order of `COMPONENTS`.
+        Shape (6, ny, nx) [N/mm2], in the order of `COMPONENTS`.
         """
         return self._sums.plane(_checked(depth))
 
     def section(self, depths, x=None, y=None):
         """Return the stress on a vertical plane at x or y.
 
-        Returns
-        -------
-        ndarray, shape (6, depths, nx or ny), [N/mm2]
-            Below the cell centres.
+        Shape (6, depths, nx or ny) [N/mm2], below the cell centres. Give one of x and y [mm].
         """
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
@@ -133,9 +127,7 @@ class SubsurfaceStress:
     def line(self, depths, x, y):
         """Return the stress on a vertical line; lengths in mm.
 
-        Returns
-        -------
-        ndarray, shape (6, depths), [N/mm2]
+        Shape (6, depths) [N/mm2].
         """
         _check_places(x=x, y=y)
         return np.stack([self._sums.point(depth, x, y) for depth in _depths(depths)], axis=1)

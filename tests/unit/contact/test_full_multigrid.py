@@ -6,7 +6,7 @@ from running import solve
 
 from app import ContactProblem
 from app.api import strategy
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.methods.free.lift import lift
 
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from app.base.errors import InputError
 from app.cli.option_sources import OptionSource, ParsedOptions
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem, resolve_alternatives
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.options.option_table import OptionReader
 
 

@@ -10,7 +10,7 @@ from running import solve
 
 from app import ContactProblem
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.problems.gap_file import GapFile
 
 

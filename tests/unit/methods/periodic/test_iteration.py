@@ -15,7 +15,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.loading import PrescribedApproach
 from app.contact.periodic_state import contact_state
 from app.contact.prescribed_load import PrescribedLoad
-from app.halfspace.influence import Material
+from app.halfspace.material import Material
 from app.methods.multilevel_product import MultilevelOperator
 from app.methods.periodic import iteration
 from app.methods.periodic.solver import PrimalSolver

@@ -193,7 +193,7 @@ def test_lowest_rows_of_a_surface_are_not_noted(heights):
 @pytest.mark.parametrize(
     ("message", "wrong"),
     [
-        ("periodic: 'no'; allowed", lambda: read_surface(HEIGHTS, unit="mm", periodic="no")),
+        ("periodic: 'no'; must be", lambda: read_surface(HEIGHTS, unit="mm", periodic="no")),
         ("grid 0,0: surface file", lambda: read_surface(HEIGHTS, unit="mm").averaged((0, 0))),
         ("shape \\(3,\\)", lambda: read_surface([1.0, 2.0, 3.0], unit="mm", orient="flip_x")),
     ],

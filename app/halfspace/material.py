@@ -1,0 +1,163 @@
+"""Elastic constants of the two bodies, Sec. 2.2."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.base.errors import InputError, format_exact
+
+
+@dataclass(frozen=True, init=False)
+class Material:
+    """Combined elastic constants of the two bodies (Sec. 2.2).
+
+    The constructor takes keywords only. Young's moduli go into `isotropic` or `pair`.
+
+    Parameters
+    ----------
+    shear_modulus : float
+        G with 2/G = 1/G1 + 1/G2 [N/mm2]; a rigid body has 1/G1 = 0.
+    poisson_ratio : float
+        nu with 2 nu/G = nu1/G1 + nu2/G2, from 0 to 0.5.
+
+    Attributes
+    ----------
+    bodies : mapping or None
+        ``young`` and ``poisson`` of both bodies, if it was made from them; empty if it was made from E* alone.
+
+    Notes
+    -----
+    Without friction only ``E* = G / (1 - nu)`` matters, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2: `from_contact_modulus`
+    makes the material of G = E* and nu = 0.
+    """
+
+    shear_modulus: float
+    poisson_ratio: float
+    bodies: Mapping | None = field(default=None, init=False, repr=False, compare=False)
+
+    def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None):
+        if unnamed or shear_modulus is None or poisson_ratio is None:
+            numbers = ", ".join(map(str, unnamed))
+            young, combined = (numbers, numbers) if len(unnamed) == 2 else ("E, nu", "G, nu")
+            raise InputError(
+                f"Material({numbers}): takes keywords only; two equal bodies with Young's modulus and Poisson's ratio: "
+                f"Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
+                f"Material.combined({combined})"
+            )
+        for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
+            object.__setattr__(self, name, _real(name.replace("_", " "), value))
+        if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
+            raise InputError(f"shear modulus {format_exact(self.shear_modulus)}: must be positive and finite")
+        if not 0 <= self.poisson_ratio <= 0.5:
+            raise InputError(f"Poisson ratio {format_exact(self.poisson_ratio)}: must be from 0 to 0.5")
+        if not np.isfinite(self.compliance):
+            raise InputError(
+                f"shear modulus {format_exact(self.shear_modulus)}: too small, its reciprocal is infinite"
+            )
+
+    @classmethod
+    def combined(cls, shear_modulus, poisson_ratio):
+        """Make the material from G and nu of the pair."""
+        return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
+
+    @classmethod
+    def isotropic(cls, young, poisson):
+        """Make the pair of two bodies of the same material.
+
+        `young`: E of each body [N/mm2]; `poisson`: nu of each body, from 0 to 0.5.
+
+        Examples
+        --------
+        >>> steel = Material.isotropic(210e3, 0.3)
+        >>> round(steel.contact_modulus)
+        115385
+        """
+        young, poisson = _real("Young's modulus", young), _real("Poisson's ratio", poisson)
+        return cls.pair((young, young), (poisson, poisson))
+
+    @classmethod
+    def pair(cls, young, poisson):
+        """Make the pair from Young's moduli and Poisson's ratios.
+
+        Parameters
+        ----------
+        young : pair of float
+            E1, E2 [N/mm2]; inf for a rigid body.
+        poisson : pair of float
+            nu1, nu2, each from 0 to 0.5; that of a rigid body is ignored.
+
+        Raises InputError if a number is out of range, or both bodies are rigid.
+
+        Examples
+        --------
+        >>> steel_on_polymer = Material.pair((210e3, 3e3), (0.3, 0.35))
+        >>> round(steel_on_polymer.contact_modulus)
+        3369
+        """
+        try:
+            young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
+        except (TypeError, ValueError):
+            raise InputError(
+                "pair: must be two Young's moduli and two Poisson's ratios, (E1, E2), (nu1, nu2)"
+            ) from None
+        if not (len(young) == 2 and all(modulus > 0 for modulus in young)):
+            raise InputError(
+                f"Young's moduli {_listed(young)}: must be two positive numbers; inf: a rigid body"
+            )
+        if not (len(poisson) == 2 and all(0 <= ratio <= 0.5 for ratio in poisson)):
+            raise InputError(f"Poisson's ratios {_listed(poisson)}: must be two numbers from 0 to 0.5")
+        if all(map(math.isinf, young)):
+            raise InputError("Young's moduli inf,inf: one body at least must be elastic")
+        reciprocal = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
+        ratio = sum(one * other for one, other in zip(reciprocal, poisson, strict=True)) / sum(reciprocal)
+        pair = cls(shear_modulus=2 / sum(reciprocal), poisson_ratio=ratio)
+        return pair._made_from(young=young, poisson=poisson)
+
+    @classmethod
+    def from_contact_modulus(cls, contact_modulus):
+        """Make the material from E* alone [N/mm2].
+
+        Examples
+        --------
+        >>> Material.from_contact_modulus(25.0).describe()
+        {'contact_modulus': 25.0}
+        """
+        contact_modulus = _real("contact modulus", contact_modulus)
+        if not (np.isfinite(contact_modulus) and contact_modulus > 0):
+            raise InputError(f"contact modulus {format_exact(contact_modulus)}: must be positive and finite")
+        return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._made_from()
+
+    def _made_from(self, **bodies):
+        object.__setattr__(self, "bodies", bodies)
+        return self
+
+    def describe(self):
+        """Return E* and the moduli it was made from."""
+        pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
+        bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
+        return {**({} if self.bodies == {} else pair), **bodies, "contact_modulus": self.contact_modulus}
+
+    @property
+    def compliance(self):
+        """Factor (1 - nu) / (pi G) of 1/rho in (2.5) [mm2/N]."""
+        return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
+
+    @property
+    def contact_modulus(self):
+        """E* = G / (1 - nu) [N/mm2]."""
+        return self.shear_modulus / (1 - self.poisson_ratio)
+
+
+def _real(name, value):
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} {value!r}: must be a number") from None
+
+
+def _listed(numbers):
+    return ",".join(map(format_exact, numbers))
