@@ -32,16 +32,14 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     sizes : ndarray of int, shape (sets,)
         Number of cells of each set; the same on all ranks.
     """
-    box = tuple(_range_of(cells.any(axis=axis)) for axis in (1, 0))
-    most = cells.shape[1] * (max(slabs.counts) if slabs else len(cells))  # on any rank: labels have one type
+    most = cells.shape[1] * (slabs.ny if slabs else len(cells))
     labels = np.zeros(cells.shape, np.int32 if most < np.iinfo(np.int32).max else np.int64)
+    [box] = ndimage.find_objects(cells.view(np.uint8), 1) if cells.size else [None]
+    box = box or (slice(0), slice(0))
     inside = labels[box]  # other labels stay 0
     count = ndimage.label(cells[box], output=inside) if inside.size else 0
     counts = comm.allgather(count) if comm else [count]
     total = sum(counts)
-    if total > np.iinfo(labels.dtype).max:
-        labels = labels.astype(np.int64)
-        inside = labels[box]
     if first := sum(counts[: comm.rank if comm else 0]):
         np.add(inside, first, out=inside, where=inside > 0, casting="same_kind")
     before = fetch_row_before(labels, periodic, slabs, comm, 0)
@@ -70,9 +68,3 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
         sizes += np.bincount(inside[rows].ravel(), minlength=sets + 1)
     sizes = sizes[1:]
     return labels, comm.allreduce(sizes) if comm else sizes
-
-
-def _range_of(mask):
-    """Return the slice that spans the true values of a mask."""
-    places = np.flatnonzero(mask)
-    return slice(places[0], places[-1] + 1) if places.size else slice(0)

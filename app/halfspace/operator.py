@@ -88,7 +88,7 @@ class InfluenceOperator(MatMethods):
         compliance,
         slabs=None,
         comm=None,
-        dtype=np.float64,
+        dtype=float,
         exact_product=None,
         target=None,
         spectra=None,

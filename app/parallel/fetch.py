@@ -72,7 +72,15 @@ class Fetch:
         if self.unchanged:
             return field
         result = np.empty((self.rows, field.shape[1]), field.dtype) if out is None else out
-        parcels = [(rank, _pack(field, slices)) for rank, slices in self._sources.items()]
+        parcels = [
+            (
+                rank,
+                np.ascontiguousarray(field[rows[0]])
+                if len(rows) == 1
+                else np.concatenate([field[k] for k in rows]),
+            )
+            for rank, rows in self._sources.items()
+        ]
         requests = [self._comm.Isend(parcel, rank) for rank, parcel in parcels]
         for source, target in zip(*self._own, strict=True):
             result[target] = field[source]
@@ -95,9 +103,3 @@ def _overlaps(low, high, first, last):
     low, high = np.maximum(low, first), np.minimum(high, last)
     for index in np.flatnonzero(low < high):
         yield int(index), int(low[index]), int(high[index])
-
-
-def _pack(field, slices):
-    if len(slices) == 1:
-        return np.ascontiguousarray(field[slices[0]])
-    return np.concatenate([field[rows] for rows in slices])

@@ -170,7 +170,12 @@ class EvenMultiplier:
         self._storage = lent if suits else Storage(sizes, self.slabs.rank, self.comm)
         self._transformed = np.ndarray(columns * self.slabs.local, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
-        self._exchange = self._make_exchange()
+        if self.comm is None:
+            self._exchange = Exchange(self._groups, self._transformed)
+        elif self._storage.all is None:
+            self._exchange = SentExchange(self._groups, self._transformed, self.comm)
+        else:
+            self._exchange = SharedExchange(self._groups, self._transformed, self.comm, self._storage)
 
         pairs = -(-self.slabs.local // 2)
         self._in_x = _sequences(nx_fft, complex_type, _in_strip(pairs))
@@ -179,13 +184,6 @@ class EvenMultiplier:
         self._column_plans = [in_y.plans(group.count % STRIP) for group in self._groups]
         self._column_work = in_y.length, in_y.data, in_y.transforms, in_y.transforms.view(self.dtype)
         self._scratch = _scratch((2 * _in_strip(pairs) * columns,), complex_type)
-
-    def _make_exchange(self):
-        if self.comm is None:
-            return Exchange(self._groups, self._transformed)
-        if self._storage.all is None:
-            return SentExchange(self._groups, self._transformed, self.comm)
-        return SharedExchange(self._groups, self._transformed, self.comm, self._storage)
 
     def load_or_make(self, key, make):
         """Load the spectrum from the cache, or make it. Collective.
@@ -292,12 +290,8 @@ class EvenMultiplier:
     @property
     def memory(self):
         """Bytes held on this rank."""
-        arrays = (
-            self._spectrum,
-            self._transformed,
-            *(array for each in {self._in_x, self._in_y} for array in (each.data, each.transforms)),
-            self._scratch,
-        )
+        arrays = [a for each in {self._in_x, self._in_y} for a in (each.data, each.transforms)]
+        arrays += [self._spectrum, self._transformed, self._scratch]
         return self._exchange.memory + sum(a.nbytes for a in arrays if a is not None)
 
     @cached_property

@@ -13,7 +13,7 @@ from numba import uintp
 
 from app.base.numba_cache import njit
 from app.halfspace.fft.fftw import execute
-from app.parallel.reductions import njit_reassoc, nonzero_span
+from app.parallel.reductions import add_row, copy_row, njit_reassoc, nonzero_span
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others in one loop
@@ -59,12 +59,6 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
     return s0, s1, s2, s3
 
 
-@njit()
-def _put(target, source):
-    for k in range(len(target)):
-        target[k] = source[k]
-
-
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
     """Convolve `work` by spectrum `number`."""
@@ -83,10 +77,10 @@ def _solve_run(rows, first, count):
         number += 1
     if count < MIN_RUN or number == len(rows.lengths):
         return False
-    _put(rows.work[:count], rows.cells[first : first + count])
+    copy_row(rows.cells[first : first + count], rows.work[:count])
     rows.work[count : rows.lengths[number]] = 0
     _convolve(rows, number)
-    _put(rows.solved[first : first + count], rows.work[:count])
+    copy_row(rows.work[:count], rows.solved[first : first + count])
     return True
 
 
@@ -132,7 +126,7 @@ def solve_row(rows, count, weight):
         size = rows.segment << level
         if contact[done] >= stop + size:
             continue
-        _put(rows.work[:size], d[stop - size : stop])
+        copy_row(d[stop - size : stop], rows.work[:size])
         rows.work[size : rows.lengths[level]] = 0
         _convolve(rows, level)
         for i in range(stop, min(stop + size, end)):
@@ -180,12 +174,6 @@ def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
             return
         if filled[place - lag // TILE]:
             _tile(y, flat, uintp(source - lag * _WIDTH), near, uintp(start + (lag - 3) * _WIDTH), _WIDTH)
-
-
-@njit()
-def _add_to(target, source):
-    for k in range(len(source)):
-        target[k] += source[k]
 
 
 @njit_reassoc
@@ -255,31 +243,31 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
             if filled[tiles + t // TILE]:
                 target = flat[(this + t) * width : (this + t + TILE) * width]
                 if c < summed:
-                    _put(y, target)
+                    copy_row(target, y)
                 else:
                     y[:] = 0
                 source = (before + t) * width
                 _add_tiles(
                     y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, t + TILE, t + size
                 )
-                _put(target, y)
+                copy_row(y, target)
     for t in range(0, size, TILE):
         if not filled[tiles + t // TILE]:
             w[now, :, t : t + TILE] = 0
             continue
         for c in range(chunks):
             source = ((now * chunks + c) * size + t) * width
-            _put(y, flat[source : source + TILE * width])
+            copy_row(flat[source : source + TILE * width], y)
             lags = 2 * c * size * width
             _add_tiles(y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, TILE, t)
             for q in range(TILE):
-                _put(rows.tile[q, c * width : (c + 1) * width], y[q * width : (q + 1) * width])
+                copy_row(y[q * width : (q + 1) * width], rows.tile[q, c * width : (c + 1) * width])
         part = slice(t, t + TILE), slice(column, column + len(rows.kernel))
         _solve_tile(rows, r[part], mask[part], d[part], weight)
         for c in range(chunks):
             for q in range(TILE):
                 start = ((now * chunks + c) * size + t + q) * width
-                _put(flat[start : start + width], rows.tile[q, c * width : (c + 1) * width])
+                copy_row(rows.tile[q, c * width : (c + 1) * width], flat[start : start + width])
 
 
 @njit()
@@ -295,9 +283,9 @@ def _solve_tile(rows, r, mask, d, weight):
             if (solved >> p) & 1:
                 _multiply_add(rows.tile[q], rows.close[q - p], rows.tile[p])
         execute(rows.execute, rows.plans[q, 1])
-        _add_to(rows.cells, r[q])
+        add_row(rows.cells[: r.shape[1]], 1.0, r[q])
         solve_row(rows, count, weight)
-        _put(d[q], rows.solved)
+        copy_row(rows.solved[: d.shape[1]], d[q])
         execute(rows.execute, rows.plans[q, 0])
         solved |= 1 << q
 

@@ -132,13 +132,6 @@ class SubsurfaceStress:
         _check_places(x=x, y=y)
         return np.stack([self._sums.point(depth, x, y) for depth in _depths(depths)], axis=1)
 
-    def depths_to_search(self):
-        """Return the depths that `maximum` searches first [mm]."""
-        extent = max(self._sums.extent)
-        first = _FIRST_DEPTH * min(self.grid.dx, self.grid.dy)
-        steps = max(1, int(np.ceil(2 * np.log2(extent / first))))
-        return np.concatenate([[0.0], extent / 2 ** (np.arange(steps, -1, -1) / 2)])
-
     def maximum(self):
         """Return the largest von Mises stress, a `StressMaximum`.
 
@@ -154,8 +147,10 @@ class SubsurfaceStress:
 
     def _search(self, *measures):
         """Return the maximum of each measure of the stress."""
-        depths, peaks = self.depths_to_search(), [[] for _ in measures]
-        sums, grid = self._sums, self.grid
+        sums, grid, peaks = self._sums, self.grid, [[] for _ in measures]
+        first = _FIRST_DEPTH * min(grid.dx, grid.dy)
+        count = max(1, int(np.ceil(2 * np.log2(max(sums.extent) / first))))
+        depths = np.concatenate([[0.0], max(sums.extent) / 2 ** (np.arange(count, -1, -1) / 2)])
         for level, depth in enumerate(depths):
             while depth > _MAX_CELLS_DEEP * max(grid.dx, grid.dy) and (
                 coarse := _coarsen(sums.pressure, grid)
