@@ -89,7 +89,7 @@ def start_grid(state, solver, loading, history):
 
 
 def failure_reason(failure, residual):
-    """Return why an iteration cannot continue; empty if it can."""
+    """Return why the iteration failed; empty if not."""
     if failure:
         return f"the linear solver failed: {failure}"
     return "" if residual < float("inf") else "the residual is not a finite number"

@@ -1,4 +1,4 @@
-"""Bounds of the pressure, and the operations that depend on them.
+"""Bounds of the pressure, and operations on them.
 
 A cell of the contact set C has no gap and a pressure between its bounds. Any other cell has the pressure of a bound:
 zero where it is open. Each grid, and each window of one, has its `PressureBounds` in its `UndeformedDistance`; all
@@ -15,9 +15,9 @@ from app.contact import bounds_kernels as loops
 
 
 class PressureBounds:
-    """Bounds p >= 0 on one grid; p = 0 in inadmissible cells.
+    """Bounds p >= 0 on one grid.
 
-    Pressure and contact set are arguments, of shape (local rows, nx).
+    Inadmissible cells have p = 0. Pressure and contact set are arguments, of shape (local rows, nx).
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class PressureBounds:
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
-        """Return the projection of p + step, minus p [N/mm2]."""
+        """Return the projected step from p [N/mm2]."""
         return np.where(self.admissible, np.maximum(p + step, self.lower) - p, 0.0)
 
     def to_bound(self, p, contact):
@@ -63,7 +63,7 @@ class PressureBounds:
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
-        """Return the cells `between` the bounds and those that overlap."""
+        """Return the cells between bounds, or overlapping."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
     def overlap(self, p, gap):
@@ -71,7 +71,7 @@ class PressureBounds:
         return gap[self.admissible & ~self.between(p)].clip(max=0)  # (2.10)
 
     def mean_pressures(self, waves):
-        """Return the least and largest mean m with m + waves allowed [N/mm2].
+        """Return the range of m with m + waves allowed [N/mm2].
 
         `waves` is a field without mean. The numbers are for the cells of this rank.
         """

@@ -14,7 +14,7 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit_reassoc
 def violation(p, admissible):
-    """Return how far a pressure is outside its bounds; negative inside."""
+    """Return how far a pressure is outside its bounds."""
     return -p if admissible else abs(p)
 
 
@@ -44,7 +44,7 @@ def _release_row(p, contact, released):
 
 @njit()
 def release(p, contact, released, change):
-    """Remove cells with p < 0 from C and set p = 0 there.
+    """Remove tensile cells from C.
 
     Marks them as released and returns their number. The change of p is added to `change`, unless that has no rows.
     """
@@ -67,7 +67,7 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Return the sum of p, and of -p where p < 0 on C."""
+    """Return the sums of p, and of tension on C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -118,8 +118,9 @@ def _sum_row(x):
 
 @njit()
 def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
-    """Add cells with h + u + expected <= 0 to C; clear `released`.
+    """Add cells that overlap to C; clear `released`.
 
+    They have h + u + expected <= 0.
     `expected` without rows is zero. `overlap` is work space of a row. Returns the number of cells in C, of those added,
     and of those released and not added again; the sums of squares of h + u and of h over the new C; the sum of p.
     """
@@ -150,7 +151,7 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Project p in some cells, 0 elsewhere; return the sum."""
+    """Project p in some cells; return the sum."""
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], cells[j], out[j])
@@ -178,9 +179,9 @@ def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compli
 
 @njit()
 def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
-    """Release cells with p < -slack and capture others with e < least_gap.
+    """Release and capture cells in one pass.
 
-    (4.a) and (4.b) in one pass, with e = w + change - b.
+    Cells with p < -slack leave C, and others with e = w + change - b < least_gap enter.
 
     Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squares of the moves
     of these cells: their gap, or p times a compliance. It is infinite if one moves by more than `far`.

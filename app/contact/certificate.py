@@ -1,4 +1,4 @@
-"""An error bound of a pressure, proved from the pressure itself.
+"""A proved error bound of any pressure.
 
 With ``f(p) = p.Ap / 2 + h.p``, the contact problem is ``min f(p), p >= 0``, its dual ``max -q.Aq / 2, h + A q >= 0``.
 Any feasible pair bounds the error in the energy norm,
@@ -75,7 +75,7 @@ class Certificate:
     complementarity: float  # max |p e| / (max p * max |h|)
 
     def under(self, prescribed, load):
-        """Return the certificate under a prescribed load, or None [N].
+        """Return the certificate under a prescribed load [N].
 
         A pressure with another load is proved for its approach only, so it has no bound.
         """
@@ -99,7 +99,7 @@ def certify(state, wanted=np.inf):
 
 
 def estimate(state, wanted=np.inf, work=None):
-    """Certify the pressure, assuming that u of `state` is A p.
+    """Certify the pressure, assuming u = A p.
 
     Collective. Parameters and result as of `certify`; `work` is a field of work space.
     """
@@ -148,7 +148,7 @@ def _prove(state, enough, work):
 
 
 def _lift_penetrations(state, most, energy, penetrates):
-    """Return the addition to the duality gap by lifting penetrations. Collective."""
+    """Return the duality gap of lifted penetrations. Collective."""
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u
     loops.lift(state.distance.b, state.depth, state.u, state.admissible, most, penetrates, sums)
     sums = state.sum(sums)

@@ -34,9 +34,9 @@ def _gaps_row(b, depth, u, p, admissible, diagonal):
 
 @njit()
 def gaps(b, depth, u, p, admissible, diagonal):
-    """Return the sums of g, g - e, p g, p, p p, u and of cells without p.
+    """Return the sums of `app.contact.certificate` on periodic patches.
 
-    g = max(e - p / B_II, 0).
+    They are of g = max(e - p / B_II, 0), g - e, p g, p, p p, u, and of cells without pressure.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
@@ -139,10 +139,10 @@ def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sum
 
 @njit()
 def lift(b, depth, u, admissible, most, penetrates, sums):
-    """Sum -e u, e e and u u of penetrating cells, by k.
+    """Sum products of e and u in penetrating cells.
 
-    k is the first one with a positive w; ``w = max(-(e + t u), 0)`` with t = most / 2^k, and t = 0 for the last k.
-    Cumulative sums over k give w u and w w. Rows that do not penetrate are skipped.
+    The sums are of -e u, e e and u u, by the first k with a positive w; ``w = max(-(e + t u), 0)`` with t = most / 2^k,
+    and t = 0 for the last k. Cumulative sums over k give w u and w w. Rows that do not penetrate are skipped.
     """
     trials = sums.shape[1] - 1
     for j in range(b.shape[0]):

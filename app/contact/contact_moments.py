@@ -15,7 +15,7 @@ from app.parallel.reductions import njit_reassoc
 
 
 class ContactMoments(NamedTuple):
-    """Moments of pressure and contact set; the same on all ranks."""
+    """Moments of pressure and contact set."""
 
     pressure_centre_x: float  # sum(p x) / sum(p) [mm]
     pressure_centre_y: float
@@ -30,7 +30,7 @@ _NOWHERE = ContactMoments(*[float("nan")] * 7)
 
 
 def measure_moments(state):
-    """Return the ContactMoments of a `ContactState` of a whole grid.
+    """Return the moments of a `ContactState`.
 
     Collective. The semi-axes of an ellipse are twice the roots of its principal second moments over its area. The
     moments of the cells themselves are included.
@@ -74,7 +74,7 @@ def _moments_row(p, contact, x):
 
 @njit()
 def _moments(p, contact, x, y, sums):
-    """Sum p, p x, p y, and 1, x, y, x x, y y, x y over C."""
+    """Add the moments of a slab to `sums`."""
     for j in range(y.size):
         load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
         row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]

@@ -20,7 +20,7 @@ _MIN_SEARCHED_GAP = 1e-10  # of the mean distance: least mean gap in the search 
 
 
 class Statistics(NamedTuple):
-    """Sums over the undeformed distance, which give ||h|| at any approach."""
+    """Statistics of h, which give its norm at any approach."""
 
     cells: int  # admissible
     mean: float  # of the undeformed distance at depth 0 over them [mm]
@@ -97,7 +97,7 @@ class UndeformedDistance:
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
-        """Return the distance in a window; its norm is over the whole grid. Collective."""
+        """Return the distance in a window, with the whole norm. Collective."""
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
@@ -139,7 +139,7 @@ class UndeformedDistance:
 
     @property
     def is_flat(self):
-        """True if h varies by rounding errors of the reference only."""
+        """True if h is constant up to rounding."""
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
 
     def move_to(self, depth, neglected_gap=0.0):
@@ -183,7 +183,7 @@ def _measure(levels, comm):
 
 
 def _mean(parts, cells):
-    """Return the mean of some cells, and its rounding error."""
+    """Return a mean, and its rounding error."""
     if not cells:
         return 0.0, 0.0
     exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)

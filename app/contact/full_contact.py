@@ -43,7 +43,7 @@ class FullContact:
         self.hierarchy, self._distances, self.level = hierarchy, distances, len(distances) - 1
 
     def solve(self, state, loading, stop, history):
-        """Set pressure, displacement and approach of `state` if contact is full.
+        """Solve for full contact, if that is the solution.
 
         Collective over all ranks. Returns the Outcome, or None if contact is not full; then the pressure of `state` may
         have changed. Under a prescribed approach the mean pressure is the least possible.
@@ -80,7 +80,7 @@ class FullContact:
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Set p to B (-h); return the mean pressures of full contact. Collective."""
+        """Find the mean pressures of full contact, from p = B (-h). Collective."""
         if inverse is not None:
             inverse.apply(distance.b, p)
         least, most = distance.bounds.mean_pressures(p)

@@ -28,7 +28,7 @@ from app.parallel.reductions import sum_over, sums_and_minima
 
 
 class GridNumbers(NamedTuple):
-    """Numbers of a solution on one grid; the same on all its ranks."""
+    """Numbers of a solution on one grid."""
 
     load: float  # [N]
     depth: float  # approach from the reference of the undeformed distance [mm]
@@ -38,7 +38,7 @@ class GridNumbers(NamedTuple):
 
 
 class GridErrors(NamedTuple):
-    """Estimated relative errors on the finest grid; NaN if unknown."""
+    """Estimated relative errors; NaN if unknown."""
 
     load_error: float = float("nan")  # of a prescribed load: 0
     approach_error: float = float("nan")  # of the approach beyond first touch; of a prescribed one: 0
@@ -123,7 +123,7 @@ def _error(values, pairs, scatter=0.0):
 
 
 def pressure_difference(comm, transfer, coarse, state):
-    """Return the relative difference of the pressures on two grids, or NaN. Collective."""
+    """Return the relative difference of pressures, or NaN. Collective."""
     fine = transfer.restrict_defect(state.p)
     squares = [np.vdot(p, p) for p in (fine, coarse)]
     fine -= coarse

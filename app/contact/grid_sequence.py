@@ -45,20 +45,20 @@ class GridSequence:
             yield number
 
     def stopping_test(self, stop):
-        """Return the test of this grid, from that of the target."""
+        """Return the stopping test of this grid."""
         return stop if self.at_target else stop.for_coarse_grid()
 
     def record(self, outcome, depth):
-        """Record the outcome on a grid, and its depth [mm]."""
+        """Record outcome and depth [mm] of a grid."""
         self.outcome = outcome.add_fallbacks(self.outcome)
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and idle ranks, or None."""
+        """Return the communicator of idle ranks, or None."""
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def broadcast_to_next(self, state, extra=None):
-        """Broadcast the results of a grid to ranks of the next.
+        """Broadcast results to ranks of the next grid.
 
         Collective. They get the depth of `state`, which is on the grid or a window of it, and `extra`, any other
         results, which is returned.

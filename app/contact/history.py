@@ -1,4 +1,4 @@
-"""History of the iterations, its listeners, and outcome of a solve."""
+"""History, listeners, and outcome of a solve."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
 class Listener:
-    """Callbacks of a solve, called on the ranks of each grid."""
+    """Callbacks of a solve, on the ranks of each grid."""
 
     def begin(self, settings):
-        """Start a solve, on all ranks; ``settings.rtol`` is -lcp_rtol."""
+        """Handle the start of a solve, on all ranks; ``settings.rtol`` is -lcp_rtol."""
 
     def start(self, state, level):
-        """Start a grid; ``state.contact`` is the first contact set."""
+        """Handle the start of a grid; ``state.contact`` may be empty."""
 
     def iteration(self, entry, state):
-        """Receive an active set iteration: its history entry and the state.
+        """Handle an active set iteration: its history entry and the state.
 
         With every method the state has ``grid``, ``contact`` and ``p``. The default method of periodic patches has no
         ``u`` before the end, and the approach in the entry only.
         """
 
     def end(self):
-        """End a solve."""
+        """Handle the end of a solve."""
 
 
 class Monitor(Listener):
@@ -87,7 +87,7 @@ class History:
             listener.iteration(entry, state)
 
     def stagnates(self):
-        """Return whether the last iteration did not halve the residual."""
+        """Return whether the residual was not halved last."""
         if self._iteration < 2:
             return False
         before, now = (entry["residual"] for entry in self.entries[-2:])
@@ -147,7 +147,7 @@ class Outcome(NamedTuple):
         return self._replace(fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
 
     def after(self, first):
-        """Return this outcome with those of an earlier one added."""
+        """Return this outcome plus an earlier one."""
         return self._replace(
             iterations=first.iterations + self.iterations, fallbacks=first.fallbacks + self.fallbacks
         )

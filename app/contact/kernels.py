@@ -98,9 +98,9 @@ def _gap_row(b, depth, u, mask, overlapping):
 
 @njit_reassoc
 def sum_gaps(b, depth, u, mask, overlapping):
-    """Return the sum of (h + u)^2, that of h + u, and the number of cells.
+    """Return sums of gaps, and the number of cells.
 
-    They are over the cells of `mask`, and those of `overlapping` with h + u <= 0.
+    They are of (h + u)^2 and h + u, over the cells of `mask`, and those of `overlapping` with h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
@@ -118,9 +118,9 @@ def _count_differences(row, other):
 
 @njit()
 def count_faces(contact, before, periodic):
-    """Count the faces in x and in y between contact and no contact.
+    """Count the faces between contact and no contact.
 
-    `before` is the row before the first. The upper faces of the last row are left out.
+    In x and in y; `before` is the row before the first. The upper faces of the last row are left out.
     """
     in_x, in_y = 0, 0
     for j in range(contact.shape[0]):

@@ -45,7 +45,7 @@ class Loading:
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement by the prescribed mean pressure, or 0 [mm]."""
+        """Return the displacement by the mean pressure [mm]."""
         return 0.0
 
     def misses_contact(self, distance):
@@ -53,11 +53,11 @@ class Loading:
         return False
 
     def solved_approach(self, state):
-        """Return the approach of a solution, exactly as prescribed [mm]."""
+        """Return the approach, exactly as prescribed [mm]."""
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return ContactMeasures with the prescribed number exactly as given, without rounding."""
+        """Return ContactMeasures with the prescribed number exactly."""
         return measures
 
     def first_solve(self, state, solve):
@@ -97,7 +97,7 @@ class Loading:
         """Prepare the iteration on a grid. Collective."""
 
     def update(self, state):
-        """Move the approach after u = A p; return by how much [mm]. Collective."""
+        """Move the approach, given u = A p; return the step [mm]. Collective."""
         return 0.0
 
     def settle(self, state, update):
@@ -109,7 +109,7 @@ class Loading:
         return True
 
     def set_depth(self, state):
-        """Set the depth of a periodic state with u = A p. Collective."""
+        """Set the depth of a periodic state. Collective."""
         state.depth = self.depth_on(state.distance)
 
 

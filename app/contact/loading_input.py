@@ -70,9 +70,9 @@ def make_loading(grid, distance, **given):
 
 
 def _without_rounding(depth, size, touching, full):
-    """Return the depth of first touch or full contact if `depth` is close.
+    """Return a depth, or that of first touch or full contact.
 
-    It is if it differs by rounding of numbers of a size only: such a contact or gap has no digits.
+    The latter if it differs by rounding of numbers of `size` only: such a contact or gap has no digits.
     """
     rounding = _ROUNDING_ULPS * ulp(size)
     if full - depth <= rounding:

@@ -38,7 +38,7 @@ class ContactMeasures(NamedTuple):
 
 
 class ShapeRoughness(NamedTuple):
-    """Roughness of the undeformed distance; the same on all ranks."""
+    """Roughness of the undeformed distance."""
 
     rms_height: float  # about the mean, over the admissible cells [mm]
     rms_slope: float  # of the length of the gradient; NaN if no two admissible cells are neighbours
@@ -48,7 +48,7 @@ class ShapeRoughness(NamedTuple):
 
 
 def measure_contact(state):
-    """Return the ContactMeasures of a `ContactState` of a whole grid.
+    """Return the ContactMeasures of a `ContactState`.
 
     Collective. Faces of different lengths have the same correction: each moves the contact edge by a part of a cell, so
     their number times the area of a cell counts.
@@ -86,9 +86,9 @@ def measure_contact(state):
 
 
 def contact_width(state, contact, enough):
-    """Return the longest runs of contact in x and y, in cells, at most `enough`. Collective.
+    """Return the longest runs of contact in x and y, in cells. Collective.
 
-    `contact` are the ContactMeasures of `state`.
+    At most `enough`. `contact` are the ContactMeasures of `state`.
     """
     grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
     excess = contact.contact_fraction - contact.contact_fraction_corrected
@@ -114,7 +114,7 @@ def contact_width(state, contact, enough):
 
 
 def measure_roughness(operator, distance, shape):
-    """Return the ShapeRoughness of the undeformed distance on a grid.
+    """Return the ShapeRoughness of an undeformed distance.
 
     Collective. On a periodic patch without holes the slope is that of the Fourier interpolant, by one product.
     Otherwise it is computed from differences across the faces between admissible cells.
@@ -186,7 +186,10 @@ def _squares_row(row, other):
 
 @njit()
 def _squared_differences(shape, before, periodic):
-    """Sum the squared differences across faces, and the faces, in x and y."""
+    """Sum squared differences across faces, and count these.
+
+    In x, then in y; NaN is left out.
+    """
     in_x, in_y = (0.0, 0), (0.0, 0)
     for j in range(shape.shape[0]):
         row = shape[j]

@@ -54,7 +54,7 @@ class PeriodicState(ContactState):
         return update
 
     def set_load(self, load, present_load):
-        """Add a constant to p where it is high enough; u = A p. Collective.
+        """Add a constant to high pressures; compute u. Collective.
 
         Near full contact a constant hardly displaces anything, a factor would displace everything.
         """

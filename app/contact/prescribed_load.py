@@ -1,4 +1,4 @@
-"""A prescribed load, whose approach is found during the iteration.
+"""A prescribed load, and the search for its approach.
 
 The load F(delta) = dx dy sum(p) of the solved problem increases with the approach. Its slope is S = dx dy sum(q) with
 ``A q = 1`` on C. On the first grid a bracketing root search meets the load and gives a secant slope. After that every
@@ -28,7 +28,7 @@ _MAX_SECANTS = 2  # before scipy.optimize is imported, which takes as long as a 
 
 
 class _SearchOver(Exception):
-    """End of a root search: the load is met, or a solve has failed."""
+    """End of a root search, by success or a failed solve."""
 
 
 class PrescribedLoad(Loading):
@@ -145,7 +145,7 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _estimate_depth(self, state, touching):
-        """Estimate the depth beyond first touch [mm]; start from C = {h <= 0}.
+        """Estimate the depth beyond first touch [mm], and start there.
 
         Collective. The overlap of the undeformed bodies carries the load as a flat punch of its area and mean depth:
         right for flat punches, 4% too little for a sphere.
@@ -269,7 +269,7 @@ class PrescribedLoad(Loading):
 
 
 def _root(function, low, high, xtol):
-    """Return the zero of an increasing function between two points."""
+    """Return the zero of an increasing function."""
     for _ in range(_MAX_SECANTS):
         a, b = function(low), function(high)
         middle = low - a * (high - low) / (b - a)

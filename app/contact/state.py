@@ -1,4 +1,4 @@
-"""State of a solution on one grid; steps of Sec. 4.1.
+"""The contact state, and the steps of Sec. 4.1.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -43,7 +43,7 @@ class Update(NamedTuple):
 
     @property
     def changed(self):
-        """Number of cells in exactly one of the two sets."""
+        """Number of cells added or released."""
         return self.added + self.released
 
     def after(self, first):
@@ -52,7 +52,10 @@ class Update(NamedTuple):
 
 
 class Gaps(NamedTuple):
-    """Sums over gaps h + u; the same on all ranks. NaN: not computed."""
+    """Sums over gaps; the same on all ranks.
+
+    NaN: not computed.
+    """
 
     cells: int
     squares: float  # sum of (h + u)^2 [mm2]
@@ -88,7 +91,9 @@ class Displacement(IntEnum):
 
 
 class ContactState:
-    """State of a solution on one grid: C, p, u, approach, and e = h + u of (2.8).
+    """State of a solution on one grid: C, p, u and approach.
+
+    The gap is e = h + A p (2.8).
 
     Collective. `contact` *is* the operator's mask, and is emptied here. All states of an operator share it: to return
     to an earlier state, keep a copy of its contact set and restore it.
@@ -163,11 +168,11 @@ class ContactState:
         return sum_over(self.comm, values)
 
     def minimum(self, values):
-        """Return the minima of a few numbers over the ranks. Collective."""
+        """Return minima over the ranks. Collective."""
         return minimum_over(self.comm, values)
 
     def first_touch(self):
-        """Return the depth at which the first cells touch [mm]. Collective."""
+        """Return the depth of first touch [mm]. Collective."""
         return self.distance.touching
 
     def cells_in_contact(self):
@@ -192,7 +197,7 @@ class ContactState:
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
 
     def before_iteration(self, k):
-        """Adapt C before iteration k; a hook for periodic patches. Collective."""
+        """Adapt C before iteration k, if periodic. Collective."""
 
     def start_from_interpenetration(self):
         """Start from C^0 = {h <= 0} and p = 0."""
@@ -219,7 +224,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
-        """Return the right-hand side of (2.11) for the correction of p, a Vec."""
+        """Return the right-hand side of (2.11) for a correction of p."""
         with self.right as values:
             out = values.reshape(self.u.shape)
             kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)  # (2.11)
@@ -241,7 +246,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove cells with p < 0 from C and set p = 0, for (2.9).
+        """Remove tensile cells from C, for (2.9).
 
         Collective if `some` is None, else `some` says whether any rank has such cells. Returns the number of released
         cells, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
@@ -261,7 +266,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):
-        """Add cells with e = h + u <= 0 to C, for (2.10).
+        """Add cells that overlap to C, for (2.10).
 
         Collective. Cells just released may enter again. Returns the Update since before `release_tensile`. `expected`,
         shape (local rows, nx) [mm], is an expected change of u outside C, added to u in this test.

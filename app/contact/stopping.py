@@ -1,4 +1,4 @@
-"""The paper's stopping test (5.1) and the limit on iterations."""
+"""The stopping test (5.1), and iteration limits."""
 
 from __future__ import annotations
 

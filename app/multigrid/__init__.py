@@ -1,4 +1,4 @@
-"""Grids, and linear solvers of the masked system (2.11), C A C p = b.
+"""Grids, and linear solvers of the masked system (2.11).
 
 `hierarchy` has the operators of all grids, `transfer` restricts and prolongs between two of them (loops:
 `interpolation`). `pcmg` is the multigrid method (Sec. 4.2), a PC for any KSP; `smoothers` complete PETSc's. `direct`

@@ -13,22 +13,22 @@ from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
-    """Return whether a grid is small, and on one rank."""
+    """Return whether a grid is directly solvable."""
     return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
 def can_start_on(hierarchy, number):
-    """Return whether a level is small and not the target."""
+    """Return whether a nested iteration may start on a level."""
     return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= MAX_DIRECT_CELLS
 
 
 def starts_directly(hierarchy, number):
-    """Return whether an iteration that starts on a level is direct there."""
+    """Return whether a start on a level is solved directly."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):
-    """Return the dense A of a small grid; no rows on other ranks."""
+    """Return the dense A of a small grid, on its rank."""
     grid = operator.grid
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
@@ -45,7 +45,7 @@ def stored_matrix(operator):
 
 @njit()
 def _cut(matrix, cells, system):
-    """Copy the rows and columns of some cells, as lower triangle."""
+    """Copy the lower triangle of some cells."""
     for i in range(cells.size):
         row = matrix[cells[i]]
         for j in range(i + 1):
@@ -53,7 +53,7 @@ def _cut(matrix, cells, system):
 
 
 class DirectSolver:
-    """Cholesky solver of C A C p = b, C the operator's mask.
+    """Cholesky solver on the contact set in the operator's mask.
 
     The grid has at most `MAX_DIRECT_CELLS` cells; `level` is its number in the hierarchy.
     """

@@ -28,7 +28,7 @@ _MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no ti
 
 
 def check_memory(comm, grid, settings):
-    """Raise InputError if some host lacks the memory for a target grid. Collective."""
+    """Raise if a host lacks the memory for a target. Collective."""
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.
@@ -91,7 +91,7 @@ def get_coarser_levels(operator):
 
 
 def make_transfers(operators, comm):
-    """Make the transfers between levels, coarsest first; the first is None.
+    """Make the transfers between levels; the first is None.
 
     `comm` is of all ranks with rows of the finest grid, None if there is one.
     """
@@ -103,7 +103,7 @@ def make_transfers(operators, comm):
 
 
 class Hierarchy:
-    """Operators of all levels, coarsest first, and the transfers between them.
+    """Operators of all levels, and transfers between them.
 
     ``transfers[l]`` is between levels l and l - 1.
 
@@ -209,7 +209,7 @@ class Hierarchy:
         return max(whole, default=0)
 
     def coarse_minimum(self, shapes):
-        """Return the least distance in each cell of the finest unwindowed level. Collective.
+        """Return the least distance on the finest unwindowed level. Collective.
 
         It is NaN in cells that are inadmissible as a whole. None if the target grid has no window.
         """

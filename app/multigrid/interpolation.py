@@ -1,4 +1,4 @@
-"""Interpolation from a coarse grid to a finer one: bilinear, or quintic if periodic.
+"""Interpolation to a finer grid: bilinear, or quintic if periodic.
 
 Values belong to the centres of cells. Bilinear interpolation is the paper's (Sec. 4.3, 2). Quintics through six cells
 in x and y have an error of sixth order and take the same time, which access to memory determines.
@@ -52,7 +52,7 @@ def _mix_six(a, b, c, d, e, f, weights, out):
 
 @njit_reassoc
 def _interpolate_halved(row, weights, fine):
-    """Interpolate to both children of all cells; `weights` are those of the first."""
+    """Interpolate to both children of all cells."""
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     for i in range(np.uint64(fine.size // 2)):
@@ -64,8 +64,9 @@ def _interpolate_halved(row, weights, fine):
 
 @njit()
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """Compute fine[j, i] from six coarse rows and columns from rows[j], columns[i] on.
+    """Compute fine cells from six coarse rows and columns each.
 
+    They begin at rows[j], columns[i].
     Columns count from `QUINTIC_MARGIN` before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`:
     each coarse column has two fine ones. `row`: work space of (coarse columns + 2 QUINTIC_MARGIN).
     """
@@ -89,7 +90,7 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 
 @lru_cache(maxsize=64)
 def bilinear_weights(start, stop, count, factor, place, first=None):
-    """Return the two coarse cells around each fine one, and the weight of the first.
+    """Return two coarse cells around each fine one, and weights.
 
     They are the parent, with weight 3/4, and the nearest neighbour; at the boundary of the grid the parent, with weight
     5/4, and the cell inside. On a periodic grid they are the cells before and behind the centre, by `place`
@@ -119,7 +120,7 @@ def quintic_weights(start, stop, place, first):
 
 
 def _before(index, place):
-    """Return the coarse cell before the centre of each fine one, and the distance."""
+    """Return the coarse cells before fine centres, and the distances."""
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)
     return before, centre - before

@@ -1,4 +1,4 @@
-"""Base class of our Krylov methods, for KSPs of type python."""
+"""Base class of our Krylov methods."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from app.parallel.reductions import sum_over
 
 
 class KspContext:
-    """Context of a KSP that lets PETSc decide when to stop.
+    """KSP context that lets PETSc decide when to stop.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class KspContext:
             ksp.setNormType(self.norm_type)
 
     def reset(self, ksp):
-        """Free the work arrays; the next set-up makes new ones."""
+        """Free the work arrays until the next set-up."""
 
     def destroy(self, ksp):
         """Free everything."""

@@ -1,4 +1,4 @@
-"""Linear solver of a contact system (2.11): a KSP set up from PETSc's options.
+"""Linear solver of a contact system (2.11), by PETSc's options.
 
 All of PETSc's solvers for a matrix with a product can be chosen: ``-ksp_type cg -pc_type none`` (NORM), ``-pc_type
 jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg`` is the multigrid method of `pcmg`.
@@ -27,7 +27,7 @@ _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "ei
 
 
 class LinearSolver:
-    """KSP for C A C p = b on the contact set in the operator's mask.
+    """KSP on the contact set in the operator's mask: C A C p = b.
 
     Collective over the ranks of the grid. Options are read from PETSc's database now.
 
@@ -107,7 +107,7 @@ class LinearSolver:
         return total
 
     def solve(self, b, allowed):
-        """Solve C A C x = b from x = 0, to the accuracy set by options.
+        """Solve C A C x = b, from x = 0.
 
         Collective.
 
@@ -134,7 +134,7 @@ class LinearSolver:
         return self._work, iterations, failure
 
     def _atol_for(self, allowed):
-        """Return the absolute tolerance of the KSP; None if it keeps its own."""
+        """Return the absolute tolerance, None to keep that of options."""
         other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
         if self._own_atol or other_norm or not math.isfinite(allowed):
             return None

@@ -58,9 +58,9 @@ _DIRECT = {
 
 
 class MaskedMatrix:
-    """The coarsest system of Sec. 4.2, 4, assembled: ``C A C + d (I - C)``.
+    """The coarsest system, assembled (Sec. 4.2, 4).
 
-    All of it is on the rank that has the grid, of at most `MAX_DIRECT_CELLS` cells.
+    ``C A C + d (I - C)``; all of it is on the rank that has the grid, of at most `MAX_DIRECT_CELLS` cells.
     """
 
     def __init__(self, operator, comm):
@@ -72,7 +72,7 @@ class MaskedMatrix:
         self.update()
 
     def update(self, energy=0.0):
-        """Assemble for the operator's contact set, with ``p.Ap >= energy`` for p = 1 on C. Collective."""
+        """Assemble, with ``p.Ap >= energy`` for p = 1 on C. Collective."""
         if self.operator.active:
             inside = self.operator.mask.reshape(-1)
             both = inside[:, None] & inside
@@ -89,7 +89,7 @@ class MaskedMatrix:
 
 
 class ContactMG:
-    """PC context: multigrid cycles on the contact set of an `InfluenceOperator`.
+    """PC context: multigrid cycles on a contact set.
 
     Collective. Each set-up restricts the contact set; PETSc repeats it when the state of the Mat has increased, as by
     ``mat.assemble()``. The coarser operators are those of the operator's hierarchy, or made here. Options, with the
@@ -149,7 +149,7 @@ class ContactMG:
             self._cycle.view(viewer)
 
     def reset(self, pc):
-        """Free everything made here; the next use makes it again."""
+        """Free everything made here until the next use."""
         if self._cycle is not None:
             self._cycle.destroy()
         if self._coarse is not None:
@@ -207,7 +207,7 @@ class ContactMG:
         coarsest.setOperators(self._coarse.mat if finest else self._mat)
 
     def _restrict_contact(self):
-        """Restrict the contact set of the finest grid to all others."""
+        """Restrict the contact set to all levels."""
         fine = self.operators[-1]
         if fine.contact_version == self._contact:
             fine.mask_changed()  # the Mat has a new state, not a new contact set

@@ -6,7 +6,7 @@ MAX_CACHED_CELLS = 256 * 256  # of grids and windows whose solvers stay between 
 
 
 def is_large(grid):
-    """Return whether a grid or window is too large to keep its solver."""
+    """Return whether a grid is too large to keep its solver."""
     return grid.n > MAX_CACHED_CELLS
 
 

@@ -1,4 +1,4 @@
-"""Restriction and prolongation between a grid and the next coarser one (Sec. 4.2, 4.3).
+"""Restriction to the next coarser grid, and prolongation (Sec. 4.2, 4.3).
 
 A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 if the other direction is not halved). Each grid has its own slabs
 and ranks. The rank that owns the first child of a coarse row computes that row, perhaps with the next rank's first row,
@@ -48,7 +48,7 @@ class Transfer:
 
     @cached_property
     def _fetch_children(self):
-        """Fetch of the children of the coarse rows computed here."""
+        """Fetch of the children of coarse rows here."""
         first, last = (
             np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
         )
@@ -101,7 +101,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
-        """Put a coarse cell into C_H if any of its children is in C_h. Collective."""
+        """Set C_H: coarse cells with a child in C_h. Collective."""
         contact = np.zeros(self._local, bool)
         for child, parents in self._children(self.fine.mask):
             contact[parents] |= child  # Sec. 4.2, 3, formula 2
@@ -157,7 +157,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
-        """Set children to the value of their coarse cell (Sec. 4.3, 2). Collective."""
+        """Copy coarse cells to their children (Sec. 4.3, 2). Collective."""
         _copy(self._fetch_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
@@ -208,7 +208,7 @@ class Transfer:
 
 
 def _overlaps(n, count, factor):
-    """Return the overlaps of coarse cells with four fine ones, in fine cells.
+    """Return the overlaps of coarse cells with four fine ones.
 
     The first of these is the one before the first child.
     """
@@ -230,7 +230,7 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells to their coarse ones; the first row is a first child."""
+    """Add fine cells to their coarse ones, from a first child on."""
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])
@@ -259,7 +259,7 @@ def _copy(coarse, fine, skipped, fy, fx):
 
 @njit()
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
-    """Add coarse cells to their children inside a mask; `row` is work space."""
+    """Add coarse cells to their children inside a mask."""
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
         add_masked(row, mask[j], fine[j])
@@ -275,7 +275,7 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """The masked restriction of the defect as a Mat context."""
+    """Mat context of the masked restriction."""
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -289,7 +289,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """The masked copy prolongation of the correction as a Mat context."""
+    """Mat context of the masked copy prolongation."""
 
     def __init__(self, transfer):
         self.transfer = transfer
