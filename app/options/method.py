@@ -283,9 +283,3 @@ def _check_solvers(strategy, texts):
             )
         if name.endswith("pc_type") and text in _NEED_ENTRIES:
             raise InputError(f"-{name} {text}: needs the entries of the matrix, which are never stored")
-        # These work on parts of the operator, which the reference solvers take from PETSc.
-        ours = name.endswith("python_type") and text.startswith("app.")
-        if strategy not in _ACTIVE_SET and (ours or (name == "pc_type" and text == "mg")):
-            raise InputError(
-                f"-{name} {text}: works with active_set, fast and primal only, not with -lcp_type {strategy}"
-            )

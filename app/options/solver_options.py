@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import re
 from contextlib import contextmanager
-from itertools import count
 
 from petsc4py import PETSc
 
@@ -157,31 +156,20 @@ def read_option_file(path, flag="-options_file"):
     InputError
         If PETSc does not accept it.
     """
-    database, prefix = PETSc.Options(), "app_option_file_"  # with which no other option begins
+    database = PETSc.Options().create()
     try:
-        database.insertString(f'-prefix_push {prefix} {flag} "{path}"')
+        database.insertString(f'{flag} "{path}"')
+        names = filter(database.hasName, database.getAll())  # which also lists words of quoted values
+        texts = {name.lower(): database.getString(name, "") for name in names}
+        database.insertString(f"-{_PROBE}")
+        if not database.hasName(_PROBE):
+            raise InputError(f"option file {path}: -prefix_push and -prefix_pop do not match")
     except PETSc.Error as error:
         message = error_message(error)
         raise InputError(message if str(path) in message else f"option file {path}: {message}") from None
     finally:
-        pushed = _pop_prefixes(database)
-        texts = options_with_prefix(prefix)
-        for name in texts:
-            database.delValue(prefix + name)
-    if pushed != 1:
-        raise InputError(f"option file {path}: -prefix_push and -prefix_pop do not match")
+        database.destroy()
     return texts
-
-
-def _pop_prefixes(database):
-    """Pop all prefixes of new options; return their number."""
-    for pushed in count():
-        database.insertString(f"-{_PROBE}")
-        [probe] = (name for name in database.getAll() if name.endswith(_PROBE))
-        database.delValue(probe)
-        if probe == _PROBE:
-            return pushed
-        database.insertString("-prefix_pop")
 
 
 def options_with_prefix(prefix):

@@ -88,12 +88,12 @@ CASES = {
         [*DEFAULT, "-lcp_type", "tao", "-lcp_nested"], "-lcp_nested: has no effect here; allowed with -lcp_type"
     ),
     "multigrid of another solver": (
-        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "mg"], "-pc_type mg: works with active_set, fast and primal only"
+        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "mg"], "No method sor for Mat"
     ),
     "preconditioner of another solver": (
         [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python",
          "-pc_python_type", "app.methods.free.circulant.Circulant"],
-        "works with active_set, fast and primal only",
+        "Circulant: needs an InfluenceOperator",
     ),
     "solver without bounds": (
         [*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "allowed: vinewtonrsls"

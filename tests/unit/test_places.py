@@ -167,7 +167,7 @@ def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
         ('-title "a"b\n', "a.opts line 1: extra token b"),
         ("alias -force\n", "a.opts line 1: alias missing for -force"),
         ("-prefix_push\n-grid 8\n", "option file a.opts: -prefix_push and -prefix_pop do not match"),
-        ("-grid 8\n-prefix_pop\n", "option file a.opts: -prefix_push and -prefix_pop do not match"),
+        ("-grid 8\n-prefix_pop\n", "option file a.opts: More prefixes popped than pushed"),
         (bytes(range(128, 256)), "option file a.opts: is not a text file"),
         (b"\x01\x1b[2J", "option file a.opts: is not a text file"),
         (
