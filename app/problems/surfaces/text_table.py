@@ -77,9 +77,11 @@ def read_table(lines, skip=0, heights=False):
         raise ValueError("it is empty")
     numbers, texts = zip(*rows, strict=True)
     if heights:
-        texts = [_NO_DATA.sub("nan", text) for text in texts]
+        texts = [_NO_DATA.sub("nan", text) if "data" in text.lower() else text for text in texts]
     _check_head(numbers, texts, heights)
-    texts = _unquote([_FORTRAN_EXPONENT.sub("e", text) if "d" in text.lower() else text for text in texts])
+    texts = _unquote(
+        [_FORTRAN_EXPONENT.sub("e", text) if "d" in text or "D" in text else text for text in texts]
+    )
     separator, decimal_commas = _find_layout(texts)
     if separator and separator != "\t":
         texts = [text.rstrip() for text in texts]
@@ -110,8 +112,7 @@ def read_table(lines, skip=0, heights=False):
 
 def _check_head(numbers, texts, heights):
     """Raise if a table begins below lines of words."""
-    words = [_first_word(text, heights) for text in texts]
-    first = words.index(None) if None in words else 0
+    first = next((k for k, text in enumerate(texts) if _first_word(text, heights) is None), None)
     if not first:
         return
     skip = numbers[first] - 1
@@ -122,8 +123,9 @@ def _check_head(numbers, texts, heights):
             f"skip the {what} at the head by skip={skip} (-surface_skip {skip}, app.convert --skip {skip}), "
             "or begin them with #"
         )
-    refusal = ValueError if any(words[first:]) else UnknownText  # words below may head another map
-    raise refusal(f"line {numbers[0]}: {shorten(words[0])!r} is no number; {advice}")
+    more = any(_first_word(text, heights) for text in texts[first:])  # perhaps the head of another map
+    refusal, word = ValueError if more else UnknownText, _first_word(texts[0], heights)
+    raise refusal(f"line {numbers[0]}: {shorten(word)!r} is no number; {advice}")
 
 
 def _check_blocks(numbers, columns):
