@@ -1,29 +1,18 @@
 """Primal active set iteration."""
 
 import warnings
-from functools import partial
 
 import numpy as np
 import periodic
 import pytest
-from mpi4py import MPI
-from operators import STEEL
 
 from app import ContactProblem, ContactSolver, Grid, SelfAffineSurface, solve
 from app.contact.active_set import CONVERGED
-from app.contact.distance import UndeformedDistance
-from app.contact.loading import PrescribedApproach
-from app.contact.periodic_state import contact_state
-from app.contact.prescribed_load import PrescribedLoad
 from app.halfspace.material import Material
 from app.methods.multilevel_product import MultilevelOperator
 from app.methods.periodic import iteration
-from app.methods.periodic.solver import PrimalSolver
 from app.methods.periodic.state import PrimalState
 from app.methods.stopping import InexactStop
-from app.multigrid.hierarchy import Hierarchy
-from app.options.method import read_method_file
-from app.options.solver_options import SolverOptions
 
 
 def levels_of(solver):
@@ -94,68 +83,8 @@ def test_drifted_pressure_is_recomputed_not_solved_further(by_levels):
     assert found.operator_applications < 48
 
 
-each_loading = pytest.mark.parametrize(
-    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
-)
-
-
-@pytest.fixture
-def make():
-    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
-    made = []
-
-    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
-        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
-        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
-        with SolverOptions("", texts).inserted():
-            made.append(PrimalSolver(hierarchy))
-        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
-        made[-1].set_contact()
-        return made[-1]
-
-    yield solver
-    for one in made:
-        one.destroy()
-
-
 def patch(nx, ny, stretch=1.0, symbol="spectral"):
     return Grid(nx, ny, 1.0 / nx, stretch / nx, periodic=symbol)
-
-
-@pytest.fixture
-def steps(make):
-    """A PrimalState under a loading, and its solver."""
-    made = []
-
-    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
-        problem = periodic.rough(nx, ny, 3, holes)
-        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
-        solver = make(grid, dtype=dtype)
-        operator = solver.inverse.influence
-        distance = UndeformedDistance(operator, problem.gap)
-        state = contact_state(operator, distance)
-        made.append(PrimalState(state, solver.inverse, loading))
-        made[-1].w[...] = 0
-        solver.begin(state, loading)
-        return made[-1], solver
-
-    yield primal
-    for one in made:
-        one.state.destroy()
-
-
-def guessed(steps, loading):
-    """A PrimalState whose contact set is guessed, and its solver."""
-    primal, solver = steps(loading)
-    primal.start(solver)
-    primal.guess(solver)
-    return primal, solver
-
-
-def pressure_of(primal, w=None):
-    p = np.empty(primal.w.shape)
-    primal.inverse.exact_pressure(primal.w if w is None else w, p)
-    return p + primal.mean_pressure
 
 
 @pytest.mark.parametrize("loading", ["load", "approach"])
@@ -202,9 +131,8 @@ def test_no_single_cell_keeps_a_large_overlap(cut_off, seed):
     assert -found.gap.min() < 1e-5 * problem.shape_on(patch).std()
 
 
-@each_loading
-def test_failed_verification_restores_the_contact_set(steps, loading):
-    primal, solver = guessed(steps, loading())
+def test_failed_verification_restores_the_contact_set(guessed, loading, pressure_of):
+    primal, solver = guessed(loading)
     state = primal.state
     norm = solver.improve(primal, 0.0)[2]
     update = primal.exchange(solver, 0.0, 0.0, np.inf, norm)

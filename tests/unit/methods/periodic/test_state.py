@@ -1,88 +1,15 @@
 """Unknowns of the primal form, step by step."""
 
-from functools import partial
-
 import numpy as np
-import periodic
 import pytest
-from mpi4py import MPI
-from operators import STEEL, random_field
+from operators import random_field
 
-from app.contact.distance import UndeformedDistance
-from app.contact.loading import PrescribedApproach
-from app.contact.periodic_state import contact_state
 from app.contact.prescribed_load import PrescribedLoad
-from app.halfspace.grid import Grid
-from app.methods.periodic.solver import PrimalSolver
-from app.methods.periodic.state import PrimalState
-from app.multigrid.hierarchy import Hierarchy
-from app.options.method import read_method_file
-from app.options.solver_options import SolverOptions
-
-each_loading = pytest.mark.parametrize(
-    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
-)
 
 
-@pytest.fixture
-def make():
-    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
-    made = []
-
-    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
-        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
-        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
-        with SolverOptions("", texts).inserted():
-            made.append(PrimalSolver(hierarchy))
-        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
-        made[-1].set_contact()
-        return made[-1]
-
-    yield solver
-    for one in made:
-        one.destroy()
-
-
-@pytest.fixture
-def steps(make):
-    """A PrimalState under a loading, and its solver."""
-    made = []
-
-    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
-        problem = periodic.rough(nx, ny, 3, holes)
-        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
-        solver = make(grid, dtype=dtype)
-        operator = solver.inverse.influence
-        distance = UndeformedDistance(operator, problem.gap)
-        state = contact_state(operator, distance)
-        made.append(PrimalState(state, solver.inverse, loading))
-        made[-1].w[...] = 0
-        solver.begin(state, loading)
-        return made[-1], solver
-
-    yield primal
-    for one in made:
-        one.state.destroy()
-
-
-def guessed(steps, loading):
-    """A PrimalState whose contact set is guessed, and its solver."""
-    primal, solver = steps(loading)
-    primal.start(solver)
-    primal.guess(solver)
-    return primal, solver
-
-
-def pressure_of(primal, w=None):
-    p = np.empty(primal.w.shape)
-    primal.inverse.exact_pressure(primal.w if w is None else w, p)
-    return p + primal.mean_pressure
-
-
-@each_loading
-def test_solver_resumes_without_a_product(steps, loading):
+def test_solver_resumes_without_a_product(guessed, loading, pressure_of):
     """w and p lag until they are taken; what is to be added to them adds up, from one contact set to the next."""
-    primal, solver = guessed(steps, loading())
+    primal, solver = guessed(loading)
     state = primal.state
     w, p, norms = primal.w.copy(), state.p.copy(), []
     for _ in range(3):
@@ -104,11 +31,10 @@ def test_solver_resumes_without_a_product(steps, loading):
     assert (primal.w == taken).all()
 
 
-@each_loading
 @pytest.mark.parametrize("holes", [0.0, 0.1])
-def test_each_step_keeps_p_and_the_loading(steps, loading, holes):
+def test_each_step_keeps_p_and_the_loading(steps, loading, holes, pressure_of):
     """p = B w + mean pressure; of an approach, the mean of w; of a load, that of p; w = b on C."""
-    primal, solver = steps(loading(), holes)
+    primal, solver = steps(loading, holes)
     state, given = primal.state, not primal.loading.approach_is_known
     primal.w[...] = random_field(state.grid, 8) * 0.01
 
@@ -148,8 +74,8 @@ def test_each_step_keeps_p_and_the_loading(steps, loading, holes):
         check()
 
 
-def test_one_cell_stays_in_contact_under_a_load(steps):
-    primal, solver = guessed(steps, PrescribedLoad(1e2))
+def test_one_cell_stays_in_contact_under_a_load(guessed):
+    primal, solver = guessed(PrescribedLoad(1e2))
     before = primal.state.contact.copy()
     solver.carried[...] = -1.0
     solver.change[...] = 1.0

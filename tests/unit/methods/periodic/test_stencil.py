@@ -3,20 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import periodic
 import pytest
-from mpi4py import MPI
-from operators import STEEL
 
-from app.contact.distance import UndeformedDistance
-from app.contact.periodic_state import contact_state
 from app.halfspace.grid import Grid
 from app.methods.periodic import stencil
-from app.methods.periodic.solver import PrimalSolver
-from app.methods.periodic.state import PrimalState
-from app.multigrid.hierarchy import Hierarchy
-from app.options.method import read_method_file
-from app.options.solver_options import SolverOptions
 from app.parallel.halo import Halo
 from app.parallel.slabs import Slabs
 
@@ -212,47 +202,6 @@ def test_halo_of_one_slab_is_periodic(rows, width):
     before, after = Halo(Slabs(rows), None, width)(field)
     np.testing.assert_array_equal(before, field[np.arange(-width, 0) % rows])
     np.testing.assert_array_equal(after, field[np.arange(width) % rows])
-
-
-@pytest.fixture
-def make():
-    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
-    made = []
-
-    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
-        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
-        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
-        with SolverOptions("", texts).inserted():
-            made.append(PrimalSolver(hierarchy))
-        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
-        made[-1].set_contact()
-        return made[-1]
-
-    yield solver
-    for one in made:
-        one.destroy()
-
-
-@pytest.fixture
-def steps(make):
-    """A PrimalState under a loading, and its solver."""
-    made = []
-
-    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
-        problem = periodic.rough(nx, ny, 3, holes)
-        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
-        solver = make(grid, dtype=dtype)
-        operator = solver.inverse.influence
-        distance = UndeformedDistance(operator, problem.gap)
-        state = contact_state(operator, distance)
-        made.append(PrimalState(state, solver.inverse, loading))
-        made[-1].w[...] = 0
-        solver.begin(state, loading)
-        return made[-1], solver
-
-    yield primal
-    for one in made:
-        one.state.destroy()
 
 
 @pytest.mark.parametrize("cut", [0, 2, 5])

@@ -2,35 +2,11 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from operators import STEEL, random_field
+from operators import random_field
 
 from app.halfspace.grid import Grid
-from app.methods.periodic.solver import PrimalSolver
-from app.multigrid.hierarchy import Hierarchy
-from app.options.method import read_method_file
-from app.options.solver_options import SolverOptions
 
 SINGLE = 2e-6
-
-
-@pytest.fixture
-def make():
-    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
-    made = []
-
-    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
-        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
-        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
-        with SolverOptions("", texts).inserted():
-            made.append(PrimalSolver(hierarchy))
-        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
-        made[-1].set_contact()
-        return made[-1]
-
-    yield solver
-    for one in made:
-        one.destroy()
 
 
 def patch(nx, ny, stretch=1.0, symbol="spectral"):

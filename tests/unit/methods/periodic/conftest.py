@@ -1,0 +1,89 @@
+"""Solvers and states of the primal form."""
+
+import numpy as np
+import periodic
+import pytest
+from mpi4py import MPI
+from operators import STEEL
+
+from app.contact.distance import UndeformedDistance
+from app.contact.loading import PrescribedApproach
+from app.contact.periodic_state import contact_state
+from app.contact.prescribed_load import PrescribedLoad
+from app.halfspace.grid import Grid
+from app.methods.periodic.solver import PrimalSolver
+from app.methods.periodic.state import PrimalState
+from app.multigrid.hierarchy import Hierarchy
+from app.options.method import read_method_file
+from app.options.solver_options import SolverOptions
+
+
+@pytest.fixture
+def make():
+    """Make solvers of grids of a size, symbol and share of contact; free them in the end."""
+    solvers = []
+
+    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
+        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
+        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
+        with SolverOptions("", texts).inserted():
+            solvers.append(PrimalSolver(hierarchy))
+        solvers[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
+        solvers[-1].set_contact()
+        return solvers[-1]
+
+    yield solver
+    for one in solvers:
+        one.destroy()
+
+
+@pytest.fixture
+def steps(make):
+    """Make a PrimalState under a loading, and its solver."""
+    states = []
+
+    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
+        problem = periodic.rough(nx, ny, 3, holes)
+        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
+        solver = make(grid, dtype=dtype)
+        operator = solver.inverse.influence
+        state = contact_state(operator, UndeformedDistance(operator, problem.gap))
+        states.append(PrimalState(state, solver.inverse, loading))
+        states[-1].w[...] = 0
+        solver.begin(state, loading)
+        return states[-1], solver
+
+    yield primal
+    for one in states:
+        one.state.destroy()
+
+
+@pytest.fixture
+def guessed(steps):
+    """Make a PrimalState whose contact set is guessed, and its solver."""
+
+    def guess(loading):
+        primal, solver = steps(loading)
+        primal.start(solver)
+        primal.guess(solver)
+        return primal, solver
+
+    return guess
+
+
+@pytest.fixture(params=["load", "approach"])
+def loading(request):
+    """A prescribed load, and an approach."""
+    return PrescribedLoad(1e2) if request.param == "load" else PrescribedApproach(0.03)
+
+
+@pytest.fixture
+def pressure_of():
+    """Compute p = B w + mean pressure of a PrimalState, from its w or another one."""
+
+    def pressure(primal, w=None):
+        p = np.empty(primal.w.shape)
+        primal.inverse.exact_pressure(primal.w if w is None else w, p)
+        return p + primal.mean_pressure
+
+    return pressure
