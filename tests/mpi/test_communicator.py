@@ -2,54 +2,16 @@
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz, punch
-from mpi4py import MPI
-from running import assert_proved_equal, solve
+from cases import hertz, punch
 
 from app import ContactSolver
 from app.base.petsc import _counter
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.grid import Grid
 from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.options.solver_options import temporary_options
 from app.parallel.communicator import Communicator
-from app.parallel.fetch import Fetch
-from app.parallel.rank_groups import RankGroups
-from app.parallel.reductions import minimum_over, sums_and_minima
-from app.parallel.slabs import Slabs
-from benchmarks.replay import Replay, record
-from benchmarks.replay import hertz as recorded_problem
-
-
-@pytest.mark.mpi(1, 2, 3, 5)
-@pytest.mark.parametrize("dtype", [float, np.float32, bool])
-def test_every_rank_gets_the_rows_it_wants(comm, dtype):
-    rng, ny = np.random.default_rng(3), 11
-    field = (rng.normal(size=(ny, 4)) > 0).astype(dtype) * np.arange(1, 4 * ny + 1).reshape(ny, 4)
-    for size in range(1, comm.size + 1):
-        have = Slabs(ny, size, comm.rank, rng.integers(1, 4))
-        mine = field[have.rows]
-        for reach in (0, 3, 2 * ny):  # inside, beyond the grid, over several periods
-            pairs = [np.sort(rng.integers(-reach, ny + reach + 1, (2, comm.size)), axis=0) for _ in range(2)]
-            fetch = Fetch(have, pairs, comm)
-            wanted = np.concatenate([np.arange(first[comm.rank], last[comm.rank]) for first, last in pairs])
-            np.testing.assert_array_equal(fetch(mine), field[wanted % ny])
-        stays = Fetch(have, [have.bounds(comm.size)], comm)
-        assert stays(mine) is mine
-
-
-@pytest.mark.mpi(3, 5)
-def test_first_ranks_have_a_communicator_and_others_do_not(comm):
-    ranks = RankGroups(comm, 8)
-    slabs, few = ranks.distribute(Grid(4, 5, 1.0, 1.0))  # 20 cells on 2 ranks
-    assert slabs.size == 2
-    assert (few is None) == (comm.rank >= 2)
-    assert comm.allreduce(slabs.local) == 5
-    assert few is None or (few.size, few.rank, few.allreduce(slabs.local)) == (2, comm.rank, 5)
-    assert ranks.distribute(Grid(4, 4, 1.0, 1.0))[1] is few  # made once
-    ranks.destroy()
 
 
 @pytest.mark.mpi(2, 3)
@@ -57,9 +19,7 @@ def test_first_ranks_have_a_communicator_and_others_do_not(comm):
 @pytest.mark.parametrize(("n", "levels"), [(48, 0), (192, 1), (324, 2)])
 @pytest.mark.parametrize("by_levels", [False, True])
 @pytest.mark.parametrize("scattered", [False, True])
-def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
-    comm, n, levels, shared, by_levels, scattered
-):
+def test_cg_step_needs_two_reductions_and_four_exchanges(comm, n, levels, shared, by_levels, scattered):
     """And two exchanges of rows with neighbours for the extension over the rim, two for each level with a stencil.
 
     Means over blocks, where contact is scattered, are summed with CG's own numbers.
@@ -114,7 +74,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
 
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("problem", [hertz(160), punch(160)], ids=["hertz", "punch"])
-def test_a_solve_talks_as_often_as_the_model_says(comm, problem, monkeypatch):
+def test_message_count_of_a_solve_follows_the_model(comm, problem, monkeypatch):
     """The model of docs/notebook/scaling.md; a second solve makes no spectra, a third does the same."""
     products, spectra = [], []
     apply, set_kernel = EvenMultiplier.apply, EvenMultiplier.set_kernel
@@ -143,31 +103,8 @@ def test_a_solve_talks_as_often_as_the_model_says(comm, problem, monkeypatch):
     assert first.attributes["all_to_alls"] == traffic.all_to_alls > 0
 
 
-@pytest.mark.mpi(8)
-@pytest.mark.parametrize("method", ["fast", "fmg_v11"])
-def test_many_ranks_of_which_small_grids_have_few(comm, method):
-    options = {"lcp_cells_per_rank": 64, "lcp_rtol": 1e-9, "lcp_precision": "double"}
-    if method != "fast":
-        del options["lcp_precision"]
-    here = solve(hertz(64), APPROACH, method, **options)
-    pressure = np.vstack(comm.allgather(here.pressure))
-    assert here.converged
-    if comm.rank == 0:
-        alone = solve(hertz(64), APPROACH, method, comm=MPI.COMM_SELF, **options)
-        assert here.iterations == alone.iterations
-        np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-8 * alone.max_pressure)
-
-
-@pytest.mark.slow
-@pytest.mark.mpi(16)
-def test_sixteen_ranks(comm):
-    here = solve(hertz(64), APPROACH, "fast", lcp_cells_per_rank=64)
-    assert here.converged
-    assert min(comm.allgather(here.slabs.local)) == max(comm.allgather(here.slabs.local)) == 4
-
-
 @pytest.mark.mpi(2)
-def test_a_communicator_counts_what_is_sent(comm):
+def test_communicator_counts_messages(comm):
     counted = Communicator(comm)
     rows = np.ones((3, 4), np.float32)
     request = counted.Isend(rows, 1 - comm.rank)
@@ -178,55 +115,3 @@ def test_a_communicator_counts_what_is_sent(comm):
     found = counted.traffic
     assert (found.messages, found.all_to_alls, found.small_collectives) == (3, 1, 1)
     assert found.message_bytes == rows.nbytes + 2 * 8
-
-
-@pytest.mark.mpi(2, 3)
-@pytest.mark.parametrize("cells", [3000, 9000, 20000])
-def test_windows_of_grids_that_some_ranks_have_no_part_in(comm, cells):
-    here = solve(hertz(160), APPROACH, "fast", lcp_cells_per_rank=cells)
-    alone = solve(hertz(160), APPROACH, "fast", comm=MPI.COMM_SELF)
-    assert here.converged
-    assert here.iterations == alone.iterations
-    whole = here.gather()
-    if comm.rank == 0:
-        assert_proved_equal(whole, alone)
-
-
-@pytest.mark.mpi(1, 2, 3)
-def test_sums_and_minima_by_one_reduction(comm):
-    counted = Communicator(comm)
-    for size in (0, 1, 5):  # of either
-        ours = np.arange(size) + 10.0 * comm.rank
-        sums, lowest = sums_and_minima(counted, ours, -ours)
-        np.testing.assert_array_equal(
-            sums, np.sum([np.arange(size) + 10 * r for r in range(comm.size)], axis=0)
-        )
-        np.testing.assert_array_equal(lowest, -(np.arange(size) + 10 * (comm.size - 1)))
-    assert counted.traffic.small_collectives == 3
-
-
-@pytest.mark.mpi(2, 3)
-def test_a_replay_sends_what_ranks_send(comm):
-    """From a record of two ranks that share all grids, for any number of ranks and cells on a rank."""
-    first_two = comm.Split(comm.rank < 2, comm.rank)
-    recorded = comm.bcast(record(160, first_two) if comm.rank < 2 else None)
-    first_two.Free()
-    problem, approach = recorded_problem(160)
-    for cells in (512, 4000):
-        options = {"lcp_cells_per_rank": cells, "lcp_shared_memory": "false"}
-        with ContactSolver(problem, "fast", options, comm) as solver:
-            real = solver.solve(approach=approach).traffic
-        replayed = Replay(recorded, comm.size, cells=cells).traffic
-        assert (replayed.messages, replayed.all_to_alls) == (real.messages, real.all_to_alls)
-        assert replayed.message_bytes == pytest.approx(real.message_bytes, rel=0.02)
-        # The loading is compared before a solve counts. After it the rest is broadcast, and unused options are found.
-        assert replayed.small_collectives == real.small_collectives + 3
-
-
-@pytest.mark.mpi(2, 3)
-@pytest.mark.parametrize("last", [False, True])
-def test_minima_know_what_is_no_number(comm, last):
-    """MPI.MIN tells NaN or not, depending on which rank has it."""
-    here = comm.rank == (comm.size - 1 if last else 0)
-    found = minimum_over(comm, [[comm.rank, np.nan if here else 1.0]])
-    np.testing.assert_array_equal(found, [[0.0, np.nan]])

@@ -25,14 +25,14 @@ def assert_same_as_alone(comm, grid, slabs, problems):
 @pytest.mark.mpi(2, 3, 4)
 @each_grid
 @pytest.mark.parametrize("block", [1, 64])  # 64: some ranks own no rows
-def test_iterates_do_not_depend_on_the_number_of_ranks(comm, grid, block):
+def test_sweep_does_not_depend_on_number_of_ranks(comm, grid, block):
     problems = [random_problem(grid), empty_in_the_middle(grid), random_problem(grid, share=0)]
     assert_same_as_alone(comm, grid, Slabs(grid.ny, comm.size, comm.rank, block), problems)
 
 
 @pytest.mark.mpi(2, 3, 4)
 @each_grid
-def test_nor_with_blocks_of_another_size(comm, grid):
+def test_sweep_does_not_depend_on_block_sizes(comm, grid):
     problems = [random_problem(grid), empty_in_the_middle(grid)]
     with block_sizes(5, 16):
         assert_same_as_alone(comm, grid, Slabs(grid.ny, comm.size, comm.rank), problems)
@@ -40,13 +40,13 @@ def test_nor_with_blocks_of_another_size(comm, grid):
 
 @pytest.mark.mpi(2, 3, 4)
 @each_grid
-def test_nor_on_slabs_of_a_coarse_grid(comm, grid):
+def test_sweep_is_the_same_on_slabs_of_coarse_grid(comm, grid):
     coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
     assert_same_as_alone(comm, grid, coarsened, [random_problem(grid)])
 
 
 @pytest.mark.mpi(2, 3)
-def test_messages_of_a_sweep(comm):
+def test_sweep_needs_few_messages(comm):
     """For every leaf its defect and correction, what is added to it and the leaf, solved; two gathers in all."""
     grid, leaf_rows = Grid(40, 240, 1.0, 1.0), 8
     slabs = Slabs(grid.ny, comm.size, comm.rank)

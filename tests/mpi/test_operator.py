@@ -80,7 +80,7 @@ def assert_product(comm, grid, block=1, dtype=np.float64, tolerance=DOUBLE):
 @pytest.mark.mpi(1, 2, 3)
 @each_grid
 @each_block
-def test_product_is_that_of_the_dense_matrix(comm, grid, block):
+def test_product_equals_dense_matrix(comm, grid, block):
     assert_product(comm, grid, block)
     with many_groups():
         assert_product(comm, grid, block)
@@ -88,13 +88,13 @@ def test_product_is_that_of_the_dense_matrix(comm, grid, block):
 
 @pytest.mark.mpi(1, 2, 3)
 @each_grid
-def test_single_precision(comm, grid):
+def test_single_precision_product_is_accurate(comm, grid):
     assert_product(comm, grid, dtype=np.float32, tolerance=SINGLE)
 
 
 @pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_product_in_a_box(comm, dtype):
+def test_box_product_does_not_depend_on_ranks(comm, dtype):
     """That of one rank, and on any rank count to rounding."""
     slabs, tolerance = slabs_of(comm, BOXED), {np.float64: 2 * DOUBLE, np.float32: 2 * SINGLE}[dtype]
     p, mask = random_field(BOXED, 5), random_mask(BOXED, 5)
@@ -108,7 +108,7 @@ def test_product_in_a_box(comm, dtype):
 
 
 @pytest.mark.mpi(2, 3)
-def test_small_groups_are_many(comm):
+def test_small_group_limit_gives_many_column_groups(comm):
     with many_groups():
         assert len(make_convolution(comm, GRIDS["many groups"])._groups) > 4
 
@@ -116,7 +116,7 @@ def test_small_groups_are_many(comm):
 @pytest.mark.mpi(1, 2, 3)
 @each_grid
 @each_block
-def test_mat_with_a_contact_set_that_changes(comm, grid, block):
+def test_mat_follows_changing_contact_sets(comm, grid, block):
     slabs = slabs_of(comm, grid, block)
     operator = InfluenceOperator(grid, STEEL, slabs, comm if comm.size > 1 else None)
     mat = operator.mat(PETSc.Comm(comm))
@@ -175,7 +175,7 @@ def assert_is(mat, operator, dense, seed=7):
 
 @pytest.mark.mpi(1, 2, 3)
 @each_grid
-def test_a_new_operator_has_all_cells(comm, grid):
+def test_new_operator_has_all_cells_in_contact(comm, grid):
     mat, operator, dense = mat_of(comm, grid, 1)
     assert_is(mat, operator, dense)
     mat.destroy()
@@ -183,7 +183,7 @@ def test_a_new_operator_has_all_cells(comm, grid):
 
 @pytest.mark.mpi(1, 2, 3)
 @each_grid
-def test_mats_are_scaled_and_shifted_by_themselves(comm, grid):
+def test_scale_and_shift_belong_to_one_mat(comm, grid):
     mat, operator, dense = mat_of(comm, grid, 8)  # some ranks own no rows
     mask = random_mask(grid, 8)
     operator.mask[...] = mask[operator.slabs.rows]

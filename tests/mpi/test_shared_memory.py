@@ -26,7 +26,7 @@ def counting(comm, shared=True):
 @pytest.mark.mpi(2, 3, 5)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("grid", [*SHAPES.values(), *PERIODIC.values()], ids=[*SHAPES, *PERIODIC])
-def test_products_are_the_same_to_the_last_bit(comm, grid, dtype):
+def test_shared_memory_does_not_change_products(comm, grid, dtype):
     found = []
     for shared in (False, True):
         counted = counting(comm, shared)
@@ -49,7 +49,7 @@ def test_products_are_the_same_to_the_last_bit(comm, grid, dtype):
 
 
 @pytest.mark.mpi(3)
-def test_a_few_ranks_work_in_what_all_share(comm):
+def test_subset_of_ranks_can_use_storage_of_all(comm):
     """As a window of the target grid does."""
     counted = counting(comm)
     lender = make_convolution(counted, BOXED)
@@ -71,7 +71,7 @@ def test_a_few_ranks_work_in_what_all_share(comm):
 
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("what", ["memfd_create", "open", "readlink", "mmap"])
-def test_ranks_that_may_not_share_send(comm, what, monkeypatch):
+def test_all_ranks_send_if_one_cannot_share(comm, what, monkeypatch):
     """If one is forbidden to, all do."""
 
     def forbidden(*_arguments):
@@ -88,7 +88,7 @@ def test_ranks_that_may_not_share_send(comm, what, monkeypatch):
 
 
 @pytest.mark.mpi(2, 3)
-def test_everybody_sees_what_another_writes(comm):
+def test_ranks_see_each_other_s_bytes(comm):
     counted = counting(comm)
     sizes = [5000 * rank for rank in range(comm.size)]
     here = Storage(sizes, comm.rank, counted)
@@ -103,7 +103,7 @@ def test_everybody_sees_what_another_writes(comm):
 
 
 @pytest.mark.mpi(2, 3)
-def test_a_solve_is_the_same_and_sends_less(comm):
+def test_shared_memory_only_reduces_messages(comm):
     found = [solve(punch(160), APPROACH, "fast", lcp_shared_memory=shared) for shared in ("false", "true")]
     sent, shared = found
     np.testing.assert_array_equal(shared.pressure, sent.pressure)
@@ -112,7 +112,7 @@ def test_a_solve_is_the_same_and_sends_less(comm):
 
 
 @pytest.mark.mpi(2)
-def test_solvers_that_are_gone_leave_no_memory(comm):
+def test_closed_solvers_leave_no_open_files(comm):
     def open_files():
         return len(os.listdir("/proc/self/fd"))
 

@@ -1,0 +1,47 @@
+"""Stress below a pressure: planes, sections, lines, and invalid input."""
+
+import numpy as np
+import pytest
+
+from app.halfspace.grid import Grid
+from app.halfspace.stress.subsurface import SubsurfaceStress
+
+
+@pytest.mark.parametrize("nx, ny", [(13, 9), (8, 12)])
+def test_plane_section_and_line_agree(nx, ny):
+    rng = np.random.default_rng(11)
+    grid = Grid(nx, ny, 0.3, 0.2, -1.0, 4.0)
+    pressure = np.where(rng.random(grid.shape) < 0.3, rng.random(grid.shape), 0.0)
+    pressure[:2] = pressure[:, -1] = 0.0  # what carries nothing is left out
+    below = SubsurfaceStress(pressure, grid, 0.4)
+    for depth in (0.0, 0.1, 2.0):
+        plane = below.plane(depth)
+        assert below.section(depth, y=grid.y()[4])[:, 0] == pytest.approx(plane[:, 4], abs=1e-12)
+        assert below.section(depth, x=grid.x()[5])[:, 0] == pytest.approx(plane[:, :, 5], abs=1e-12)
+        assert below.line(depth, grid.x()[5], grid.y()[4])[:, 0] == pytest.approx(plane[:, 4, 5], abs=1e-12)
+    assert below.plane(0.0)[2] == pytest.approx(-pressure, abs=1e-12)  # the surface carries the pressure
+
+
+def test_zero_pressure_gives_zero_stress():
+    grid = Grid(4, 4, 1.0, 1.0)
+    hottest, sheared = SubsurfaceStress(np.zeros((4, 4)), grid, 0.3).maxima()
+    assert hottest.von_mises == sheared.max_shear == 0
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"pressure": np.ones((3, 4))}, r"needs \(ny, nx\) = \(4, 4\)"),
+        ({"pressure": np.full((4, 4), np.nan)}, "not finite"),
+        ({"poisson_ratio": 0.6}, "from 0 to 0.5"),
+    ],
+)
+def test_invalid_input_is_refused(change, message):
+    given = {"pressure": np.ones((4, 4)), "grid": Grid(4, 4, 1.0, 1.0), "poisson_ratio": 0.3}
+    with pytest.raises(ValueError, match=message):
+        SubsurfaceStress(**(given | change))
+    below = SubsurfaceStress(**given)
+    with pytest.raises(ValueError, match="depth -1"):
+        below.plane(-1)
+    with pytest.raises(ValueError, match="give either x or y"):
+        below.section(1.0)
