@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from app import Grid, Material
 from app.base.errors import InputError
 from app.cli.option_sources import ParsedOptions
-from app.cli.problem_options import PROBLEM_OPTIONS, Request, make_problem
-from app.options.option_table import OptionReader
+from app.cli.problem_options import Request
 from app.problems.problem import evaluate_shape
+from app.problems.user_problem import create, validate
 
 MODULE = """
 import numpy as np
@@ -81,7 +82,7 @@ class Transposed(Plane):
 
 @pytest.fixture
 def make(tmp_path, monkeypatch):
-    """``make("my_module.bowl")``: the problem of a name, in a folder that holds my_module.py."""
+    """``make("my_module.bowl")``: a valid problem, and the reader of its options, in a folder with my_module.py."""
     (tmp_path / "my_module.py").write_text(MODULE)
     (tmp_path / "broken.py").write_text("import numpy\nnumpy.no_such_thing\n")
     (tmp_path / "ends.py").write_text("import sys\nsys.exit()\n")
@@ -89,15 +90,11 @@ def make(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def make_named(name, **texts):
-        given = {
-            "problem": "python",
-            "problem_type": name,
-            "grid": "6,4",
-            "domain": "-2,1,-1,1",
-            "shear_modulus": "1",
-        }
-        given |= {"poisson_ratio": "0.3", **texts}
-        return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)
+        problem, own = create(
+            name, Grid.from_domain(6, 4, (-2, 1, -1, 1)), Material.combined(1.0, 0.3), texts
+        )
+        validate(problem, name, slice(None))
+        return problem, own
 
     return make_named
 

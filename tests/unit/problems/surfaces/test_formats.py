@@ -10,12 +10,6 @@ from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 from app.problems.surfaces.formats import FORMATS, detect_format
 
-ROWS = "0.5 1.5 2\n3 4 5.25\n"
-
-
-WYKO = "Wyko ASCII Data File Format\t0\t1\t1\nX Size\t2\nRAW_DATA\t3\t280\n"
-
-
 REFUSED = [
     *[(suffix, known.description) for known in FORMATS if known.kind == "other" for suffix in known.suffixes],
     (".zip", "an archive: unpack it, unless it is of contact.engineering; python -m app.convert"),
@@ -34,8 +28,8 @@ def test_formats_that_are_not_read_are_refused_with_advice(tmp_path, capsys, suf
     with pytest.raises(InputError):
         GapFile(path)
     assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("error: ") and said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1
 
 
 def test_each_suffix_has_one_format():
@@ -44,20 +38,20 @@ def test_each_suffix_has_one_format():
 
 
 @pytest.mark.parametrize(
-    ("content", "what"),
+    ("head", "name_of_format"),
     [
-        (WYKO, "Wyko's ASCII format"),
+        ("Wyko ASCII Data File Format\t0\nRAW_DATA\t3\n", "Wyko's ASCII format"),
         ("aISO-1.0\n", "an SDF file"),
         ("# File Format = ASCII\n# Bit2nm = 0.1\n", "SPIP's"),
     ],
 )
 @pytest.mark.parametrize("name", ["s.asc", "s.txt", "s.sdf"])
-def test_texts_of_instruments_are_sent_to_their_reader(tmp_path, content, what, name):
+def test_texts_of_instruments_are_sent_to_their_reader(tmp_path, head, name_of_format, name):
     """Unless their head is skipped on purpose."""
-    (tmp_path / name).write_text(content + ROWS)
-    with pytest.raises(InputError, match=f"is {what}.*app.convert FILE -o surface.h5"):
+    (tmp_path / name).write_text(f"{head}0.5 1.5 2\n3 4 5.25\n")
+    with pytest.raises(InputError, match=f"is {name_of_format}.*app.convert FILE -o surface.h5"):
         read_surface(tmp_path / name, "um")
-    assert read_surface(tmp_path / name, "um", skip=content.count("\n")).shape == (2, 3)
+    assert read_surface(tmp_path / name, "um", skip=head.count("\n")).shape == (2, 3)
     assert detect_format(tmp_path / name).kind == "instrument"
 
 
