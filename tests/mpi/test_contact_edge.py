@@ -1,4 +1,4 @@
-"""Extension over the rim on several ranks against one."""
+"""Edge extension and block means on several ranks against one."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""The inverse by levels, and A, on several ranks against one."""
+"""Multilevel operators on several ranks against one."""
 
 from functools import partial
 from itertools import product

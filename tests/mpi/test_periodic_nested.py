@@ -21,7 +21,7 @@ from app.parallel.slabs import Slabs
 @pytest.mark.mpi(2, 3, 5)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, bool])
 def test_halo_rows_come_from_their_ranks(comm, dtype):
-    """Slabs of any height, none among them, and more rows wanted than a slab, or the patch, has."""
+    """Slabs of any height, even empty, and halos wider than the patch."""
     for ny, block, width in ((12, 1, 1), (12, 4, 5), (3, 1, 2), (1, 1, 4), (7, 2, 9), (40, 1, 8)):
         field = (np.random.default_rng(ny).normal(size=(ny, 3)) > 0.1 * np.arange(3)).astype(dtype)
         slabs = Slabs(ny, comm.size, comm.rank, block)
@@ -39,7 +39,7 @@ def test_halo_rows_come_from_their_ranks(comm, dtype):
 @pytest.mark.parametrize("cells", [1, 10**6])
 @pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16), (8, 16), (33, 27), (13, 10)])
 def test_two_grid_is_independent_of_the_number_of_ranks(comm, shape, cells):
-    """Wherever slabs begin, several of them inside of a row of the long waves' grid, too."""
+    """Several slabs may begin inside a coarse row."""
     grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")
     free, r, w = np.random.default_rng(1).random(shape) < 0.7, random_field(grid, 2), random_field(grid, 3)
     found = []

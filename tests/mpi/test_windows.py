@@ -76,7 +76,7 @@ def test_freed_memory_changes_no_solution(comm, load):
 
 
 def spiked(n):
-    """A ball, and one cell far from it that is nothing in the mean over a cell of a coarse grid."""
+    """Return a ball and a spike that vanishes in coarse cells."""
     grid = Grid.from_domain(n, n, (-1.0, 1.0, -1.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = (x**2 + y**2) / 2
@@ -86,7 +86,7 @@ def spiked(n):
 
 @each_number_of_ranks
 def test_contact_outside_the_window_is_found(comm):
-    """What no coarse grid sees is in the window, and what lies outside is not forgotten all the same."""
+    """Contact that coarse grids do not resolve is found."""
     everywhere = solve(spiked(128), 0.02, "fast", lcp_window=0, lcp_rtol=1e-9)
     for load, blind in product((None, everywhere.load), (False, True)):
         with mock.patch.object(Hierarchy, "coarse_minimum", return_value=None) if blind else nullcontext():
@@ -128,7 +128,7 @@ def test_holes_stay_in_a_window_as_wide_as_the_grid(comm):
 
 @each_number_of_ranks
 def test_windows_of_narrow_grids(comm):
-    """A grid so narrow that ranks have as many rows of one level as others of another."""
+    """Ranks have equal numbers of rows on different levels."""
     for ny in (2047, 2048):
         grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))
         ball = ContactProblem(grid, Material.combined(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)

@@ -1,4 +1,4 @@
-"""M = N + P M_H P^T against matrices, on every shape; what is under no wanted row may hold anything."""
+"""Multilevel product against matrices."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ class Same:
 
 
 def interpolation(n, factor, periodic=False):
-    """Linear, between the centres of cells, of which the first coarse one is before the patch; or none."""
+    """Return the matrix of linear interpolation between cell centres."""
     if factor == 1:
         return np.eye(n)
     if periodic:
@@ -36,7 +36,7 @@ def interpolation(n, factor, periodic=False):
 
 
 def near(n, reach, weights, periodic=False):
-    """The product with a stencil along a direction, zero beyond the patch, or around it."""
+    """Return the matrix of a stencil along a direction."""
     if periodic:
         return sum(weights[abs(k)] * np.roll(np.eye(n), k, axis=0) for k in range(-reach, reach + 1))
     return sum(weights[abs(k)] * np.eye(n, k=k) for k in range(-reach, reach + 1))

@@ -1,4 +1,4 @@
-"""Projected Newton's method: it converges for any positive definite matrix, and f falls on the way."""
+"""Projected Newton's method."""
 
 import numpy as np
 import periodic
@@ -26,19 +26,19 @@ from app.options.solver_options import SolverOptions
 
 
 def positive_definite(n, rng, condition):
-    """Random, with eigenvalues from 1 to the condition number; not a discretisation of anything."""
+    """Return a random matrix with eigenvalues from 1 to the condition number."""
     q, _ = np.linalg.qr(rng.normal(size=(n, n)))
     return (q * np.geomspace(1, condition, n)) @ q.T
 
 
 def least(a, h):
-    """The p >= 0 with the least f(p) = p.Ap / 2 + h.p, by Lawson and Hanson's method."""
+    """Minimise p.Ap / 2 + h.p, p >= 0, by Lawson and Hanson's method."""
     factor = np.linalg.cholesky(a)
     return nnls(factor.T, -np.linalg.solve(factor, h), maxiter=1000)[0]
 
 
 class Energy(Listener):
-    """f after every iteration."""
+    """Record f after each iteration."""
 
     def __init__(self, a, h):
         self._a, self._h = a, h
@@ -97,7 +97,7 @@ PROBLEMS = {
 
 @pytest.fixture(scope="module")
 def fast():
-    """Solutions without the safeguard."""
+    """Return solutions without the safeguard."""
     return {name: solve(*problem, "fast", lcp_rtol=1e-9) for name, problem in PROBLEMS.items()}
 
 
@@ -120,7 +120,7 @@ def test_safeguard_finds_the_solution_of_the_iteration(fast, name, by_load, prec
 
 
 def test_safeguard_of_a_light_load_is_accurate_to_rounding(monkeypatch):
-    """Distances a million times larger take nothing from u."""
+    """Much larger distances cost no digits of u."""
     monkeypatch.setattr(progress, "PATIENCE", 0)
     problem, _ = PROBLEMS["hertz"]
     found = solve(problem, None, "fast", 1e-5)
@@ -149,7 +149,7 @@ def test_failed_linear_solver_starts_the_safeguard(monkeypatch):
 
 
 class Uphill:
-    """A linear solver whose direction makes everything worse, however little of it is gone."""
+    """Linear solver with an ascent direction."""
 
     def __init__(self, length):
         self._length = length
@@ -165,7 +165,7 @@ class Uphill:
 
 @pytest.mark.parametrize(("length", "reason"), [(1.0, "no step"), (np.inf, "not a finite number")])
 def test_unsolved_pressure_vanishes_outside_contact(length, reason, monkeypatch):
-    """The system of its last step is without cells that are nearly free."""
+    """The last system leaves out cells that are nearly free."""
     operator = InfluenceOperator(Grid(6, 5, 1.0, 1.0), 1.0)
     state = contact_state(operator, UndeformedDistance(operator, np.ones((5, 6))))
     state.values[2, 1:4] = 1.0, 1e-3, 1e-4

@@ -7,7 +7,7 @@ from app.methods.stopping import IN_CONTACT, ROUNDING_RESIDUAL, InexactStop
 
 
 class Norms:
-    """A state of which only the norms of h are asked for."""
+    """State with norms of h only."""
 
     def __init__(self, whole, inside):
         self.distance, self._whole, self._inside = self, whole, inside

@@ -10,7 +10,7 @@ from app.methods.symbol import eigenvalues
 
 @pytest.mark.parametrize("aspect", [1.0, 1.7, 0.01, 100.0, 1000.0])
 def test_eigenvalues_are_those_of_a_periodic_patch(aspect):
-    """To the rounding of their interpolation, on cells of any shape; but for that of a constant."""
+    """For cells of any shape, except the eigenvalue of a constant."""
     grid = Grid(24, 20, aspect, 1.0, periodic="love")
     columns, rows = np.arange(13), np.arange(11)
     expected = influence_symbol(grid, 0.5, columns, rows)

@@ -1,4 +1,4 @@
-"""Where the extension over the rim begins: means of the residual over blocks, smoothed; and its transpose."""
+"""Block means of the residual and their transpose."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def size_of(*fields):
 @each_size
 @pytest.mark.parametrize("dtype", [float, np.float32])
 def test_extension_is_the_mean_over_contact_around(shape, cells, dtype):
-    """In single precision, whatever r is in."""
+    """Means are in single precision for any r."""
     contact, r = contact_of(shape), field(shape, dtype)
     r *= contact
     found, between = np.full_like(r, np.nan), made(contact, cells, r)

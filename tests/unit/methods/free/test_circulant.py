@@ -19,7 +19,7 @@ SMALL = {name: grid for name, grid in (GRIDS | PERIODIC).items() if grid.n <= 50
 
 
 def preconditioner(operator, **options):
-    """A PC, and its columns for all cells of C as a matrix (cells, cells of C)."""
+    """Return a PC and its matrix (cells, cells of C)."""
     mat = operator.mat(PETSc.COMM_SELF)
     pc = PETSc.PC().create(PETSc.COMM_SELF)
     pc.setOperators(mat)
@@ -60,7 +60,7 @@ def test_preconditioner_is_symmetric_positive_definite_on_contact(grid, steps):
 
 @pytest.mark.parametrize("steps", [0, 2])
 def test_preconditioner_with_block_means_is_symmetric_positive_definite(steps):
-    """Which are in single precision."""
+    """Block means are in single precision."""
     operator = InfluenceOperator(Grid(19, 17, 1.0, 0.8), STEEL)
     for share in (0.1, 0.4, 0.9):
         operator.mask[...] = np.random.default_rng(4).random(operator.grid.shape) < share
@@ -74,7 +74,7 @@ def test_preconditioner_with_block_means_is_symmetric_positive_definite(steps):
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_block_means_follow_the_residual_of_cg(monkeypatch, dtype):
-    """Known from what is summed anyway, they are those of the residual there is."""
+    """Means by recurrence equal those of the residual."""
     grid, differences = Grid(64, 48, 1.0, 1.0), []
     precondition = Circulant.precondition
 
@@ -149,7 +149,7 @@ def test_options_are_read_and_reset_forgets_the_operator():
 
 
 def test_preconditioned_eigenvalues_are_clustered():
-    """What it is for: eigenvalues of B A lie together, whatever the grid."""
+    """Eigenvalues of B A are clustered on any grid."""
     spreads = []
     for n in (8, 16, 28):
         grid = Grid(n, n, 1.0 / n, 1.0 / n)
@@ -197,7 +197,7 @@ def test_periodic_neighbours_may_cancel():
 
 @pytest.mark.parametrize("n", [16, 24])
 def test_contact_at_opposite_edges_is_separated(n):
-    """How many steps of CG it takes goes with the root of the condition number."""
+    """CG steps grow with the root of the condition number."""
     grid = Grid(n, n, 0.1, 0.1)
     operator = InfluenceOperator(grid, STEEL)
     operator.mask[...] = True

@@ -1,4 +1,4 @@
-"""E and its transpose against their definition on all cells, with every shape of contact set."""
+"""Extension past the contact edge and its transpose, against their definition."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ each_number_of_steps = pytest.mark.parametrize("steps", STEPS)
 
 
 def contact_sets(shape):
-    """None, all, one cell in a corner, one inside, lines, random ones."""
+    """Yield contact sets: none, all, one cell, lines, random ones."""
     rng = np.random.default_rng(5)
     yield np.zeros(shape, bool)
     yield np.ones(shape, bool)
@@ -43,7 +43,7 @@ def make(contact, steps, stencil=STENCIL, periodic=False):
 
 
 def extended(contact, steps, r, rim="constant"):
-    """E r by its definition: Chebyshev's sweeps outside contact, over the whole patch."""
+    """Return E r by its definition on the whole patch."""
     x = r * contact
     for length in lengths(steps):
         x = x - length * ~contact * convolve(x, np.array(STENCIL), mode=rim)
@@ -51,7 +51,7 @@ def extended(contact, steps, r, rim="constant"):
 
 
 def lengths(steps):
-    """Of Chebyshev's steps for the eigenvalues that the stencil has without contact."""
+    """Return Chebyshev's step lengths for the stencil."""
     waves = np.cos(np.arange(2) * np.pi)
     weights = np.array(STENCIL)
     found = [
@@ -99,7 +99,7 @@ def test_extension_and_transpose_are_those_of_the_definition(shape, steps, dtype
 
 
 def test_ranks_without_rows_read_no_memory(monkeypatch):
-    """A rank beyond those of a level of PCMG; Python looks whether there is a last row."""
+    """In Python, a read outside the array raises."""
     monkeypatch.setattr(contact_edge, "_all_steps", contact_edge._all_steps.py_func)
     extension = make(np.zeros((0, 5), bool), 3, periodic=True)
     extension.extend(np.zeros((0, 5)))
@@ -144,7 +144,7 @@ def test_many_steps_make_the_stencil_vanish_outside_contact():
     ids=["constant", "linear", "smooth", "noise"],
 )
 def test_extended_residual_predicts_the_displacement_near_contact(r, off):
-    """A solve adds A z to u, with A z = r on C; beside C that is E r, about (see -lcp_predictor)."""
+    """A solve adds A z to u, with A z = r on C and nearly E r next to C."""
     grid = Grid(32, 32, 1.0, 1.0)
     y, x = np.mgrid[:32, :32] - 15.5
     contact = x**2 + y**2 < 10**2

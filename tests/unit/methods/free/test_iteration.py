@@ -40,7 +40,7 @@ def test_defect_correction_finds_the_same_pressure_with_less_work(problem, contr
 
 @pytest.mark.parametrize("wrong", [0.5, 3.0])
 def test_bad_multilevel_products_are_replaced_by_fft(monkeypatch, wrong):
-    """A pass that leaves more than half of the residual is the last one of its kind."""
+    """A multilevel pass that leaves more than half of the residual is the last."""
     apply, nearly = MultilevelOperator.apply, []
 
     def wrongly(self, p, out, rows=None):
@@ -67,7 +67,7 @@ def test_bad_multilevel_products_are_replaced_by_fft(monkeypatch, wrong):
 
 
 def test_few_verifications_fail(monkeypatch):
-    """Every second one did when none was rehearsed."""
+    """Without rehearsals every second verification failed."""
     products, plain = [], VerificationProduct.apply_on_all
     monkeypatch.setattr(
         VerificationProduct, "apply_on_all", lambda self, *a: (products.append(0), plain(self, *a))
@@ -81,7 +81,7 @@ def test_few_verifications_fail(monkeypatch):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_few_verifications_fail_if_the_last_release_moves_the_approach(monkeypatch, seed):
-    """Nearly full contact by load: five of six made a product too many while a release was not rehearsed."""
+    """Nearly full contact by load needs a rehearsal of the release."""
     n, products, plain = 192, [], InfluenceOperator.exact_displacement
 
     def counted(operator, *fields):

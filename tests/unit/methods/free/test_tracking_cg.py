@@ -1,4 +1,4 @@
-"""TrackingCG is conjugate gradients as PETSc has them, from a known u = A x, and says what it has changed."""
+"""TrackingCG against PETSc's CG, from a known displacement."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
 
 
 class Jacobi:
-    """A preconditioner of a user's own: a diagonal that is no multiple of the unit matrix."""
+    """Preconditioner of a user: a diagonal."""
 
     def apply(self, pc, x, y):
         size = x.getLocalSize()
@@ -24,7 +24,7 @@ class Jacobi:
 
 
 class Identity:
-    """In the operator's precision."""
+    """Preconditioner in the operator's precision."""
 
     def precondition(self, r, z, reduced):
         z[...] = r
@@ -34,7 +34,7 @@ class Identity:
 
 
 class System:
-    """C A C x = C b for a random contact set, with TrackingCG or PETSc's own CG."""
+    """System C A C x = C b with TrackingCG or PETSc's CG."""
 
     def __init__(self, kind="tracking", dtype=np.float64, share=0.5, grid=GRID, pc=None):
         self.operator = operator = InfluenceOperator(grid, STEEL, dtype=dtype)
@@ -58,7 +58,7 @@ class System:
         self.set_right(rng.normal(size=grid.shape))
 
     def set_right(self, values):
-        """PETSc's CG wants a b that is zero outside C; TrackingCG looks at C only."""
+        """Set b; PETSc's CG needs b = 0 outside C."""
         is_tracking = self.ksp.getType() == PETSc.KSP.Type.PYTHON
         values = values if is_tracking else values * self.operator.mask
         self.b.setArray(values.reshape(-1))
@@ -70,7 +70,7 @@ class System:
         return self.ksp.getConvergenceHistory().copy()
 
     def track(self, x=None):
-        """Tell it u, of this x."""
+        """Set x and its displacement."""
         self.ksp.setUp()
         self.ksp.setInitialGuessNonzero(True)
         if x is not None:
@@ -79,7 +79,7 @@ class System:
         self.cg.displacement = self.u
 
     def product(self):
-        """A x in double precision, on all cells."""
+        """Return A x in double precision."""
         u = np.empty(self.operator.local_shape)
         self.operator.exact_displacement(self.solution, u)
         return u
@@ -179,7 +179,7 @@ def test_solve_starts_from_the_displacement_and_returns_the_change(make, dtype, 
 
 
 def test_products_may_be_approximate(make):
-    """With 2 A in its place half of the correction is found, from the true residual."""
+    """With 2 A in place of A the correction is half as large."""
     system = make()
     system.track(random_field())
     before, plain = system.solution, system.operator.displacement
@@ -210,7 +210,7 @@ def test_single_precision_solves_to_its_rounding(make):
 
 @pytest.mark.parametrize("unit", [1e-22, 1e22])
 def test_single_precision_works_in_any_unit(make, unit):
-    """Products of two of its numbers may be beyond it, where no number is."""
+    """Squares of its numbers may be out of range."""
     usual, other = (make(dtype=np.float32, pc=Identity()) for _ in range(2))
     other.set_right(unit * np.random.default_rng(2).normal(size=GRID.shape))
     usual.set_right(np.random.default_rng(2).normal(size=GRID.shape))
@@ -271,7 +271,7 @@ def test_indefinite_operator_is_reported(make):
 
 
 def test_norm_has_the_digits_of_the_residual(make):
-    """A known norm is in double precision, the residual of one cell rounded: what rounding leaves is no residual."""
+    """A given norm is in double precision, the residual of a cell is not."""
     system = make(dtype=np.float32, share=-1, pc=Identity())
     system.operator.mask[3, 4] = True
     system.operator.mask_changed()
@@ -283,7 +283,7 @@ def test_norm_has_the_digits_of_the_residual(make):
 
 
 def test_flops_of_tracking_cg_are_logged(make):
-    """Those of products are 2 n^2 each; a step of CG has at least ten on each cell of C besides."""
+    """A step of CG has at least ten per cell, in addition to the product."""
     system = make(share=1.1)
     before = PETSc.Log.getFlops()
     steps = len(system.solve(rtol=1e-6)) - 1
@@ -311,7 +311,6 @@ def test_solve_works_after_a_reset(make):
 
 
 def test_operators_leave_spare_fields_unchanged():
-    """Neither the preconditioner nor what lifts pressures."""
     operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), 1.0, dtype=np.float32)
     operator.prepare("exact_product", "product")
     lent = [field for field in operator.spare_fields(np.float64, np.float32) if field is not None]

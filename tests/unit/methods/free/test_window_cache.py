@@ -18,7 +18,7 @@ def bowl(n, height=1.0):
 
 @pytest.fixture
 def made(monkeypatch):
-    """List of what has been made: spectra and linear solvers."""
+    """Return the list of created spectra and linear solvers."""
     things = []
 
     def counting(of, name):

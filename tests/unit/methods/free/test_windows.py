@@ -15,7 +15,7 @@ def bowl(n, height=1.0):
 
 @pytest.mark.parametrize("kind", ["approach", "load"])
 def test_distance_of_a_window_is_freed_with_its_state(monkeypatch, kind):
-    """PETSc keeps what Python drops until a solver is closed; a loop over loads closes none."""
+    """PETSc would keep them until the solver is closed."""
     parts, part_of = [], UndeformedDistance.part_of
     monkeypatch.setattr(UndeformedDistance, "part_of", lambda *of: parts.append(part_of(*of)) or parts[-1])
     with ContactSolver(bowl(256)) as solver:

@@ -20,7 +20,7 @@ from app.options.solver_options import SolverOptions
 
 @pytest.fixture
 def make():
-    """Make solvers of grids of a size, symbol and share of contact; free them in the end."""
+    """Make solvers for grids with a share of contact."""
     solvers = []
 
     def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
@@ -79,7 +79,7 @@ def loading(request):
 
 @pytest.fixture
 def pressure_of():
-    """Compute p = B w + mean pressure of a PrimalState, from its w or another one."""
+    """Compute p = B w + mean pressure from w of a state."""
 
     def pressure(primal, w=None):
         p = np.empty(primal.w.shape)

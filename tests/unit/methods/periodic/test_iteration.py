@@ -16,7 +16,7 @@ from app.methods.stopping import InexactStop
 
 
 def levels_of(solver):
-    """B by levels of the target grid, if it has been made."""
+    """Return the multilevel B of the target grid, if it was created."""
     return solver._strategy.solver.operator.influence.multipliers.get("inverse")
 
 
@@ -40,7 +40,7 @@ def test_multilevel_products_find_the_same_pressure(share, kind):
 
 
 def test_inaccurate_multilevel_product_only_costs_work(monkeypatch):
-    """What is multiplied by levels is not believed: any symmetric positive operator near B ends in the answer."""
+    """Any symmetric positive operator near B leads to the solution."""
     problem, apply = periodic.rough(512, 512, 5), MultilevelOperator.apply
 
     def worse(operator, p, out, rows=None):
@@ -60,7 +60,7 @@ def test_inaccurate_multilevel_product_only_costs_work(monkeypatch):
 
 
 def test_unreachable_tolerance_is_not_sought_by_multilevel_products():
-    """They end where their own error is what is left, and a product tells the rest."""
+    """Multilevel products end at their own error; an FFT corrects the rest."""
     problem = periodic.rough(512, 512, 5)
     with ContactSolver(problem) as solver, ContactSolver(problem, options={"ksp_rtol": 1e-6}) as strict:
         expected = solver.solve(approach=0.3 * problem.gap.mean())
@@ -71,7 +71,7 @@ def test_unreachable_tolerance_is_not_sought_by_multilevel_products():
 
 @pytest.mark.parametrize("by_levels", [0, 0.05])
 def test_drifted_pressure_is_recomputed_not_solved_further(by_levels):
-    """Single precision leaves 1e-7: a verification that finds 5000 times what is allowed is about p, not the solver."""
+    """In single precision, p is off by 5000 times the allowed error."""
     rng, n = np.random.default_rng(0), 512
     height = np.where(rng.random((n, n)) < 0.02, 1.0, 0.0) + 1e-3 * rng.normal(size=(n, n))
     grid = Grid(n, n, 1 / n, 1 / n)
@@ -150,7 +150,7 @@ def test_failed_verification_restores_the_contact_set(guessed, loading, pressure
 
 @pytest.mark.parametrize("given", [{"approach": 1e-3}, {"mean_pressure": 10.0}])
 def test_allowed_gap_of_nearly_flat_surfaces_is_that_of_flat_ones(given):
-    """Down to what rounding leaves of a plane, their heights ask for no more than the depth can be known to."""
+    """Heights of the size of rounding do not tighten the tolerance."""
     numbers, material = np.random.default_rng(2), Material.from_contact_modulus(1e4)
     for n in (3, 8, 16, 24, 64):
         for height in 10.0 ** np.arange(-16, -3):

@@ -8,7 +8,7 @@ from app.contact.prescribed_load import PrescribedLoad
 
 
 def test_solver_resumes_without_a_product(guessed, loading, pressure_of):
-    """w and p lag until they are taken; what is to be added to them adds up, from one contact set to the next."""
+    """w and p change at `commit` only; changes add up from set to set."""
     primal, solver = guessed(loading)
     state = primal.state
     w, p, norms = primal.w.copy(), state.p.copy(), []
@@ -33,7 +33,7 @@ def test_solver_resumes_without_a_product(guessed, loading, pressure_of):
 
 @pytest.mark.parametrize("holes", [0.0, 0.1])
 def test_each_step_keeps_p_and_the_loading(steps, loading, holes, pressure_of):
-    """p = B w + mean pressure; of an approach, the mean of w; of a load, that of p; w = b on C."""
+    """p = B w + mean pressure; prescribed means hold; w = b on C."""
     primal, solver = steps(loading, holes)
     state, given = primal.state, not primal.loading.approach_is_known
     primal.w[...] = random_field(state.grid, 8) * 0.01
@@ -86,7 +86,7 @@ def test_one_cell_stays_in_contact_under_a_load(guessed):
 
 @pytest.mark.parametrize("holes", [0.0, 0.1])
 def test_start_from_a_pressure_corrects_it_for_overlap(steps, holes):
-    """Closing overlaps is for short waves: the centre of B makes most of what B makes of it."""
+    """Overlaps are short waves, for which the centre of B is nearly B."""
     primal, solver = steps(PrescribedLoad(1e2), holes)
     primal.w[...] = primal.state.distance.b.mean() + 1e-3 * primal.state.distance.b
     primal.refresh()

@@ -29,7 +29,7 @@ each_count = pytest.mark.parametrize("steps", [1, 2, 3, 5, 8])
 
 
 def neighbours(x, weights=WEIGHTS):
-    """What the eight neighbours of every cell add to it, over the period."""
+    """Return the stencil sum of the eight neighbours of each cell, periodic."""
     _, wx, wy, wd = weights
 
     def beside(field, axis):
@@ -39,7 +39,7 @@ def neighbours(x, weights=WEIGHTS):
 
 
 def swept(source, free, shares, x):
-    """Richardson's iteration with some steps."""
+    """Do Richardson steps."""
     for share in shares:
         x = free * (x + share * (source - neighbours(x) - x))
     return x
@@ -51,7 +51,7 @@ def fields(shape, seed):
 
 
 def slabs_of(shape, width):
-    """The parts of a field that two ranks would own, each with the rows beside it."""
+    """Yield the slabs of two ranks with their halos."""
     cut = shape[0] // 3 if shape[0] > 2 else 0
     for a, b in ((0, cut), (cut, shape[0])):
         before, after = (np.arange(first, first + width) % shape[0] for first in (a - width, b))
@@ -59,12 +59,12 @@ def slabs_of(shape, width):
 
 
 def no_x(nx):
-    """In the place of fields to begin sweeps with."""
+    """Return empty fields in place of a start."""
     return (np.empty((0, nx), np.float32),) * 3
 
 
 def no_waves(nx):
-    """In the place of long waves: none, nowhere, with room for their rows."""
+    """Return empty fields in place of long waves."""
     return np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0)), (np.empty(0, np.float32), np.empty(nx, np.float32))
 
 
@@ -148,7 +148,7 @@ def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
 
 
 def coarsened(grid, factors):
-    """A grid of cells so many times as large, powers of two."""
+    """Return the grid of cells larger by factors."""
     while max(factors) > 1:
         halved = grid.coarsen(1)
         halved = replace(
@@ -161,7 +161,7 @@ def coarsened(grid, factors):
 
 
 def bilinear(places, n, count):
-    """Matrix of the interpolation from `count` cells to n, over the period."""
+    """Return the matrix of periodic interpolation from `count` cells to n."""
     centre = places[0] * np.arange(n) + places[1]
     below, matrix = np.floor(centre).astype(int), np.zeros((n, count))
     np.add.at(matrix, (np.arange(n), below % count), below + 1 - centre)
@@ -207,7 +207,7 @@ def test_halo_of_one_slab_is_periodic(rows, width):
 @pytest.mark.parametrize("cut", [0, 2, 5])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_add_centre_multiplies_by_the_stencil(cut, dtype):
-    """Columns wrap around; rows beside the slab, of which the nearest count, are given."""
+    """Columns are periodic; only the nearest halo rows count."""
     rng = np.random.default_rng(2)
     d, weights = rng.normal(size=(5, 6)).astype(dtype), (0.5, 0.3, -0.2, 0.1)
     around = np.pad(d, 1, mode="wrap").astype(float)
@@ -226,7 +226,7 @@ def test_add_centre_multiplies_by_the_stencil(cut, dtype):
 
 @pytest.mark.parametrize("loop", ["add_centre", "residual_in_cells"])
 def test_loops_without_rows_read_no_memory(loop):
-    """On ranks without rows; the row before the first one would be before the array."""
+    """The row before the first one would be outside the array."""
     none, weights = np.zeros((0, 4)), (1.0, *(np.float32(0),) * 3)
     given = {
         "add_centre": (none, none, none, weights, np.zeros((3, 6)), none),

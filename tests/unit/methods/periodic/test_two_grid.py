@@ -51,11 +51,11 @@ def test_preconditioner_is_positive_with_eigenvalues_near_one(make, grid, share)
     found = np.linalg.eigvals(b @ m)
     found = found[abs(found) > 1e-9]  # B does not see the constant
     assert len(found) >= len(units) - (share == 0)
-    long = max(grid.dx / grid.dy, grid.dy / grid.dx) > 4  # of which the coarser grid does not hold all waves
+    long = max(grid.dx / grid.dy, grid.dy / grid.dx) > 4  # the coarser grid does not have all waves
     assert (
         found.real.min() > (0.08 if long else 0.35) and found.real.max() < 2 and abs(found.imag).max() < 0.25
     )
-    free.flat[np.flatnonzero(free)[::2]] = False  # another contact set, of which it is told
+    free.flat[np.flatnonzero(free)[::2]] = False  # another contact set
     solver.set_contact()
     assert (applied(solver, random_field(grid, 6))[~free] == 0).all()
 
@@ -89,7 +89,6 @@ def test_constrained_preconditioner_keeps_the_mean_and_shift_moves_it(make, grid
 @pytest.mark.parametrize("share", [0.003, 0.03])
 @pytest.mark.parametrize("n", [64, 128, 256])
 def test_compliance_of_a_constant_is_that_of_scattered_contact(make, n, share):
-    """Whatever part of the patch a cell is."""
     solver = make(patch(n, n), share)
     ones = np.ones((n, n))
     raised = applied(solver, ones).astype(np.float32)
