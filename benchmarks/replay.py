@@ -184,7 +184,7 @@ def recording():
         wrap(EvenMultiplier, "apply", before=multiplied)
         wrap(EvenMultiplier, "set_kernel", before=set_kernel)
         wrap(MultilevelOperator, "apply", before=by_stencils)
-        wrap(GridSequence, "leave", after=told)
+        wrap(GridSequence, "broadcast_to_next", after=told)
         for name in ("apply", "end"):  # ranks outside of the window are called, and let go
             wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))
         yield events
