@@ -51,11 +51,11 @@ def test_gap_is_the_shape_less_all_heights():
 
 
 @pytest.mark.parametrize("of_grid", ["", "spectral", "love"])
-@pytest.mark.parametrize("given", [None, False, True, "love"])
-def test_a_problem_and_its_grid_are_periodic_alike(of_grid, given):
+@pytest.mark.parametrize("argument", [None, False, True, "love"])
+def test_a_problem_and_its_grid_are_periodic_alike(of_grid, argument):
     grid = Grid.from_domain(8, 8, (0, 1, 0, 1), of_grid)
-    expected = {None: of_grid, False: "", True: of_grid or "spectral", "love": "love"}[given]
-    problem = ContactProblem(grid, Material.isotropic(1e5, 0.3), Sphere(1.0), periodic=given)
+    expected = {None: of_grid, False: "", True: of_grid or "spectral", "love": "love"}[argument]
+    problem = ContactProblem(grid, Material.isotropic(1e5, 0.3), Sphere(1.0), periodic=argument)
     for same in (problem, replace(problem, gap=Sphere(2.0)), pickle.loads(pickle.dumps(problem))):
         assert same.periodic == same.grid.periodic == same.describe()["periodic_symbol"] == expected
     assert replace(problem, periodic=False).periodic == problem.on(Grid(4, 4, 1.0, 1.0)).periodic == ""
@@ -75,16 +75,16 @@ def test_facts_of_nested_surfaces_are_numbered():
     assert ContactProblem(grid, material, problem).describe()["surfaces"] == 4
 
 
-def test_a_problem_may_be_the_gap_of_another_one():
+def test_a_problem_as_a_gap_gives_its_shape_only():
     """Its shape is: what is solved has the material and the patch of the outer one."""
     grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
     steel, soft = Material.pair((210000, np.inf), (0.3, 0.3)), Material.from_contact_modulus(5.0)
-    found = solve(ContactProblem(grid, steel, ContactProblem(grid, soft, Sphere(10))), load=100)
+    solution = solve(ContactProblem(grid, steel, ContactProblem(grid, soft, Sphere(10))), load=100)
     plain = solve(ContactProblem(grid, steel, Sphere(10)), load=100)
-    assert found.approach == plain.approach
-    assert found.problem["contact_modulus"] == steel.contact_modulus
-    assert found.problem["sphere_radius"] == plain.problem["sphere_radius"] == 10
-    assert "hertz_load" not in found.problem
+    assert solution.approach == plain.approach
+    assert solution.problem["contact_modulus"] == steel.contact_modulus
+    assert solution.problem["sphere_radius"] == plain.problem["sphere_radius"] == 10
+    assert "hertz_load" not in solution.problem
 
 
 def test_facts_of_several_surfaces_are_numbered(tmp_path):

@@ -60,7 +60,7 @@ def test_an_infinite_gap_is_refused_in_its_rows(value, tmp_path):
         gap.check(rows)
 
 
-def test_a_gap_has_no_marks(tmp_path):
+def test_marks_of_missing_points_are_no_gap(tmp_path):
     (tmp_path / "gap.txt").write_text("1 ***\n2 3\n")
     with pytest.raises(ValueError, match=r"line 1: '\*\*\*' is no number"):
         GapFile(tmp_path / "gap.txt")

@@ -52,7 +52,7 @@ def every_wave(surface, x, y):
 
 @pytest.mark.parametrize("decay", [0.5, 0.8, 0.95, 1.0])
 @pytest.mark.parametrize("modes", [(1, 1), (12, 10), (3, 17)])
-def test_wavy_sigma_is_exact_whatever_modes_and_decay(modes, decay):
+def test_wavy_sigma_is_exact_for_any_modes_and_decay(modes, decay):
     surface = wavy(modes=modes, decay=decay)
     assert surface.rms_height == pytest.approx(0.1, rel=1e-14)
     # Distinct waves are orthogonal on a grid that resolves them, so the sampled value is exact, too.
@@ -93,7 +93,7 @@ def test_wavy_random_numbers_come_as_amplitudes_then_phases():
 
 @pytest.mark.parametrize("rows", [slice(0, 1), slice(3, 4), slice(7, 60), slice(63, 64), slice(5, 5)])
 @pytest.mark.parametrize("columns", [slice(None), slice(2, 3), slice(11, 50)])
-def test_wavy_values_do_not_depend_on_what_is_asked_together(rows, columns):
+def test_wavy_values_do_not_depend_on_their_block(rows, columns):
     grid = Grid.from_domain(70, 64, DOMAIN)
     whole = wavy().height(grid.x(), grid.y())
     part = wavy().height(grid.x()[columns], grid.y(rows))
@@ -164,7 +164,7 @@ def test_self_affine_rms_slope_is_exact_over_the_period():
     assert slope == pytest.approx(0.2, rel=1e-12)
 
 
-def test_self_affine_height_and_slope_targets_are_two_ways_to_say_the_same():
+def test_self_affine_height_and_slope_targets_are_equivalent():
     by_height = self_affine()
     by_slope = self_affine(rms_height=None, rms_slope=by_height.rms_slope)
     assert by_slope.rms_height == pytest.approx(0.1, rel=1e-14)
@@ -191,7 +191,7 @@ def test_self_affine_fft_and_matrix_products_agree():
 
 
 @pytest.mark.parametrize("rows", [slice(0, 25), slice(25, 50), slice(10, 11), slice(5, 5)])
-def test_self_affine_slabs_agree(rows):
+def test_self_affine_rows_do_not_depend_on_their_slab(rows):
     grid = Grid.from_domain(64, 50, DOMAIN)
     surface = self_affine()
     whole = surface.height(grid.x(), grid.y())
@@ -288,7 +288,7 @@ def test_wrong_parameters_of_self_affine_surfaces_are_refused(changes, message):
         self_affine(**changes)
 
 
-def test_self_affine_refuses_to_repeat_itself():
+def test_self_affine_points_beyond_the_period_are_refused():
     x = np.linspace(-6, 6, 13)
     with pytest.raises(ValueError, match="span 12 in x, not less than its period 12"):
         self_affine().height(x, x[:3])

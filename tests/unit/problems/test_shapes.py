@@ -49,7 +49,7 @@ def test_sizes_that_are_not_positive_are_refused(shape, size):
 
 
 @pytest.mark.parametrize(("corner", "touches"), [(-1.0, True), (0.353, True), (0.354, False)])
-def test_a_punch_is_found_without_looking_at_all_cells(corner, touches):
+def test_a_punch_is_found_on_a_huge_grid(corner, touches):
     punch, grid = FlatPunch(1.0), Grid.from_domain(10**6, 10**6, (corner, 2, corner, 2))
     if touches:
         punch.check_grid(grid)

@@ -69,7 +69,7 @@ def test_displacement_is_that_of_the_pressure(share):
     np.testing.assert_allclose(u, c.displacement(x, 0), atol=2e-6 * AMPLITUDE)
 
 
-def test_from_first_touch_to_full_contact():
+def test_westergaard_has_its_limits():
     free, full, more = westergaard(0), westergaard(1), westergaard(1.5)
     x = np.linspace(-LENGTH, LENGTH, 41)
     np.testing.assert_array_equal(free.gap(x, 0), free.undeformed_distance(x, 0))
@@ -92,7 +92,7 @@ def test_stiffness_is_the_derivative_of_the_load():
     assert c.approach + c.mean_gap == AMPLITUDE
 
 
-def test_full_contact_of_any_surface():
+def test_full_contact_flattens_any_surface():
     rng = np.random.default_rng(3)
     h, dx, dy = rng.random((12, 15)), 0.1, 0.17
     p = full_contact_pressure(h, dx, dy, E_STAR, 5.0)
@@ -101,7 +101,7 @@ def test_full_contact_of_any_surface():
 
 
 @pytest.mark.parametrize("kind", [westergaard, bisinusoidal])
-def test_full_contact_of_waves(kind):
+def test_full_contact_flattens_waves(kind):
     c = kind(1.2)
     x, y = LENGTH * np.arange(24)[None] / 24, LENGTH * np.arange(20)[:, None] / 20
     p = full_contact_pressure(c.undeformed_distance(x, y), LENGTH / 24, LENGTH / 20, E_STAR, c.mean_pressure)
@@ -110,7 +110,7 @@ def test_full_contact_of_waves(kind):
     assert not kind(0.99).is_full
 
 
-def test_asymptotes_of_two_waves():
+def test_two_waves_have_their_asymptotes():
     c = bisinusoidal(0.02)
     assert c.light_contact_fraction == pytest.approx(np.pi * (3 / (8 * np.pi) * 0.02) ** (2 / 3), rel=1e-9)
     assert c.on_a_summit.load * 2 == pytest.approx(c.mean_pressure * LENGTH**2, rel=1e-12)

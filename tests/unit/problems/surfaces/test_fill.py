@@ -50,15 +50,15 @@ def harmonic(heights, periodic):
     places = {tuple(place): n for n, place in enumerate(np.argwhere(np.isnan(heights)))}
     matrix, right = np.zeros((len(places),) * 2), np.zeros(len(places))
     for (j, i), n in places.items():
-        for beside in ((j + 1, i), (j - 1, i), (j, i + 1), (j, i - 1)):
+        for neighbour in ((j + 1, i), (j - 1, i), (j, i + 1), (j, i - 1)):
             if periodic:
-                beside = beside[0] % heights.shape[0], beside[1] % heights.shape[1]
-            if 0 <= beside[0] < heights.shape[0] and 0 <= beside[1] < heights.shape[1]:
+                neighbour = neighbour[0] % heights.shape[0], neighbour[1] % heights.shape[1]
+            if 0 <= neighbour[0] < heights.shape[0] and 0 <= neighbour[1] < heights.shape[1]:
                 matrix[n, n] += 1
-                if beside in places:
-                    matrix[n, places[beside]] -= 1
+                if neighbour in places:
+                    matrix[n, places[neighbour]] -= 1
                 else:
-                    right[n] += heights[beside]
+                    right[n] += heights[neighbour]
     filled = heights.copy()
     filled[np.isnan(heights)] = np.linalg.solve(matrix, right)
     return filled
@@ -76,7 +76,7 @@ def test_planes_and_constants_are_continued_to_rounding(where, level, periodic):
 
 
 @pytest.mark.parametrize("case", range(40))
-def test_what_remains_after_the_best_plane_is_harmonic(case):
+def test_filled_points_are_harmonic_about_the_best_plane(case):
     """Of tilted, bent and rough maps, at every level, around the period of a periodic one."""
     rng = np.random.default_rng(case)
     level, periodic = list(product(LEVELS, [False, True]))[case % 8]
@@ -91,9 +91,9 @@ def test_what_remains_after_the_best_plane_is_harmonic(case):
     levelled -= best(levelled, level)
     plane = best(levelled, "plane")
     expected = harmonic(levelled - plane, periodic) + plane
-    found = read(holed(heights, missing), level, periodic=periodic).heights()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(heights).max())
-    left = (found - plane)[missing], (levelled - plane)[~missing]
+    filled = read(holed(heights, missing), level, periodic=periodic).heights()
+    np.testing.assert_allclose(filled, expected, rtol=0, atol=1e-10 * np.abs(heights).max())
+    left = (filled - plane)[missing], (levelled - plane)[~missing]
     assert left[1].min() <= left[0].min() and left[0].max() <= left[1].max()
 
 
@@ -144,19 +144,21 @@ def test_the_load_on_filled_points_is_noted(cells):
     """A summit that was not measured; one outside of the contact carries nothing."""
     x = np.linspace(-1, 1, 32)
     cap = -(x**2) - x[:, None] ** 2
-    for where, told in ((np.s_[13:18, 13:18], True), (np.s_[:, :2], False)):
+    for where, carries in ((np.s_[13:18, 13:18], True), (np.s_[:, :2], False)):
         surface = read_surface(holed(cap, where), "um", missing="fill", spacing=(1e-3, 1e-3))
         if cells:
             surface = surface.averaged(cells) if cells[0] == 16 else surface.resampled()
         grid = Grid.from_domain(*(cells or (32, 32)), (-0.016, 0.016, -0.016, 0.016))
         problem = ContactProblem(grid, Material.from_contact_modulus(1e3), surfaces=[surface])
-        found = solve(problem, load=4e-4)
+        solution = solve(problem, load=4e-4)
         shares = [
-            float(note.split(": ")[1].split("%")[0]) for note in found.notes if "load is carried by" in note
+            float(note.split(": ")[1].split("%")[0])
+            for note in solution.notes
+            if "load is carried by" in note
         ]
-        if told:
+        if carries:
             share = surface.filled_on(grid)
-            expected = np.vdot(share, found.pressure) / found.pressure.sum()
+            expected = np.vdot(share, solution.pressure) / solution.pressure.sum()
             assert shares == [pytest.approx(100 * expected, rel=0.05)] and expected > 0.1
         else:
             assert not shares
@@ -167,6 +169,6 @@ def test_filled_points_of_a_tilted_map_carry_no_more_than_others():
     tilted = 5e-4 * np.arange(64) + 3e-5 * np.random.default_rng(4).normal(size=(64, 64))
     surface = read_surface(holed(tilted, np.s_[:, 0]), "mm", "plane", missing="fill", spacing=(1e-3, 1e-3))
     problem = ContactProblem(surface.grid(), Material.from_contact_modulus(1e5), surfaces=[surface])
-    found = solve(problem, load=0.01)
-    assert found.pressure[:, 0].sum() < 0.05 * found.pressure.sum()
-    assert not any("load is carried by" in note for note in found.notes)
+    solution = solve(problem, load=0.01)
+    assert solution.pressure[:, 0].sum() < 0.05 * solution.pressure.sum()
+    assert not any("load is carried by" in note for note in solution.notes)

@@ -1,4 +1,4 @@
-"""S-filter and L-filter: what passes, what is kept, edges, holes, and what is refused."""
+"""S-filter and L-filter: what passes, what stays, edges, holes, wrong indices."""
 
 import h5py
 import numpy as np
@@ -31,7 +31,7 @@ ROUGH = np.random.default_rng(3).normal(size=(NY, NX))
 
 
 def share(filtered, wave):
-    """Of a wave that is left, and the largest height beside it."""
+    """Return the share of a wave that is left, and the largest other height."""
     left = float(np.vdot(filtered, wave) / np.vdot(wave, wave))
     return left, np.abs(filtered - left * wave).max()
 
@@ -80,11 +80,11 @@ def test_constants_are_kept_to_the_sides_and_holes_stay(periodic, holes):
 
 
 @pytest.mark.parametrize("index", [9.0, 30.0])
-def test_planes_are_kept_to_the_sides_and_beside_holes(index):
+def test_planes_are_kept_to_the_sides_and_to_holes(index):
     """To round-off, where points lie on a line or alone, too."""
     plane = 1e3 + 3 * X - 7 * Y
-    for there in (np.ones((NY, NX), bool), ROUGH < 0.5, ROUGH > 2):
-        heights = np.where(there, plane, np.nan)
+    for known in (np.ones((NY, NX), bool), ROUGH < 0.5, ROUGH > 2):
+        heights = np.where(known, plane, np.nan)
         np.testing.assert_allclose(band_pass(heights.copy(), index, None, CELL), heights, atol=1e-11)
     heights = np.full((NY, NX), np.nan)
     for here in (np.s_[10:30, 40], np.s_[50, 60:90], (np.arange(40, 60), np.arange(20, 40)), np.s_[5, 100]):
@@ -92,8 +92,8 @@ def test_planes_are_kept_to_the_sides_and_beside_holes(index):
     np.testing.assert_allclose(band_pass(heights.copy(), index, None, CELL), heights, atol=1e-4)
 
 
-def test_a_curved_form_is_taken_off_at_the_rim_as_in_the_middle():
-    """A paraboloid loses all but a constant in the middle, and hardly less at the rim: its slope there goes, too."""
+def test_a_bowl_is_removed_at_the_rim_as_in_the_middle():
+    """A paraboloid loses all but a constant in the middle, and hardly less at the rim, slope included."""
     bowl = 1e-3 * ((X - 30) ** 2 + (Y - 45) ** 2)
     left = band_pass(bowl.copy(), None, 12.0, CELL)
     middle, rim = left[NY // 2, NX // 2], np.r_[left[0], left[-1], left[:, 0], left[:, -1]]
@@ -101,8 +101,8 @@ def test_a_curved_form_is_taken_off_at_the_rim_as_in_the_middle():
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_weights_are_those_of_the_points_that_are_there(periodic):
-    """By the sums themselves, at sides, corners and beside holes: a plane on a free patch, a mean on a periodic one."""
+def test_only_known_points_have_weight(periodic):
+    """By direct sums: a plane on a free patch, a mean on a periodic one."""
     index, heights = 12.0, np.where(ROUGH > 1, np.nan, ROUGH)
     low = band_pass(heights.copy(), index, None, CELL, periodic)
     np.testing.assert_array_equal(np.isnan(low), np.isnan(heights))
@@ -111,10 +111,10 @@ def test_weights_are_those_of_the_points_that_are_there(periodic):
         if periodic:
             dx, dy = (d - side * np.round(d / side) for d, side in ((dx, 60), (dy, 90)))
         weights = np.exp(-(np.log(2) ** -1) * (np.pi / index) ** 2 * (dx**2 + dy**2))
-        weights = weights[there := ~np.isnan(heights)]
-        columns = [np.broadcast_to(d, heights.shape)[there] for d in ((1.0,) if periodic else (1.0, dx, dy))]
+        weights = weights[known := ~np.isnan(heights)]
+        columns = [np.broadcast_to(d, heights.shape)[known] for d in ((1.0,) if periodic else (1.0, dx, dy))]
         matrix = np.transpose(columns)
-        best = np.linalg.solve(matrix.T @ (weights[:, None] * matrix), matrix.T @ (weights * heights[there]))
+        best = np.linalg.solve(matrix.T @ (weights[:, None] * matrix), matrix.T @ (weights * heights[known]))
         assert low[j, i] == pytest.approx(best[0], abs=1e-8)
 
 
@@ -125,7 +125,7 @@ def test_a_periodic_patch_has_no_sides():
     )
 
 
-def test_a_profile_is_filtered_along_itself():
+def test_a_profile_is_filtered_along_x_only():
     np.testing.assert_allclose(
         band_pass(ROUGH[:1].copy(), 4.0, None, CELL),
         band_pass(np.tile(ROUGH[0], (5, 1)), 4.0, None, CELL)[:1],
@@ -144,7 +144,7 @@ def saved(tmp_path):
 
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("missing", ["hole", "fill"])
-def test_options_and_python_do_the_same_after_crop_missing_points_and_level(saved, missing, periodic):
+def test_filters_follow_crop_missing_points_and_level(saved, missing, periodic):
     how = {"level": "plane", "crop": (0, 100, 2, 72), "missing": missing}
     texts = {"surface_level": "plane", "surface_crop": "0,100,2,72", "surface_missing": missing}
     problem = made(
@@ -168,7 +168,7 @@ def test_options_and_python_do_the_same_after_crop_missing_points_and_level(save
     assert surface.rms_slope(problem.grid) < 0.2 * read_surface(saved / "s.h5", **how).rms_slope(problem.grid)
 
 
-def test_cells_are_averaged_after_filters_of_the_files_own(saved):
+def test_filters_precede_averages_of_cells(saved):
     texts = {"surface_unit": "nm", "domain": "0,0.06,0,0.09", "surface_s_filter": "0.004"}
     fine, coarse = made(saved / "s.npy", **texts), made(saved / "s.npy", grid="60,36", **texts)
     blocks = fine.shape_on(fine.grid).reshape(36, 2, 60, 2).mean(axis=(1, 3))
@@ -210,10 +210,10 @@ def test_wrong_filters_are_refused(how, message):
 
 
 def test_filters_without_a_measured_surface_are_unused_options(saved):
-    given = {"problem": "sphere", "sphere_radius": "1", "contact_modulus": "1"}
-    given |= {"domain": "-1,1,-1,1", "grid": "8", "surface_s_filter": "0.1"}
-    reader = OptionReader(PROBLEM_OPTIONS, given)
-    make_problem(reader, given, MPI.COMM_SELF)
+    texts = {"problem": "sphere", "sphere_radius": "1", "contact_modulus": "1"}
+    texts |= {"domain": "-1,1,-1,1", "grid": "8", "surface_s_filter": "0.1"}
+    reader = OptionReader(PROBLEM_OPTIONS, texts)
+    make_problem(reader, texts, MPI.COMM_SELF)
     assert reader.unused() == ["surface_s_filter"]
 
 
@@ -243,5 +243,5 @@ def test_a_surface_and_its_problem_are_both_periodic_or_neither(saved, periodic)
         ContactProblem(read_surface(saved / "s.h5").grid(periodic=not periodic), steel, surfaces=[surface])
     for right in (plain, surface):
         ContactProblem(right.grid(), steel, surfaces=[right], periodic="love" if periodic else False)
-    if not periodic:  # nobody has said so
+    if not periodic:  # not stated
         ContactProblem(plain.grid(), steel, surfaces=[plain], periodic=True)

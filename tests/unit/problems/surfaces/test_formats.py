@@ -55,7 +55,7 @@ def test_texts_of_instruments_are_sent_to_their_reader(tmp_path, head, name_of_f
     assert detect_format(tmp_path / name).kind == "instrument"
 
 
-def test_binary_files_of_instruments_with_the_name_of_a_text_are_sent_to_their_reader(tmp_path):
+def test_binary_files_named_like_texts_are_sent_to_their_reader(tmp_path):
     (tmp_path / "zygo.dat").write_bytes(b"\x88\x1b\x03\x6f\x00\x01\xff")
     with pytest.raises(InputError, match="app.convert FILE -o surface.h5 reads what instruments write"):
         read_surface(tmp_path / "zygo.dat", "um")

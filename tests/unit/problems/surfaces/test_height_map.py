@@ -26,7 +26,7 @@ def test_a_second_spacing_is_refused(saved):
         read_surface(saved(HEIGHTS, "s.h5"), spacing=(0.1, 0.2))
 
 
-def test_heights_in_another_unit_than_points(saved):
+def test_heights_may_have_another_unit_than_points(saved):
     points = saved(HEIGHTS, "s.xyz")
     surface = read_surface(points, "mm", height_unit="um")
     np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, rtol=1e-15)
@@ -79,7 +79,7 @@ ALONG, UP = np.arange(30) / 3, np.arange(20)[:, None] / 7
 @pytest.mark.parametrize("tilt", [0, 3, 1000])
 @pytest.mark.parametrize("head", ["row", "column", "row and column"])
 def test_coordinates_at_the_rim_are_refused(tmp_path, head, tilt):
-    """Nor where the heights beside them go by nearly equal steps, too."""
+    """Also next to heights of nearly equal steps."""
     column, row = (int(what in head) for what in ("column", "row"))
     heights = UNEVEN + tilt * (7 * ALONG - 5 * UP)
     table = np.hstack([UP, heights]) if column else heights
@@ -171,8 +171,8 @@ ESRI = "ncols 15\nNROWS 12\nxllcorner 0\nyllcorner 0\n{}\nNODATA_value -9999\n"
     ("cells", "sides"),
     [("cellsize 0.4", (0.4, 0.4)), ("DX 0,4\ndy 0.5", (0.4, 0.5)), ("cellsize wide", None)],
 )
-def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, sides):
-    """In the unit of x and y, which is told as that of points is."""
+def test_the_head_of_an_esri_grid_states_its_cells(tmp_path, cells, sides):
+    """Its unit is that of x and y, as for points."""
     head = ESRI.format(cells)
     np.savetxt(path := tmp_path / "s.asc", HEIGHTS[::-1], fmt="%.9f", header=head, comments="")
     how = {"skip": head.count("\n") + 1, "orient": "flip_y"}

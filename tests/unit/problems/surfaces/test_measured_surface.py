@@ -38,6 +38,8 @@ def test_coarser_grid_takes_means_of_whole_blocks(saved):
     assert problem.grid.dx * 5 == pytest.approx(1e-3 * DX * NX) and "averaged" in problem.notes[0]
     with pytest.raises(InputError, match=r"has 15 x 12 cells; must be -grid 15,12 or whole fractions"):
         made(path, grid="6,6")
+    with pytest.raises(InputError, match="grid 0,0: surface file"):
+        read_surface(HEIGHTS, "mm").averaged((0, 0))
 
 
 def test_heights_of_both_bodies_are_subtracted(saved, tmp_path):
@@ -90,12 +92,12 @@ def test_spikes_are_noted_and_surfaces_are_not(saved):
     surface = read_surface(noise, "um", spacing=(0.001, 0.001))
     assert "row 120, column 30 stands 101 um above all beside it" in note_spike(surface)
     filtered = surface.filtered(surface.grid(), s_filter=0.005)
-    assert note_spike(filtered) == note_spike(surface)  # smeared, but still there
+    assert note_spike(filtered) == note_spike(surface)  # smeared, not removed
     assert note_spike(read_surface(-noise, "um")) is None  # pits carry nothing
-    found = solve(
+    solution = solve(
         ContactProblem(surface.grid(), Material.from_contact_modulus(1e3), surfaces=[surface]), load=0.01
     )
-    assert sum("has spikes" in note for note in found.notes) == 1
+    assert sum("has spikes" in note for note in solution.notes) == 1
 
 
 @pytest.mark.parametrize("tilt", [(0, 0), (0.5, 0.3), (-20, 7), (1e3, 0)])
@@ -151,7 +153,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistaken_unit_is_noted_and_a_right_one_is_not(saved, mistake):
     """The table of docs/surfaces.md."""
-    told, (wider, higher) = 0, MISTAKES[mistake]
+    notes, (wider, higher) = 0, MISTAKES[mistake]
     heights = np.random.default_rng(8).normal(size=(48, 64))
     step = np.sqrt(sum(np.mean(np.diff(heights, axis=axis) ** 2) for axis in (0, 1)))
     for cell, slope in SURFACES.values():
@@ -159,8 +161,8 @@ def test_a_mistaken_unit_is_noted_and_a_right_one_is_not(saved, mistake):
         side = 1e-3 * cell * wider
         grid = surface.grid((0, 64 * side, 0, 48 * side))
         problem = ContactProblem(grid, Material.combined(1.0, 0.3), surfaces=[surface])
-        told += note_doubtful_units(surface, grid) is not None
+        notes += note_doubtful_units(surface, grid) is not None
         assert "64 x 48 heights in um, cells of " in problem.describe()["surface_read"]
     assert (
-        told == {"none": 0, "spacing um for mm": 9, "heights um for mm": 8, "heights mm for um": 7}[mistake]
+        notes == {"none": 0, "spacing um for mm": 9, "heights um for mm": 8, "heights mm for um": 7}[mistake]
     )

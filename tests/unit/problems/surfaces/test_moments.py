@@ -39,12 +39,12 @@ def test_the_highest_spike_does_not_depend_on_the_runs_of_rows(monkeypatch, run,
     heights[7, 4] += 9
     flat = read_surface(heights, "mm", "plane").heights()
     j, i = np.indices(heights.shape) + 1
-    beyond = np.pad(flat, 1, constant_values=np.nan)
-    beside = np.fmax.reduce([beyond[j + dj, i + di] for dj, di in ((1, 0), (-1, 0), (0, 1), (0, -1))])
-    expected = np.nanmax(flat - beside)
+    padded = np.pad(flat, 1, constant_values=np.nan)
+    neighbours = np.fmax.reduce([padded[j + dj, i + di] for dj, di in ((1, 0), (-1, 0), (0, 1), (0, -1))])
+    expected = np.nanmax(flat - neighbours)
     monkeypatch.setattr(moments, "RUN", run * NX)
-    found, _, row, column = read_surface(heights, "mm").spike
-    assert found == pytest.approx(expected) and (flat - beside)[row, column] == pytest.approx(expected)
+    height, _, row, column = read_surface(heights, "mm").spike
+    assert height == pytest.approx(expected) and (flat - neighbours)[row, column] == pytest.approx(expected)
     crop = (column, NX, row, NY)  # numbers are those of the whole file
     assert read_surface(heights, "mm", crop=crop).spike[2:] == (row, column)
 

@@ -36,7 +36,7 @@ def test_points_may_miss_their_places_by_part_of_a_cell(columns):
         (np.where(np.arange(540).reshape(180, 3) == 9, np.nan, TABLE), "must be numbers"),
     ],
 )  # fmt: skip
-def test_points_that_are_no_grid(tmp_path, points, message):
+def test_points_off_a_grid_are_refused(tmp_path, points, message):
     np.savetxt(tmp_path / "s.txt", points, fmt="%.9f")
     with pytest.raises(InputError, match=message):
         read_surface(tmp_path / "s.txt", "um")

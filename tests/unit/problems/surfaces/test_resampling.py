@@ -65,7 +65,7 @@ def test_quadratic_surfaces_are_exact(cells, patch):
     np.testing.assert_allclose(resampled(quadratic(own)).heights_on(grid), quadratic(middle), atol=1e-11)
 
 
-def test_a_wave_is_met_with_an_error_of_third_order():
+def test_resampling_of_a_wave_is_of_third_order():
     """Also over the sides of a period."""
 
     def wave(n):
@@ -92,20 +92,20 @@ def test_cells_without_any_known_point_are_missing(n):
     heights = np.arange(20.0) + np.arange(20.0)[:, None]
     heights[5:9, 6:10] = np.nan
     grid = Grid.from_domain(n, n, (0, 20, 0, 20))
-    found = resampled(heights, (1, 1)).heights_on(grid)
+    heights = resampled(heights, (1, 1)).heights_on(grid)
     start, stop = np.arange(n) * 20 / n, np.arange(1, n + 1) * 20 / n
     in_x, in_y = ((start >= low - 1e-9) & (stop <= high + 1e-9) for low, high in ((6, 10), (5, 9)))
-    np.testing.assert_array_equal(np.isnan(found), in_y[:, None] & in_x)
+    np.testing.assert_array_equal(np.isnan(heights), in_y[:, None] & in_x)
     plane = grid.x() + grid.y()[:, None] - 1  # which filled points continue
-    np.testing.assert_allclose(found[~np.isnan(found)], plane[~np.isnan(found)], atol=1e-12)
+    np.testing.assert_allclose(heights[~np.isnan(heights)], plane[~np.isnan(heights)], atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 @pytest.mark.parametrize("periodic", [False, True])
 def test_few_heights_keep_their_mean(n, periodic):
     grid = Grid.from_domain(7, 5, (0, n, 0, 5), periodic)
-    found = resampled(np.arange(5.0 * n).reshape(5, n), (1, 1)).heights_on(grid)
-    assert found.mean() == pytest.approx((5 * n - 1) / 2) and np.isfinite(found).all()
+    heights = resampled(np.arange(5.0 * n).reshape(5, n), (1, 1)).heights_on(grid)
+    assert heights.mean() == pytest.approx((5 * n - 1) / 2) and np.isfinite(heights).all()
 
 
 def test_a_larger_patch_is_refused():
@@ -117,17 +117,17 @@ def test_a_larger_patch_is_refused():
     np.testing.assert_array_equal(unknown.heights_on(grid), surface.heights_on(grid))
 
 
-def test_a_sphere_that_was_measured_is_a_sphere():
+def test_a_measured_sphere_has_the_contact_of_a_sphere():
     """Its contact is Hertz's with the error of the fine cells, not of those of the map; and it can be refined."""
     own, fine = (Grid.from_domain(n, n, (-0.4, 0.4, -0.4, 0.4)) for n in (20, 96))
     heights = -(own.x() ** 2 + own.y()[:, None] ** 2) / 20
     problem = ContactProblem(fine, STEEL, surfaces=[resampled(heights, (own.dx, own.dy))])
     loading = {"load": 100.0}
     sphere = solve(ContactProblem(fine, STEEL, Sphere(10)), **loading)
-    found = solve(problem, **loading)
-    assert_proved_equal(found, sphere)
-    assert "resampled to cells of 8.33 x 8.33 um" in found.problem["surface_read"]
-    assert found.problem["surface_resample"] == 1
+    solution = solve(problem, **loading)
+    assert_proved_equal(solution, sphere)
+    assert "resampled to cells of 8.33 x 8.33 um" in solution.problem["surface_read"]
+    assert solution.problem["surface_resample"] == 1
     refined = refine(problem, until=0.01, **loading)
     assert refined.reached and refined.solution.grid.nx > 96
 
@@ -150,8 +150,8 @@ def test_two_files_of_different_cells_share_a_grid(tmp_path):
 
 def test_filters_precede_resampling(tmp_path):
     np.save(tmp_path / "s.npy", ROUGH)
-    given = {"surface_file": str(tmp_path / "s.npy"), "surface_unit": "mm", "surface_s_filter": "1.5"}
-    given |= {"grid": "30,31", "domain": "-4.5,4.5,-1.5,1.5"}
+    texts = {"surface_file": str(tmp_path / "s.npy"), "surface_unit": "mm", "surface_s_filter": "1.5"}
+    texts |= {"grid": "30,31", "domain": "-4.5,4.5,-1.5,1.5"}
     grid = Grid.from_domain(30, 31, PATCH)
     expected = read_surface(ROUGH, "mm", spacing=CELL, s_filter=1.5).resampled().heights_on(grid)
-    np.testing.assert_allclose(-made(**given).shape_on(grid), expected, atol=1e-13)
+    np.testing.assert_allclose(-made(**texts).shape_on(grid), expected, atol=1e-13)

@@ -58,7 +58,7 @@ def test_one_of_two_channels_is_read_by_name_or_number(written, tmp_path, betwee
         read_surface(path, channel="X")
 
 
-def test_two_channels_of_one_name_are_told_apart_by_number(written):
+def test_channels_of_one_name_are_chosen_by_number(written):
     path = written(*head(), *rows(HEIGHTS[0]), *head(), *rows(HEIGHTS[1]))
     with pytest.raises(
         InputError, match="channel Z: several have this name, choose by number; must be one of 0 Z, 1 Z"
@@ -100,9 +100,9 @@ def test_units_of_values_are_read(written, unit, scale):
 @pytest.mark.parametrize("unit", ["V", "deg", "A", "m/s"])
 def test_values_that_are_no_lengths_are_no_heights(written, tmp_path, unit):
     path = written(*head(unit=unit), *rows(HEIGHTS[0]))
-    for given in None, "um":
+    for length in None, "um":
         with pytest.raises(InputError, match=f"says {unit}, which is no length.*override=True"):
-            read_surface(path, given)
+            read_surface(path, length)
     words = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um"]
     assert convert(words) == convert([*words, "--crop", "0,9,0,6"]) == 2
     assert convert([*words, "--override"]) == 0
@@ -112,7 +112,7 @@ def test_values_that_are_no_lengths_are_no_heights(written, tmp_path, unit):
 
 
 def test_override_replaces_a_wrong_width(written, tmp_path, capsys):
-    """A map of 160 m; what is not given anew stays as the file states it."""
+    """A map of 160 m; the rest stays as the file states it."""
     path = written(*head(sides=("160 m", "12 µm")), *rows(HEIGHTS[0]))
     spacing = (1e-3, 3e-3)
     with pytest.raises(InputError, match=r"says .* itself; if that is wrong, add override=True"):

@@ -68,8 +68,8 @@ def test_ambiguous_texts_are_refused(text, message):
     [*'*** --- NaN BAD n/a 1.#QNAN -1.#IND -nan(ind) #N/A #NV "#DIV/0!"'.split(), "", "No Data"],
 )
 def test_marks_of_missing_points_are_nan(mark):
-    found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], heights=True)
-    np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
+    table = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], heights=True)
+    np.testing.assert_array_equal(table, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
 
 
 @pytest.mark.parametrize(
