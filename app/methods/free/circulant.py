@@ -29,9 +29,7 @@ from app.methods.symbol import centre
 
 _event = PETSc.Log.Event("CirculantPC")
 MIN_BLOCKS = 8  # in a direction: on smaller grids block means gain nothing
-MAX_SCALED_ASPECT = (
-    1.75  # of cells whose stencil is scaled to keep constants; for longer ones contact sets cycle
-)
+MAX_SCALED_ASPECT = 1.75  # of cells whose stencil keeps constants; with longer ones contact sets cycle
 
 
 def _create_periodic_inverse(grid, compliance, layout):
@@ -101,9 +99,9 @@ class Circulant:
         if blocks and min(operator.grid.shape) >= MIN_BLOCKS * blocks:
             self.average = BlockAverage(operator.grid.shape, *shared, blocks)
         sides = operator.grid.dx, operator.grid.dy
-        square = max(sides) <= MAX_SCALED_ASPECT * min(sides)
         # Without block means neighbours may cancel, as on 2 x 2 periodic cells.
-        self._stencils = stencil, _scale_to_sum_zero(stencil) if square and self.average else stencil
+        scaled = self.average and max(sides) <= MAX_SCALED_ASPECT * min(sides)
+        self._stencils = stencil, _scale_to_sum_zero(stencil) if scaled else stencil
         self._scattered = False
         self.extension.set_stencil(stencil)
         self._contact_version = -1  # of the extension
@@ -165,10 +163,10 @@ class Circulant:
         )
         if self._scattered != before:
             extension.set_stencil(self._stencils[self._scattered])
-        if self._scattered and not before:
-            average.update(r)
         if self._scattered:
             extension.include_all_rows()
+            if not before:
+                average.update(r)
 
     applyTranspose = apply
 

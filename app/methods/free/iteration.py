@@ -29,9 +29,7 @@ from app.methods.progress import HalvingTest, NeedsSafeguard
 MAX_RELEASED_SHARE = 0.01  # largest share of the load that a coarse grid releases without updating u
 MAX_COARSE_LOAD_MISS = 3.0  # largest error of the approach to a load on a coarse grid, in its tolerance
 MIN_SINGLE_RESIDUAL = 1e-6  # smaller residuals over ||h|| on C are noise in single precision
-MIN_LOAD_FRACTION = (
-    0.01  # of the largest load since u was computed: smaller loads are lost in the rounding of u
-)
+MIN_LOAD_FRACTION = 0.01  # of the largest load since u was computed: less is lost in its rounding
 
 
 def inexact_active_set(state, solver, loading, stop, history):

@@ -17,9 +17,7 @@ from app.base.numba_cache import njit
 from app.contact.kernels import gap
 from app.methods.free.circulant import circulant_inverse
 
-MAX_LOAD_RATIO = (
-    20.0  # of the two grids, either way: beyond it the coarse grid is too coarse, and p is copied
-)
+MAX_LOAD_RATIO = 20.0  # of the two grids, either way: otherwise p is copied
 
 
 def lift(transfer, coarse, state):

@@ -25,9 +25,7 @@ from app.methods.free.verification_product import VerificationProduct
 from app.multigrid.transfer import Transfer
 
 MIN_MARGIN = 4  # cells of the coarser grid around contact
-SIZE_STEP = (
-    16  # cells by which the sizes of small windows differ, and half the smallest size: they are cached
-)
+SIZE_STEP = 16  # cells between the cached sizes of small windows, of which the smallest has two steps
 MAX_WINDOW_FRACTION = 0.85  # of the cells: a larger window costs more for its spectra than it saves
 
 

@@ -27,9 +27,7 @@ MIN_RELATIVE_AIM = 1e-15  # of the largest displacement: smallest error aimed at
 # After a failed verification:
 MAX_ERROR_RATIO = 100.0  # true error over residual beyond which p has drifted and is recomputed
 FAILED_AIM_FRACTION = 0.6  # of the residual that the verification requires is aimed at
-NO_PRESSURE_AIM_FRACTION = (
-    0.1  # reduction of the aim if the load is less than the pressure left on free cells
-)
+NO_PRESSURE_AIM_FRACTION = 0.1  # reduction of the aim if the load is less than the pressure left free
 MIN_DEVIATION = 1e-12  # of the root mean square height: smaller deviations are rounding
 MIN_SHAPE_SHARE = 1e-4  # of a displacement: smallest deviation of a surface with holes that matters
 REST_NEGLIGIBLE = "residual small enough, and so is what the contact area still changes by"

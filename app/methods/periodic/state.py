@@ -11,9 +11,7 @@ from app.methods.periodic import kernels as loops
 from app.methods.periodic import stencil
 
 MAX_RETREAT_FRACTION = 0.75  # of the way to first touch: largest predicted retreat that is used
-CLOSING_DAMPING = (
-    0.9  # damping of the preconditioned residual that is added to w when captured gaps are closed
-)
+CLOSING_DAMPING = 0.9  # factor on the residual that is added to w when captured gaps are closed
 
 
 class PrimalState:

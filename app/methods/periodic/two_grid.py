@@ -23,9 +23,7 @@ CONTACT_STIFFNESS, CONTACT_STIFFNESS_PRESWEPT = (
 )  # reduction of long waves, over the share of contact around
 DAMPED_EIGENVALUES = 0.5, 1.4  # of the centre of B over B_00, the interval of the sweeps ...
 DAMPED_FRACTION = 0.9  # ... and of the largest one, if sweeps would amplify it: on few rows of long cells
-MIN_PRESWEPT_EIGENVALUE = (
-    1.7  # largest one from which on sweeps also precede the coarser grid; reached by 4:1 cells
-)
+MIN_PRESWEPT_EIGENVALUE = 1.7  # largest one from which on sweeps come first, too; reached by 4:1 cells
 ROW_TOLERANCE = 1e-6  # of a coarse cell: a row that is nearer also needs the one beyond
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
 
