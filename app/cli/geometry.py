@@ -50,7 +50,7 @@ GEOMETRY_OPTIONS = [
     Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
     Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's; hertz, sphere without -domain: 256)"),
     Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm] (default: a file's, or Hertz's)"),
-    Option("periodic", flag, False, "the patch repeats for ever in x and y"),
+    Option("periodic", flag, False, "the patch repeats in x and y"),
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
     Option("hertz_ry", positive, REQUIRED, "relative radius of curvature in y [mm]"),

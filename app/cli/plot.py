@@ -1,12 +1,11 @@
-"""Draw pictures of results, tables, surfaces: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``.
+"""Draw results, tables and surfaces.
 
-Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
-(of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
-picture, of what --x and --y name; of a measured surface (.h5 of app.convert, .npy, text), levelled by its best plane,
-one of its heights. Of several files each has a folder DIR/NAME of its own, and their paths are
-drawn together in DIR/paths. Without -o the folder of a file is beside it and has its name, without suffix. Prints the
-names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the input.
-Runs on one rank.
+The command is ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``. Figures of a result: contact,
+pressure, deformation, sections through the maximum, distributions, spectrum (of rough surfaces), path (of a load path),
+history and summary. A table of a sweep or load path (.csv) has one figure, of the columns of --x and --y; a measured
+surface (.h5 of app.convert, .npy, text) one of its heights above their best plane. Several files have a folder DIR/NAME
+each, and their paths are drawn together in DIR/paths. The default folder has the name of the file without suffix.
+Prints the names of the figures. Exit status 0, or 2 after an error. One rank.
 """
 
 from __future__ import annotations
@@ -25,16 +24,16 @@ from app.reference.hertz import EllipticHertz
 
 _dots = integer(20, "a whole number from 20 to 1200", 1200)
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
-_MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; .csv are tables, unless --unit is given
+_MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is one if --unit is given
 
 
 def analytic_reference(result):
-    """Hertz's contact that the result is of, or None if it is of another.
+    """Return the Hertz contact of a result, or None for other contacts.
 
     Raises
     ------
     InputError
-        If the result says it is Hertz's contact, or a sphere, but lacks one of its numbers.
+        If a number of the Hertz contact is missing.
     """
     values = result.attributes
     if (
@@ -44,7 +43,9 @@ def analytic_reference(result):
         or values.get("surfaces")
     ):
         return None
-    if "contact_modulus" not in values and {"shear_modulus", "poisson_ratio"} <= values.keys():  # before 0.3
+    if (
+        "contact_modulus" not in values and {"shear_modulus", "poisson_ratio"} <= values.keys()
+    ):  # version < 0.3
         values = values | {"contact_modulus": values["shear_modulus"] / (1 - values["poisson_ratio"])}
     needed = ("hertz_rx", "hertz_ry", "contact_modulus")
     missing = [name for name in needed if name not in values]
@@ -58,7 +59,7 @@ def _path_figure(result, _):
     return path and load_curves.path_figure([path], figures.make_title(result, path=True))
 
 
-# Name -> figure of a result and its `analytic_reference`; None if there is nothing to draw.
+# Name -> function of a result and its `analytic_reference` that returns a figure or None.
 PICTURES = {
     "contact": lambda result, _: figures.contact_figure(result),
     "pressure": lambda result, _: figures.pressure_figure(result),
@@ -73,7 +74,7 @@ PICTURES = {
 
 
 def pictures_of(result, names):
-    """Pictures of a result, those that there are of these names: name -> figure, made when asked for."""
+    """Yield name and figure of the available figures of a result."""
     reference = analytic_reference(result)
     for name in names:
         if figure := PICTURES[name](result, reference):
@@ -81,24 +82,13 @@ def pictures_of(result, names):
 
 
 def save_pictures(pictures, folder, kind="png", dpi=200):
-    """Write pictures, pairs of name and figure, to a folder, and return their paths."""
-    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures]
-
-
-def _save(figure, path, dpi):
-    path.parent.mkdir(parents=True, exist_ok=True)  # not before there is a picture
-    style.save_figure(figure, path, dpi)
-    return path
-
-
-def _surface(file, arguments):
-    from app.cli.convert import set_units  # these load numba, which results do without
-    from app.problems.surfaces.height_map import open_heights
-    from app.problems.surfaces.reading import make_surface
-
-    source = open_heights(file)
-    set_units(source, arguments)
-    return make_surface(source, level="plane")
+    """Write pairs of name and figure to a folder; return paths."""
+    paths = []
+    for name, figure in pictures:
+        folder.mkdir(parents=True, exist_ok=True)
+        paths.append(folder / f"{name}.{kind}")
+        style.save_figure(figure, paths[-1], dpi)
+    return paths
 
 
 def _is_surface(data):
@@ -106,40 +96,46 @@ def _is_surface(data):
 
 
 def _read(file, arguments):
-    """Result, columns of a table, or surface levelled by its best plane."""
+    """Return a result, columns of a table, or a levelled surface."""
     suffix = file.suffix.lower()
     if arguments.unit or suffix in _MAPS or (suffix != ".csv" and has_heights(file)):
-        return _surface(file, arguments)
+        from app.cli.convert import set_units  # these load numba, which results do without
+        from app.problems.surfaces.height_map import open_heights
+        from app.problems.surfaces.reading import make_surface
+
+        source = open_heights(file)
+        set_units(source, arguments)
+        return make_surface(source, level="plane")
     if arguments.spacing:
         raise InputError(f"--spacing: of measured surfaces; {file} is none, or its --unit is missing")
     return load_curves.read_csv(file) if suffix == ".csv" else read_result(file)
 
 
 def _pictures(file, data, arguments):
-    """Pictures of a file that was read: name, figure, made when asked for; InputError if there are none."""
-    only, sweep = arguments.only, isinstance(data, dict) and "exit_status" in data
-    chosen = arguments.x or arguments.y
-    if chosen and not isinstance(data, dict):
+    """Yield name and figure of each figure of a file."""
+    only, is_table = arguments.only, isinstance(data, dict)
+    is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
+    if columns and not is_table:
         raise InputError(f"--x and --y choose columns of tables (.csv); {file} is none")
     if _is_surface(data):
         yield "surface", heights.surface_figure(data)
-    elif not isinstance(data, dict):
+    elif not is_table:
         figure = None
         for name, figure in pictures_of(data, only or PICTURES):
             yield name, figure
         if figure is None:
             raise InputError(f"--only {', '.join(only)}: result file {file} has nothing of it to draw")
-    elif sweep or chosen:
+    elif is_sweep or columns:
         figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
         if figure is None:
             raise InputError(f"table {file}: nothing to draw: no option varies, or nothing measured does")
-        yield "sweep" if sweep else "path", figure
+        yield "sweep" if is_sweep else "path", figure
     else:
         yield "path", load_curves.path_figure([load_curves.get_csv_path(data)], file.stem)
 
 
-def _path(data, name):
-    """Path of what was read, None if it has none."""
+def _get_path(data, name):
+    """Return the load path of a file, or None."""
     if isinstance(data, dict):
         return None if "exit_status" in data else load_curves.get_csv_path(data, name)
     return None if _is_surface(data) else load_curves.get_path(data, name)
@@ -177,42 +173,39 @@ def _arguments(argv):
         first.parent if arguments.files[1:] else first.parent / first.stem
     )
     check_folder(arguments.output)
-    arguments.names = _names(arguments.files)
+    arguments.names = _choose_names(arguments.files)
     return arguments
 
 
-def _names(files):
-    """Names of folders for files: theirs, where several have the same one with suffix, or folder and suffix."""
-    ways = (
-        lambda file: file.stem,
-        lambda file: f"{file.stem}_{file.suffix[1:]}",
-        lambda file: f"{file.absolute().parent.name}_{file.stem}_{file.suffix[1:]}",
-    )
-    names = [[way(file) for way in ways] for file in files]
+def _choose_names(files):
+    """Return unique folder names, with suffix or folder if needed."""
+    candidates = [
+        (file.stem, name := f"{file.stem}_{file.suffix[1:]}", f"{file.absolute().parent.name}_{name}")
+        for file in files
+    ]
     chosen = []
-    for mine in names:
-        fit = [name for way, name in enumerate(mine) if sum(name == other[way] for other in names) == 1]
-        if not fit:
-            raise InputError(f"files: two are named {mine[0]}; each needs a folder of its own name")
-        chosen.append(fit[0])
+    for names in candidates:
+        unique = [name for k, name in enumerate(names) if sum(name == other[k] for other in candidates) == 1]
+        if not unique:
+            raise InputError(f"files: two are named {names[0]}; each needs a folder of its own name")
+        chosen.append(unique[0])
     return chosen
 
 
 def _draw_all(arguments):
-    """Draw all files; return the names of the pictures."""
+    """Draw all files; return the names of the figures."""
     kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
-    for file in arguments.files[1:]:
-        # What is wrong is told before anything is written.
+    for file in arguments.files[1:]:  # find errors before anything is written
         next(_pictures(file, _read(file, arguments), arguments))
-    along, drawn = [], []
+    paths, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file, arguments)
         folder = arguments.output / name if several else arguments.output
         drawn += save_pictures(_pictures(file, data, arguments), folder, kind, dpi)
-        path = _path(data, name)
-        along += [path] if path else []
-    if len(along) > 1:
-        drawn.append(_save(load_curves.path_figure(along), arguments.output / f"paths.{kind}", dpi))
+        path = _get_path(data, name)
+        paths += [path] if path else []
+    if len(paths) > 1:
+        drawn += save_pictures([("paths", load_curves.path_figure(paths))], arguments.output, kind, dpi)
     return drawn
 
 

@@ -1,9 +1,9 @@
-"""Tell all about a result in one web page to send to a colleague: ``python -m app.report RESULT.h5 [-o report.html]``.
+"""Describe a result in one web page.
 
-Numbers with units and meanings, how good they are proved to be, what was asked, notes, pictures, the table of a load
-path, and the largest stress below the surface where Poisson's ratio is known (or given by ``--poisson``). The page
-needs no other file and no network. Without -o it is RESULT.html beside the result. Exit status 0, or 2 with one line on
-standard error. Runs on one rank.
+The command is ``python -m app.report RESULT.h5 [-o report.html]``. The page has numbers with units and meanings, their
+proof, the request, notes, figures, the table of a load path, and the largest stress below the surface if Poisson's
+ratio is known (or given by ``--poisson``). It needs no other file and no network. Default output: RESULT.html in the
+folder of the result. Exit status 0, or 2 after an error. One rank.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ _ORIGIN = {
     "operator_applications": "operator applications",
     "residual": "residual, (5.1)",
 }
-_ASKED = (
+_REQUESTED = (
     "hertz_", "sphere_", "cylinder_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_",
 )  # fmt: skip
-_IN_SUMMARY = ("contact", "pressure", "history")  # pictures
-_MOST_ROWS = 200
+_IN_SUMMARY = ("contact", "pressure", "history")  # figures
+_MAX_ROWS = 200
 
 
 @dataclass
 class Section:
-    """A part of the page: sentences, quantities, facts, a table, pictures."""
+    """Section of the page."""
 
     name: str
     heading: str
@@ -64,23 +64,23 @@ class Section:
     pictures: dict = field(default_factory=dict)
 
 
-def quantity(value, unit, digits=6):
-    """A number with its unit, in one that suits it."""
+def format_quantity(value, unit, digits=6):
+    """Return a number with a suitable unit."""
     if unit in ("mm", "mm2"):
         power = 2 if unit == "mm2" else 1
-        suits = choose_length_unit(abs(value) ** (1 / power))
-        value, unit = value * suits.per_mm**power, suits.name + "2" * (power == 2)
+        suitable = choose_length_unit(abs(value) ** (1 / power))
+        value, unit = value * suitable.per_mm**power, suitable.name + "2" * (power == 2)
     return f"{value:z.{digits}g} {'' if unit == '1' else unit}".strip()
 
 
 def typeset(text):
-    """Text with the minus signs and squares of print, as pictures have them."""
+    """Return a text with typographic minus signs and squares."""
     text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)2\b", r"\1²", text)
     return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
-def plain(value):
-    """Text of an attribute: numbers with as many digits as are read."""
+def format_attribute(value):
+    """Return the text of an attribute; numbers have six digits."""
     if isinstance(value, str):
         return value
     return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))
@@ -91,22 +91,21 @@ def _is_number(value):
 
 
 def numbers_section(result):
-    """What came out."""
+    """Return the section of results."""
     grid = result.grid
     values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
         if name in values:
             values[name] = round_to_cell(values[name], cell)
-    found = []
+    quantities = []
     for name in _QUANTITIES:
         unit, _, meaning, _ = QUANTITIES[name]
-        value, known = values.get(name), values.get(f"analytic_{name}")
+        value, exact = values.get(name), values.get(f"analytic_{name}")
         if _is_number(value):
-            # It is not what was prescribed.
-            differs = _is_number(known) and known and abs(value / known - 1) > 1e-12
-            exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
-            label, told = label_of(name), quantity(value, unit)
-            found.append({"label": label, "value": told, "analytic": exact, "meaning": meaning})
+            # A prescribed quantity does not differ from its analytic value.
+            differs = _is_number(exact) and exact and abs(value / exact - 1) > 1e-12
+            analytic = f"{format_quantity(exact, unit)} ({value / exact - 1:+.1e})" if differs else ""
+            quantities.append((label_of(name), format_quantity(value, unit), analytic, meaning))
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
         ("max_pressure", modulus, "maximum pressure over E*",
@@ -115,13 +114,13 @@ def numbers_section(result):
          "mean pressure over E* times rms slope", "what the contact fraction follows"),
     ):  # fmt: skip
         if _is_number(values.get(name)) and scale > 0:
-            value = f"{values[name] / scale:.3g}"
-            found.append({"label": label, "value": value, "analytic": "", "meaning": meaning})
-    return Section("result", "Result", quantities=found)
+            quantities.append((label, f"{values[name] / scale:.3g}", "", meaning))
+    names = "label", "value", "analytic", "meaning"
+    return Section("result", "Result", quantities=[dict(zip(names, row, strict=True)) for row in quantities])
 
 
 def proof_section(values):
-    """The certificate in words."""
+    """Return the section on certificate and grid errors."""
     bound, texts = values.get("error_bound", np.nan), []
     if np.isfinite(bound):
         texts.append(
@@ -130,42 +129,37 @@ def proof_section(values):
             "does not depend on the method that found the pressure."
         )
         texts.append(
-            f"Bodies penetrate by {quantity(values.get('largest_penetration', 0.0), 'mm', 2)} at most, and no "
-            f"pressure is below {quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm2', 2)}."
+            f"Bodies penetrate by {format_quantity(values.get('largest_penetration', 0.0), 'mm', 2)} at most, and no "
+            f"pressure is below {format_quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm2', 2)}."
         )
     else:
         texts.append(
             "Nothing is proved about the pressure: there is no certificate, or it does not bound the error."
         )
-    error = values.get("discretisation_error", np.nan)
-    errors = {
-        name: values.get(f"{name}_error", np.nan)
-        for name in ("load", "approach", "max_pressure", "contact_area")
-    }
-    known = [
-        f"{label_of(name)} {f'{e:.2g}' if e < 1 else '(does not converge)'}"
-        for name, e in errors.items()
-        if e > 0
+    names = ("load", "approach", "max_pressure", "contact_area")
+    errors = {label_of(name): values.get(f"{name}_error", np.nan) for name in names}
+    errors = [
+        f"{label} {f'{error:.2g}' if error < 1 else '(does not converge)'}"
+        for label, error in errors.items()
+        if error > 0
     ]
-    if _is_number(error) and error > 0:
+    rms = values.get("discretisation_error", np.nan)
+    grid = "All this is about the problem on this grid. "
+    if _is_number(rms) and rms > 0:
         texts.append(
-            f"All this is about the problem on this grid. What the grid itself costs: about {error:.2g} of the "
-            "pressure (root mean square, from the last two grids)."
+            f"{grid}The grid error is about {rms:.2g} of the pressure (root mean square, from the last two grids)."
         )
-    elif not known:
+    elif not errors:
         texts.append(
-            "All this is about the problem on this grid. What the grid itself costs is not known from this run: solve "
-            "on one twice as fine and compare."
+            f"{grid}The grid error is not known from this run: solve on one twice as fine and compare."
         )
-    if known:
-        texts.append(
-            f"Relative errors that the size of the cells makes, estimated from the last grids: {', '.join(known)}."
-        )
+    if errors:
+        texts.append(f"Estimated grid error (relative, from the last grids): {', '.join(errors)}.")
     return Section("accuracy", "How good it is", texts)
 
 
 def request_section(result):
-    """What was asked."""
+    """Return the section on the problem and its options."""
     values = result.attributes
     ny, nx = result.pressure.shape
     grid = result.grid
@@ -174,52 +168,37 @@ def request_section(result):
     cell = choose_length_unit(max(grid.dx, grid.dy))
     facts = {
         "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
-        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if grid.periodic else 'alone'}",
+        "patch": f"{size} {unit.name}, {'periodic' if grid.periodic else 'free'}",
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
-    facts |= {
-        name: plain(value)
-        if isinstance(value, str)
-        else f"{plain(value)} {sweeps.find_unit(name) or ''}".rstrip()
-        for name, value in values.items()
-        if name.startswith(_ASKED) and not (isinstance(value, str) and not value)
-    }
+    for name, value in values.items():
+        if name.startswith(_REQUESTED):
+            unit = "" if isinstance(value, str) else sweeps.find_unit(name) or ""
+            facts[name] = f"{format_attribute(value)} {unit}".rstrip()
     for name in ("options", "command_line"):
         if values.get(name):
             facts[name.replace("_", " ")] = values[name]
     return Section("asked", "What was asked", facts=facts)
 
 
-def _is_known(column):
-    """Whether a column has numbers: on a periodic patch that of a centre of pressure has none."""
-    column = np.asarray(column)
-    return column.dtype.kind in "biuf" and not np.isnan(column).all()
-
-
-def _cell(value):
-    return "" if np.isnan(value) else f"{value:z.6g}"
-
-
 def path_section(result, pictures):
-    """Table and picture of the load path."""
-    columns = {name: column for name, column in result.path.items() if _is_known(column)}
+    """Return the section of the load path."""
+    columns, rows = {}, []
+    for name, column in result.path.items():
+        column = np.asarray(column)
+        if column.dtype.kind in "biuf" and not np.isnan(column).all():
+            unit = unit_of(name)
+            columns[label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"] = column
     steps = len(next(iter(result.path.values())))
-
-    def heading(name):
-        unit = unit_of(name)
-        return label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"
-
-    rows = [
-        {heading(name): _cell(column[k]) for name, column in columns.items()}
-        for k in range(min(steps, _MOST_ROWS))
-    ]
-    told = f"The first {_MOST_ROWS} of {steps} steps." if steps > _MOST_ROWS else f"{steps} steps."
-    texts = ["1 step." if steps == 1 else told]
-    return Section("path", "Load path", texts, rows=rows, pictures=pictures)
+    for k in range(min(steps, _MAX_ROWS)):
+        row = {heading: column[k] for heading, column in columns.items()}
+        rows.append({heading: "" if np.isnan(value) else f"{value:z.6g}" for heading, value in row.items()})
+    text = f"The first {_MAX_ROWS} of {steps} steps." if steps > _MAX_ROWS else f"{steps} steps."
+    return Section("path", "Load path", ["1 step." if steps == 1 else text], rows=rows, pictures=pictures)
 
 
 def stress_section(result, poisson_ratio=None, body=None):
-    """Largest stresses below the surface, or why they are not known; other arguments as of `app.subsurface.stress`."""
+    """Return the section on stresses; arguments as of `app.cli.subsurface.stress`."""
     if poisson_ratio is None and subsurface.find_poisson_ratio(result.attributes, body) is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
@@ -227,56 +206,51 @@ def stress_section(result, poisson_ratio=None, body=None):
         text = "Pressures of this run are not finite, so there are no stresses."
         return Section("stress", "Below the surface", [text])
     below = subsurface.stress(result, poisson_ratio, body)
-    found = subsurface.survey(below, along="x")
-    texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
+    stresses = subsurface.survey(below, along="x")
+    texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
-    picture = _png(subsurface.draw(result, found))
+    picture = _png(subsurface.draw(result, stresses))
     return Section("stress", "Below the surface", texts, pictures={"stress": picture})
 
 
 def _png(figure):
-    """Bytes of a figure as a picture in a page."""
-    target = io.BytesIO()
-    style.write_figure(figure, target, "png", 100)
-    return target.getvalue()
+    """Return a figure as PNG."""
+    image = io.BytesIO()
+    style.write_figure(figure, image, "png", 100)
+    return image.getvalue()
 
 
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
-    """All about a result in HTML.
-
-    Not collective.
+    """Return the HTML page of a result.
 
     Parameters
     ----------
     result : Result
     poisson_ratio, body
-        As of `app.subsurface.stress`.
+        As for `app.cli.subsurface.stress`.
     with_stress : bool
-        Whether to look for the largest stress below the surface: that takes longest.
+        Compute the largest stress below the surface, which takes longest.
 
     Returns
     -------
     str
     """
     values = result.attributes
-    stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []  # refuses bodies
-    pictures = {
-        name: _png(figure)
-        for name, figure in pictures_of(result, [name for name in PICTURES if name not in _IN_SUMMARY])
-    }
-    of_path = {name: pictures.pop(name) for name in ("path",) if name in pictures}
-    first = {"summary": pictures.pop("summary")}
+    stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []
+    names = [name for name in PICTURES if name not in _IN_SUMMARY]
+    pictures = {name: _png(figure) for name, figure in pictures_of(result, names)}
+    path_picture = {name: pictures.pop(name) for name in ("path",) if name in pictures}
     sections = [numbers_section(result), proof_section(values)]
-    sections[0].pictures = first
+    sections[0].pictures = {"summary": pictures.pop("summary")}
     if values.get("notes"):
         sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
     if result.path:
-        sections.append(path_section(result, of_path))
+        sections.append(path_section(result, path_picture))
     sections += stresses
     sections.append(Section("pictures", "Pictures", pictures=pictures))
     sections.append(request_section(result))
-    made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
-    sections.append(Section("made", "How it was made", facts=made))
+    origin = {label: format_attribute(values[name]) for name, label in _ORIGIN.items() if name in values}
+    sections.append(Section("made", "How it was made", facts=origin))
     state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("app.cli"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,

@@ -1,4 +1,4 @@
-"""What app.solve says of a solution, on one page."""
+"""Text that app.solve prints about a solution."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from app.base.units import round_to_cell
 from app.cli.load_path import format_steps
 from app.io.table import format_text
 
-_ROUNDING = 1e-9  # relative error that is none, as of an approach that a mean gap prescribes
+_MIN_ERROR = 1e-9  # relative; smaller ones are of prescribed quantities
 _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 
 
 def summary(facts, grid, output=None):
-    """Text for standard output.
-
-    Not collective.
+    """Return the summary of a solution.
 
     Parameters
     ----------
@@ -24,7 +22,7 @@ def summary(facts, grid, output=None):
         Root attributes of the result file.
     grid : app.halfspace.grid.Grid
     output : str, optional
-        Where the result was written.
+        Name of the result file.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
     lines = [f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})"]
@@ -32,7 +30,7 @@ def summary(facts, grid, output=None):
         if f"surface_read{number}" in facts:
             read = facts[f"surface_read{number}"]
             lines.append(f"surface file {facts[f'surface_file{number}']}: {read}")
-    lines += _generated(facts)
+    lines += _describe_random_surfaces(facts)
     beyond = f" ({facts['indentation']:z.6g} beyond first touch)" if facts["approach"] < 0 else ""
     lines.append(
         f"approach {facts['approach']:z.8g} mm{beyond}, load {facts['load']:.8g} N, "
@@ -47,7 +45,8 @@ def summary(facts, grid, output=None):
             f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
             f"x at {round_to_cell(facts['hertz_axes_angle'], 0.01):.4g} degrees to body 1's first axis"
         )
-    lines += [_elastic(facts), _contact(facts, grid), *_more(facts, grid)]
+    lines += [_describe_material(facts), _describe_contact(facts, grid), *_describe_pressure(facts, grid)]
+    lines += _describe_accuracy(facts)
     ranks = _count(facts["ranks"], "rank")
     if facts["solving_ranks"] < facts["ranks"]:
         ranks = f"{facts['solving_ranks']} of {ranks}"
@@ -63,34 +62,22 @@ def summary(facts, grid, output=None):
     return "\n  ".join(lines)
 
 
-def _generated(facts):
-    """What random surfaces there are: a punch has one, though nobody has asked for it."""
-    seed, found = f"seed {facts.get('surface_seed')}", []
+def _describe_random_surfaces(facts):
+    seed, lines = f"seed {facts.get('surface_seed')}", []
     if "surface_sigma" in facts:
         modes = " x ".join(map(str, facts["surface_modes"]))
-        found.append(
-            f"surface: the paper's waves, {modes} of them, standard deviation {facts['surface_sigma']:g} mm, {seed}"
-        )
+        sigma = facts["surface_sigma"]
+        lines.append(f"surface: the paper's waves, {modes} of them, standard deviation {sigma:g} mm, {seed}")
     if "surface_hurst" in facts:
-        found.append(
-            f"surface: self-affine, Hurst exponent {facts['surface_hurst']:g}, roll-off "
-            f"{facts['surface_rolloff']:g} mm, cut-off {facts['surface_cutoff']:g} mm, "
+        hurst, rolloff, cutoff = (facts[f"surface_{name}"] for name in ("hurst", "rolloff", "cutoff"))
+        lines.append(
+            f"surface: self-affine, Hurst exponent {hurst:g}, roll-off {rolloff:g} mm, cut-off {cutoff:g} mm, "
             f"rms slope {facts['surface_rms_slope']:.4g}, {seed}"
         )
-    return found
+    return lines
 
 
-def _theories(facts):
-    """What theories of rough surfaces say of the contact fraction."""
-    if "persson_fraction" not in facts:
-        return ""
-    persson, bgt = facts["persson_fraction"], facts["bush_gibson_thomas_fraction"]
-    light = f", Bush, Gibson and Thomas {100 * bgt:.4g}%" if bgt == bgt else ""
-    return f" (Persson {100 * persson:.4g}%{light})"
-
-
-def _elastic(facts):
-    """Contact modulus, and what it was made from."""
+def _describe_material(facts):
     text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
     if "young" in facts:
         (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]
@@ -100,22 +87,26 @@ def _elastic(facts):
     return text
 
 
-def _contact(facts, grid):
-    """How much is in contact, and how it hangs together."""
-    cells, share = facts["contact_cells"], facts["contact_fraction"]
-    whole = "those where contact is possible" if cells and round(cells / share) < grid.n else "all"
+def _describe_contact(facts, grid):
+    """Return contact area, number of contact spots, and theories of rough surfaces."""
+    cells, fraction = facts["contact_cells"], facts["contact_fraction"]
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:
-        corrected = facts["contact_area"] * facts["contact_fraction_corrected"] / share
-        text += f" ({corrected:.6g} corrected for its stepped rim)"
-    text += f": {_count(cells, 'cell')}, {100 * share:.4g}% of {whole}"
+        corrected = facts["contact_area"] * facts["contact_fraction_corrected"] / fraction
+        text += f" ({corrected:.6g} corrected for the stepped contact edge)"
+    whole = "those where contact is possible" if cells and round(cells / fraction) < grid.n else "all"
+    text += f": {_count(cells, 'cell')}, {100 * fraction:.4g}% of {whole}"
     if facts.get("contact_patches", 0) > 1:
         text += f", in {facts['contact_patches']} patches, the largest {facts['largest_patch']:.6g} mm2"
-    return text + _theories(facts)
+    if "persson_fraction" in facts:
+        persson, bgt = facts["persson_fraction"], facts["bush_gibson_thomas_fraction"]
+        light = f", Bush, Gibson and Thomas {100 * bgt:.4g}%" if bgt == bgt else ""
+        text += f" (Persson {100 * persson:.4g}%{light})"
+    return text
 
 
-def _more(facts, grid):
-    """Observables and errors, as far as they are known."""
+def _describe_pressure(facts, grid):
+    """Return mean pressure, contact ellipse and stiffness."""
     lines = []
     if facts["contact_cells"]:
         lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
@@ -128,36 +119,35 @@ def _more(facts, grid):
         )
     if "stiffness" in facts:
         lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")
-    analytic = [
-        f"{_words(name)} {known:.7g} ({100 * (facts[name] / known - 1):+.2g}%)"
-        for name in ANALYTIC
-        if name in facts
-        and (known := facts.get(f"analytic_{name}"))
-        and abs(facts[name] - known) > 1e-12 * abs(known)
-    ]
-    if analytic:
-        lines.append(f"analytic solution, and how far off this is: {', '.join(analytic)}")
-    errors = [
-        f"{_words(name)} {_error(facts[f'{name}_error'])}"
-        for name in _WITH_ERROR
-        if facts[f"{name}_error"] > _ROUNDING
-    ]
-    if facts["discretisation_error"] > 0:
-        errors.append(f"pressure (rms) {100 * facts['discretisation_error']:.2g}%")
-    if errors:
-        lines.append(f"errors that the size of the cells makes, about: {', '.join(errors)}")
     return lines
 
 
-def _error(value):
-    return f"{100 * value:.2g}%" if value < 1 else "does not converge"
+def _describe_accuracy(facts):
+    """Return deviations from an analytic solution, and estimated grid errors."""
+    lines, deviations, errors = [], [], []
+    labels = {"semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
+    for name in ANALYTIC:
+        exact = facts.get(f"analytic_{name}")
+        if exact and name in facts and abs(facts[name] - exact) > 1e-12 * abs(exact):
+            deviation = 100 * (facts[name] / exact - 1)
+            deviations.append(f"{labels.get(name) or label_of(name)} {exact:.7g} ({deviation:+.2g}%)")
+    if deviations:
+        lines.append(f"analytic solution (deviation): {', '.join(deviations)}")
+    for name in _WITH_ERROR:
+        if (error := facts[f"{name}_error"]) > _MIN_ERROR:
+            errors.append(f"{label_of(name)} {f'{100 * error:.2g}%' if error < 1 else 'does not converge'}")
+    if facts["discretisation_error"] > 0:
+        errors.append(f"pressure (rms) {100 * facts['discretisation_error']:.2g}%")
+    if errors:
+        lines.append(f"estimated grid error: {', '.join(errors)}")
+    return lines
 
 
-def load_path_summary(path, wanted):
-    """Text on a load path: what is where, and what it cost. Not collective."""
+def load_path_summary(path, request):
+    """Return a line about a load path and its cost."""
     failed = [row["step"] for row in path.rows if not row["converged"]]
     state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
-    table = f"; table in {wanted.csv}" if wanted.csv else ""
+    table = f"; table in {request.csv}" if request.csv else ""
     return (
         f"path of {_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "
         f"{path.solve_seconds:.3g} s{table}"
@@ -165,16 +155,11 @@ def load_path_summary(path, wanted):
 
 
 def refinement_table(refined, until):
-    """Table of the grids of a refinement, and whether the last is fine enough. Not collective."""
+    """Return a table of the grids of a refinement."""
     formats = {name: ".1e" for name in refined.rows[0] if name.endswith("_error")}
-    end = "is below" if refined.reached else "is NOT below"
-    return (
-        f"{format_text(refined.rows, formats=formats)}the largest of the errors {end} {format_exact(until)}"
-    )
-
-
-def _words(name):
-    return {"semi_axis_major": "semi-axes", "semi_axis_minor": "and"}.get(name) or label_of(name)
+    state = "is below" if refined.reached else "is NOT below"
+    table = format_text(refined.rows, formats=formats)
+    return f"{table}the largest of the errors {state} {format_exact(until)}"
 
 
 def _count(number, what):

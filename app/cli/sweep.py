@@ -1,28 +1,28 @@
-"""Run app.solve for every combination of option values: ``python -m app.sweep SWEEP.yml -o out.csv``.
+"""Run app.solve for all combinations of option values.
 
-A sweep is a YAML file; names and values are those of the command line, files are relative to where it is called::
+The command is ``python -m app.sweep SWEEP.yml -o out.csv``. A sweep file is YAML. Names and values are those of the
+command line; files are relative to the current folder::
 
-    option_files:                       # in this order; a list in the list gives alternatives
+    option_files:                       # in this order; an inner list gives alternatives
       - petsc_options/punch.opts
       - [petsc_options/fmg_v11.opts, petsc_options/fmg_v10.opts]
-    options:                            # a value, or a list: every combination of all lists is run
+    options:                            # a value or a list; all combinations are run
       grid: [32, 64, 128]
       lcp_rtol: 1e-8
-    zip:                                # groups whose lists, equally long, are gone through together
+    zip:                                # groups of equally long lists that vary together
       - approach: [-0.11, 0.01, 0.25]
         surface_seed: [1, 2, ~]         # ~ leaves the option out
-    exclude:                            # left out: combinations that match all values of an entry
+    exclude:                            # combinations to leave out: those that match all of an entry
       - {grid: 128, approach: [0.01, 0.25]}
 
-Each combination is a process of its own (under mpiexec with ``--ranks`` above 1) and a row of the table, also if
-the program refuses it, diverges or crashes: then `exit_status` and `message` say so; a load path has a row for each
-step, numbered in `step`, of which the last has what is known of the whole run. The result files give
-`largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
-What is finished is kept in ``out.runs.jsonl`` beside the table; ``--resume`` goes on from there, as far as options,
-the files they name, and the program are the same; what was refused, or crashed, is tried again.
+Each combination is a process (under mpiexec for ``--ranks`` above 1) and a row of the table. If it is refused, diverges
+or crashes, `exit_status` and `message` say so. A load path has a row for each step, numbered in `step`; the last one
+has the numbers of the whole run. Result files give `largest_penetration` [mm], `smallest_pressure` [N/mm2] and
+`complementarity`, max |p e| / (max p max |h|). Finished runs are kept in ``out.runs.jsonl``; ``--resume`` skips them if
+options, their files and the program are unchanged, and repeats refused and crashed runs.
 
-Exit status: 0 all runs solved; 3 some are not, as the table says; 2 all are refused, or bad input before any run; 130
-interrupted, with a table of what is finished.
+Exit status: 0 all runs solved; 3 some not, see the table; 2 all refused, or bad input before any run; 130 interrupted,
+with a table of finished runs.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SHOWN = (
     "contact_fraction", "max_pressure", "mean_gap", "load", "approach", "active_set_iterations",
     "operator_applications", "solve_seconds",
 )  # fmt: skip
-_MOST_NAMED = 4  # runs that say the same
+_MAX_LISTED = 4  # runs with the same message
 
 
 @command
@@ -66,9 +66,9 @@ def main(argv):
     runs = read_sweep(arguments.sweep)
     inputs = {arguments.sweep, *(file for run in runs for file in run.inputs())}
     check_output_path(output, inputs, "-o", SUFFIXES)
-    kept = output.with_suffix(".runs.jsonl")
-    check_output_path(kept, inputs, f"-o {output}: file of finished runs", (".jsonl",))
-    journal = Journal(kept, arguments.resume)
+    journal_file = output.with_suffix(".runs.jsonl")
+    check_output_path(journal_file, inputs, f"-o {output}: file of finished runs", (".jsonl",))
+    journal = Journal(journal_file, arguments.resume)
     try:
         outcomes, interrupted = run_all(
             runs, output.with_suffix(".runs"), journal, jobs=arguments.jobs, ranks=arguments.ranks,
@@ -79,19 +79,19 @@ def main(argv):
     rows = make_rows(runs, outcomes)
     varied = dict.fromkeys(name for run in runs for name in run.labels)
     columns = [name for name in rows[0] if name != "result" or arguments.keep] if rows else list(varied)
-    if rows or not output.exists():  # interrupted before the first: a table of before stays, like the journal
+    if rows or not output.exists():  # interrupted before the first, keep an earlier table
         write_table(output, rows, columns)
-    known = ("step", *_SHOWN) if any("step" in row for row in rows) else _SHOWN
-    shown = dict.fromkeys([*varied, "exit_status", *known])  # a varied load has its column
+    step = ["step"] if any("step" in row for row in rows) else []
+    shown = dict.fromkeys([*varied, "exit_status", *step, *_SHOWN])
     streams.print_output(format_text(rows, list(shown), {name: ".4g" for name in _SHOWN}).rstrip("\n"))
-    rows = [row for row in rows if row.get("step") in (None, 1)]  # of each run one
-    for line in _messages(rows, varied):
+    rows = [row for row in rows if row.get("step") in (None, 1)]  # one of each run
+    for line in _merge_messages(rows, varied):
         streams.print_output(line)
     statuses = [row["exit_status"] for row in rows]
     solved = statuses.count(0)
-    going_on = "; interrupted: --resume goes on after them" if interrupted and rows else ""
+    advice = "; interrupted: --resume goes on after them" if interrupted and rows else ""
     streams.print_output(
-        f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}"
+        f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{advice}"
     )
     if interrupted:
         return 130
@@ -100,16 +100,16 @@ def main(argv):
     return 2 if statuses.count(2) == len(rows) else 3
 
 
-def _messages(rows, varied):
-    """What runs say, each message once, with the varied options of the runs that say it."""
-    said = {}
+def _merge_messages(rows, varied):
+    """Yield each message with the varied options of its runs."""
+    runs_of = {}
     for row in rows:
-        which = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)
+        options = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)
         if row["message"]:
-            said.setdefault(row["message"], []).append(which)
-    for message, which in said.items():
-        if len(which) == len(rows) > 1:
-            which = ["all runs"]
-        elif len(which) > _MOST_NAMED:
-            which[_MOST_NAMED - 1 :] = [f"and {len(which) - _MOST_NAMED + 1} more"]
-        yield f"{'; '.join(which)}: {message}".removeprefix(": ")
+            runs_of.setdefault(row["message"], []).append(options)
+    for message, runs in runs_of.items():
+        if len(runs) == len(rows) > 1:
+            runs = ["all runs"]
+        elif len(runs) > _MAX_LISTED:
+            runs = [*runs[: _MAX_LISTED - 1], f"and {len(runs) - _MAX_LISTED + 1} more"]
+        yield f"{'; '.join(runs)}: {message}".removeprefix(": ")

@@ -254,7 +254,7 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
 def test_what_is_analytic_is_not_all_hertz_s_and_rounding_is_no_angle(cli_here):
     patch = ("-grid", 8, "-domain", "-1.6,1.6,-1.2,1.2", "-contact_modulus", 1000, "-load", 1)
     said = cli_here("-problem", "cone", "-cone_angle", 3, *patch).stdout
-    assert "analytic solution, and how far off this is: approach" in said and "Hertz" not in said
+    assert "analytic solution (deviation): approach" in said and "Hertz" not in said
     ellipse = ("-hertz_rx", 10, "-hertz_ry", 5, "-grid", 8, "-contact_modulus", 1000, "-load", 1)
     assert "the longer at 0 degrees" in cli_here("-problem", "hertz", *ellipse).stdout
 
@@ -263,7 +263,7 @@ def test_what_is_analytic_is_not_all_hertz_s_and_rounding_is_no_angle(cli_here):
     ("more", "message"),
     [
         ([], "surface: the paper's waves, 12 x 10 of them, standard deviation 0.1 mm, seed 7"),
-        (["-surface_sigma", "0"], "analytic solution, and how far off this is: approach 5e-05"),
+        (["-surface_sigma", "0"], "analytic solution (deviation): approach 5e-05"),
         (
             ["-surface_cutoff", "0.5", "-surface_rms_slope", "0.1", "-surface_seed", "3"],
             "surface: self-affine, Hurst exponent 0.8, roll-off 4 mm, cut-off 0.5 mm, rms slope 0.1, seed 3",

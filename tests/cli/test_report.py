@@ -103,7 +103,7 @@ def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     assert numbers["load"]["analytic"] == ""  # prescribed
     named = with_attributes(result, surface_parts=np.array(["one", "two"], object))
     assert report.request_section(named).facts["surface_parts"] == "one, two"
-    facts = report.request_section(result).facts | {"load": report.plain(10000 / 3)}
+    facts = report.request_section(result).facts | {"load": report.format_attribute(10000 / 3)}
     assert facts["load"] == "3333.33" and facts["hertz_rx"] == "100 mm"
     other = with_attributes(
         result, young=np.array([1.0, 2.0]), cone_angle=5.0, surface_hurst=0.8, surface_unit="um"
