@@ -12,14 +12,8 @@ class GridSequence:
     """Levels of a nested iteration, from coarse to fine, and their results.
 
     Iterating yields the numbers of the levels. All ranks that share a grid have its results, and broadcast them to
-    those that join on the next one. Collective.
-
-    Parameters
-    ----------
-    hierarchy, distances, loading, nested
-        See `app.contact.full_multigrid.full_multigrid`.
-    only_target : bool
-        Use the target grid alone.
+    those that join on the next one. Collective. For the parameters see `app.contact.full_multigrid.full_multigrid`;
+    `only_target` uses the target grid alone.
 
     Attributes
     ----------
@@ -50,7 +44,8 @@ class GridSequence:
 
     def record(self, outcome, depth):
         """Record outcome and depth [mm] of a grid."""
-        self.outcome = outcome.add_fallbacks(self.outcome)
+        coarser = self.outcome.fallbacks if self.outcome else 0
+        self.outcome = outcome._replace(fallbacks=coarser + outcome.fallbacks)
         self._loading.record(depth)
 
     def waiting_ranks(self, state):

@@ -142,10 +142,6 @@ class Outcome(NamedTuple):
         doubt = f"the pressure is proved to {proved} only (-lcp_error_bound {asked}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
-    def add_fallbacks(self, coarser):
-        """Return this outcome with fallbacks of coarser grids added."""
-        return self._replace(fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
-
     def after(self, first):
         """Return this outcome plus an earlier one."""
         return self._replace(

@@ -67,18 +67,9 @@ class Loading:
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
         """Solve by a root search if the load is prescribed. Collective.
 
-        Parameters
-        ----------
-        state : ContactState
-        solve : callable
-            ``solve(loading, stop)`` solves at any approach and returns the Outcome.
-        stop : StoppingTest
-        tighter : float
-            Factor on the tolerance of solves after which the pressure is scaled.
-        rtol : float
-            Of the search.
-        step : float, optional
-            Estimated error of the depth of `state` [mm].
+        ``solve(loading, stop)`` solves at any approach and returns the Outcome. `tighter` is a factor on the tolerance
+        of solves after which the pressure is scaled, `rtol` that of the search, and `step` the estimated error of the
+        depth of `state` [mm].
         """
         return solve(self, stop)
 

@@ -42,9 +42,7 @@ class ShapeRoughness(NamedTuple):
 
     rms_height: float  # about the mean, over the admissible cells [mm]
     rms_slope: float  # of the length of the gradient; NaN if no two admissible cells are neighbours
-    steps_at_sides: (
-        tuple  # rms step from cell to cell across the sides of a periodic patch, and next to them [mm]
-    )
+    steps_at_sides: tuple  # rms steps between cells across the sides, if periodic, and next to them [mm]
 
 
 def measure_contact(state):
@@ -58,27 +56,25 @@ def measure_contact(state):
     force, highest, _ = kernels.sum_pressure(state.p, state.contact)
     # Includes cells without pressure, like the perimeter.
     cells = np.count_nonzero(state.contact)
-    in_x, in_y = kernels.count_faces(
-        state.contact,
-        fetch_row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
-        bool(grid.periodic),
-    )
-    if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
+    periodic = bool(grid.periodic)
+    before = fetch_row_before(state.contact, periodic, slabs, state.comm, False)
+    in_x, in_y = kernels.count_faces(state.contact, before, periodic)
+    if slabs.local and slabs.rows.stop == grid.ny and not periodic:
         in_y += np.count_nonzero(state.contact[-1])
     sums = total, cells, in_x, in_y, force
     (total, cells, in_x, in_y, force), (lowest,) = sums_and_minima(state.comm, sums, [-highest])
-    load = grid.cell_area * float(force)
+    load, area = grid.cell_area * float(force), cells * grid.cell_area
     admissible, mean, *_ = distance.statistics
     # The displacement of a periodic patch has no mean, which gives that of e without rounding.
-    gap = mean - state.depth if grid.periodic and admissible == grid.n else total / admissible
+    gap = mean - state.depth if periodic and admissible == grid.n else total / admissible
     return ContactMeasures(
         load=load,
         max_pressure=-float(lowest),
         mean_pressure=load / grid.area,
         mean_gap=float(gap),
         contact_cells=int(cells),
-        contact_area=float(cells * grid.cell_area),
-        mean_contact_pressure=float(load / (cells * grid.cell_area)) if cells else 0.0,
+        contact_area=float(area),
+        mean_contact_pressure=float(load / area) if cells else 0.0,
         perimeter=float(in_x * grid.dy + in_y * grid.dx),
         contact_fraction=float(cells / admissible),
         contact_fraction_corrected=float((cells - PER_FACE * (in_x + in_y)) / admissible),
