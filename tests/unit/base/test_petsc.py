@@ -6,13 +6,14 @@ import weakref
 
 import numpy as np
 import pytest
+from cases import APPROACH, punch
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from app import ContactProblem, ContactSolver, Grid, Material, solve
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, solve
 from app.base import petsc_path
 from app.base.errors import InputError
 from app.base.petsc import _forget_last_exception, unwrap_errors
-from app.contact.history import Listener
 
 
 @pytest.mark.parametrize("inside", ["lib", "lib/python3/dist-packages", "arch/lib"])
@@ -87,3 +88,22 @@ def test_a_solve_interrupted_by_a_listener_frees_its_pressure():
     solve(problem, mean_pressure=10.0)
     gc.collect()
     assert listener.seen() is None
+
+
+def assert_same(found, expected, rounding=0.0):
+    """To the last bit, or but for what an approach on the way has rounded of the distances."""
+    assert (found.load, found.approach) == pytest.approx(
+        (expected.load, expected.approach), rel=rounding, abs=0
+    )
+    assert found.iterations == expected.iterations
+    for name in ("pressure", "displacement", "undeformed_distance", "contact"):
+        field = getattr(expected, name)
+        atol = rounding * np.nanmax(field)
+        np.testing.assert_allclose(getattr(found, name), field, rtol=0, atol=atol)
+
+
+def test_communicators_of_petsc4py_and_mpi4py_are_alike():
+    assert_same(
+        solve(punch(24), approach=APPROACH, comm=PETSc.COMM_SELF),
+        solve(punch(24), approach=APPROACH, comm=MPI.COMM_SELF),
+    )

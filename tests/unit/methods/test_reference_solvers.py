@@ -1,11 +1,13 @@
 """TAO and SNESVI."""
 
+import warnings
+
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
 from running import solve
 
-from app import ContactSolver
+from app import ContactProblem, ContactSolver, Grid
 
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])
@@ -32,3 +34,21 @@ def test_tao_starts_from_a_solution():
         again = solver.solve(approach=APPROACH, start=first)
     assert again.operator_applications < first.operator_applications / 2
     assert again.load == pytest.approx(first.load, rel=1e-5)
+
+
+PROBLEM = hertz(16)
+
+
+@pytest.mark.parametrize("length", [1e-12, 1e-16])
+@pytest.mark.parametrize("kind", ["tron", "blmvm", "gpcg", "bnls", "bncg", "bqnls"])
+def test_tao_gives_up_with_a_reason_at_tiny_lengths(kind, length):
+    grid = Grid.from_domain(16, 16, (-10 * length, 10 * length, -6 * length, 6 * length))
+    problem = ContactProblem(grid, PROBLEM.material, lambda x, y: (x**2 / 600 + y**2 / 326) / length)
+    with (
+        warnings.catch_warnings(),
+        ContactSolver(problem, options={"lcp_type": "tao", "tao_type": kind}) as solver,
+    ):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        for _ in range(2):
+            found = solver.solve(approach=0.1 * length)
+            assert found.converged or found.error_bound > 0.01 or "TAO" in found.message

@@ -6,12 +6,10 @@ import warnings
 import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough, punch, self_affine
-from running import assert_proved_equal
 
 from app import ContactSolver, Listener
 from app.api.load_path import _slope
 from app.base.errors import InputError
-from app.cli.load_path import merge_notes
 
 
 def same(one, other):
@@ -199,21 +197,6 @@ def test_refuses_before_any_step(case):
         solver.path(**loadings)
 
 
-@pytest.mark.parametrize("kind", ["mean_pressure", "approach", "mean_gap"])
-def test_start_on_a_periodic_patch(kind):
-    with ContactSolver(periodic_rough(128)) as solver:
-        near = solver.solve(mean_pressure=500.0)
-        again = solver.solve(approach=near.approach, start=near)
-        loading = {kind: 1.005 * getattr(near, kind)}
-        cold, warm = solver.solve(**loading), solver.solve(**loading, start=near)
-    assert again.iterations == 1
-    assert again.operator_applications < 0.4 * near.operator_applications
-    assert_proved_equal(again, near)
-    assert warm.operator_applications < cold.operator_applications
-    assert_proved_equal(warm, cold)
-    assert warm.approach == pytest.approx(cold.approach, rel=1e-4)
-
-
 def test_start_must_fit():
     with ContactSolver(hertz(16)) as solver, ContactSolver(hertz(32)) as other:
         start = other.solve(approach=APPROACH)
@@ -250,12 +233,3 @@ def test_a_path_ends_with_its_solver():
     assert repr(path) == "<LoadPath: 2 steps by load, 1 done>"
     with pytest.raises(InputError, match="the solver is closed"):
         next(steps)
-
-
-def test_ranges_in_notes_know_signs():
-    notes = [
-        ["from -0.1 mm on, as in a-2.txt"],
-        ["from -0.5 mm on, as in a-2.txt"],
-        ["from 0.2 mm on, as in a-2.txt"],
-    ]
-    assert merge_notes(notes) == ["all steps: from -0.5 to 0.2 mm on, as in a-2.txt"]

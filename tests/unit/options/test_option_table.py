@@ -7,9 +7,10 @@ from app.base.errors import InputError
 from app.cli.option_sources import startup_args
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.method import METHOD_OPTIONS, find_method_file
-from app.options.option_table import REQUIRED, Option, OptionReader, real, to_texts
+from app.options.option_table import REQUIRED, Option, OptionReader, domain, real, series, to_texts
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
+
 
 BAD_VALUES = [
     ("problem", "herz", "one of hertz"),
@@ -138,3 +139,16 @@ def test_values_of_python_are_read_like_texts():
     reader = OptionReader(TABLE, values)
     assert [reader[name] for name in values] == [(-1, 1.5, 0, 2), True, (8, 4), 1e-8]
     assert to_texts({"lcp_rtol": 0.1 + 0.2})["lcp_rtol"] == "0.30000000000000004"
+
+
+@pytest.mark.parametrize(
+    ("kind", "meaning", "text", "allowed"),
+    [
+        (domain, "patch [mm]", "0,1e-150,0,1", "y0 < y1 [mm], of size 1e-50 to 1e+50"),
+        (series, "first:last:n[:log] or a,b,c [N]", "1:2:1", "or numbers a,b,c [N]"),
+    ],
+)
+def test_a_refusal_ends_with_what_is_allowed(kind, meaning, text, allowed):
+    with pytest.raises(InputError) as refused:
+        OptionReader([Option("it", kind, None, meaning)], {"it": text})["it"]
+    assert str(refused.value).endswith(allowed)

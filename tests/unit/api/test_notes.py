@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 from running import solve
 
-from app import ContactProblem, Grid, Material, Sphere, read_surface
+import app
+from app import (
+    ContactProblem,
+    Grid,
+    Material,
+    Sphere,
+    read_surface,
+)
 
 GRID = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
+
+
 SOFT = Material.from_contact_modulus(100.0)
 
 
@@ -149,3 +158,22 @@ def test_micrometres_taken_for_millimetres():
     assert sum("mm" in note or "slope" in note for note in found) >= 3
     found = solve(ContactProblem(grid, SOFT, surfaces=[1e-3 * heights]), -1e-3).notes
     assert not any("mm" in note or "slope" in note for note in found)
+
+
+STEEL = Material.from_contact_modulus(1e5)
+
+
+def test_a_touch_without_load_gets_no_note_on_its_width():
+    coarse = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    ball = ContactProblem(coarse, STEEL, Sphere(10))
+    assert not any("finer grid" in note for note in app.solve(ball, load=0).notes)
+    assert any("finer grid" in note for note in app.solve(ball, load=1e-6).notes)
+
+
+def test_a_constant_distance_on_a_periodic_patch_gets_a_note():
+    def notes(nx):
+        grid = Grid.from_domain(nx, 1, (-1, 1, 0, 1))
+        return app.solve(ContactProblem(grid, STEEL, lambda x, y: x**2, periodic=True), load=1).notes
+
+    assert any("the same in all cells" in note for note in notes(1))
+    assert not any("the same in all cells" in note for note in notes(8))

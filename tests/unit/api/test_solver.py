@@ -1,28 +1,38 @@
-"""The Python API: solvers beside each other, again and again, from where another ended; what is refused."""
+"""The solver: independence of solves, interrupts, updates, memory."""
 
 import ctypes
 import gc
 import pickle
+import re
 import tracemalloc
 import warnings
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
-import running
 from cases import APPROACH, hertz, punch
 from mpi4py import MPI
 from petsc4py import PETSc
 from running import assert_proved_equal, assert_solves_lcp
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material, Solution, Sphere, read_result, solve
-from app.api.solution import RUN_ATTRIBUTES
+import app
+from app import (
+    ContactProblem,
+    ContactSolver,
+    Grid,
+    Listener,
+    Material,
+    Sphere,
+    solve,
+)
 from app.base.errors import InputError
+from app.cli.subsurface import stress
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.options.method import METHOD_OPTIONS, read_method_file
 
 METHODS = {
     "fast": (None, {}),
@@ -33,6 +43,8 @@ METHODS = {
     "snesvi": (None, {"lcp_type": "snesvi"}),
     "primal": (None, {}),
 }
+
+
 each_method = pytest.mark.parametrize("method", METHODS)
 
 
@@ -63,9 +75,6 @@ def copy_of(solution):
     return {name: getattr(solution, name).copy() for name in ("pressure", "displacement", "contact", "gap")}
 
 
-# ---------------------------------------------------------------------------------- one after another
-
-
 @pytest.fixture
 def products_left(monkeypatch):
     """A list of a number: so many products from now on is an interrupt; 0: never."""
@@ -83,7 +92,7 @@ def products_left(monkeypatch):
 
 @each_method
 @pytest.mark.parametrize("number", [2, 9, 17])
-def test_a_solver_goes_on_after_an_interrupt(method, number, products_left):
+def test_a_solver_can_be_used_after_an_interrupt(method, number, products_left):
     """In the midst of PETSc's solvers, which keep what they are left with; they crashed then."""
     with solver_of(method) as solver:
         expected = solver.solve(approach=0.1).pressure
@@ -95,7 +104,7 @@ def test_a_solver_goes_on_after_an_interrupt(method, number, products_left):
 
 
 @each_method
-def test_an_interrupt_is_not_lost_if_garbage_is_due(method, monkeypatch):
+def test_an_interrupt_survives_garbage_collection(method, monkeypatch):
     """Python 3.12 may collect it while the exception is on its way through PETSc."""
 
     class Node:
@@ -121,7 +130,7 @@ def test_an_interrupt_is_not_lost_if_garbage_is_due(method, monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["fast", "primal", "fmg"])
-def test_interrupted_solves_leave_no_fields(method, products_left):
+def test_interrupted_solves_free_their_fields(method, products_left):
     """PETSc keeps what Python forgets until somebody asks: the next solve does."""
     with solver_of(method, punch(128)) as solver:
         solver.solve(approach=0.1)
@@ -141,16 +150,7 @@ def test_interrupted_solves_leave_no_fields(method, products_left):
     assert max(np.diff(held)) < 8 * 128**2  # a field; it was one for every interrupt
 
 
-@pytest.mark.parametrize("loading", [{"approach": -1.0}, {"load": 0.0}, {"approach": 0.1}])
-def test_a_start_has_to_fit_without_pressure_too(loading):
-    other = solve(punch(20), approach=0.1)
-    with solver_of("fast") as solver:
-        for start in "nonsense", other:
-            with pytest.raises(InputError, match="start: must be a Solution on the same grid"):
-                solver.solve(**loading, start=start)
-
-
-def test_who_has_begun_to_listen_hears_of_the_end():
+def test_listeners_that_have_begun_are_ended():
     heard = []
 
     class Named(Listener):
@@ -173,7 +173,7 @@ def test_who_has_begun_to_listen_hears_of_the_end():
     assert heard == ["a begins", "b begins", "a ends"]
 
 
-def test_a_flat_body_is_measured_once():
+def test_a_shape_is_sampled_once():
     calls = []
 
     def flat(x, y):
@@ -189,7 +189,7 @@ def test_a_flat_body_is_measured_once():
 
 
 @each_method
-def test_solving_twice_is_solving_in_two_solvers(method):
+def test_a_solve_does_not_depend_on_earlier_ones(method):
     """What was solved before leaves no trace."""
     with solver_of(method) as once, solver_of(method) as again:
         expected = once.solve(approach=0.1)
@@ -199,7 +199,7 @@ def test_solving_twice_is_solving_in_two_solvers(method):
 
 
 @each_method
-def test_solutions_stay_what_they_are(method):
+def test_solutions_are_unchanged_by_later_solves(method):
     with solver_of(method) as solver:
         first = solver.solve(approach=0.1)
         before = copy_of(first)
@@ -212,7 +212,7 @@ def test_solutions_stay_what_they_are(method):
     assert_solves_lcp(first)
 
 
-def test_solvers_of_different_methods_are_alive_at_once():
+def test_solvers_of_different_methods_coexist():
     expected = {
         method: solve(problem_of(method), approach=0.1, method=name, options=own)
         for method, (name, own) in METHODS.items()
@@ -228,7 +228,7 @@ def test_solvers_of_different_methods_are_alive_at_once():
             assert other.solve(approach=0.1).converged
 
 
-def test_options_of_one_solver_are_not_those_of_another():
+def test_options_of_two_solvers_are_independent():
     with solver_of("norm") as loose, solver_of("norm", lcp_rtol=1e-12) as tight:
         assert loose.settings.rtol == 1e-6
         coarse, fine = (solver.solve(approach=0.1) for solver in (loose, tight))
@@ -237,54 +237,8 @@ def test_options_of_one_solver_are_not_those_of_another():
     assert "-lcp_rtol" not in coarse.options
 
 
-# --------------------------------------------------------------------------------------------- starts
-
-
-@pytest.mark.parametrize("method", ["fast", "norm", "mg", "fmg"])
-@pytest.mark.parametrize("by_load", [False, True], ids=["approach", "load"])
-def test_a_start_saves_work_and_does_not_change_the_answer(method, by_load):
-    with solver_of(method, hertz(64), lcp_rtol=1e-9) as solver:
-        first = solver.solve(approach=APPROACH)
-        cold = solver.solve(approach=1.01 * APPROACH)
-        loading = {"load": cold.load} if by_load else {"approach": cold.approach}
-        warm = solver.solve(**loading, start=first)
-        same = solver.solve(**loading, start=cold)
-    assert_solves_lcp(warm, 1e-9)
-    highest = cold.pressure.max()
-    np.testing.assert_allclose(warm.pressure, cold.pressure, rtol=0, atol=1e-6 * highest)
-    np.testing.assert_array_equal(warm.contact, cold.contact)
-    assert warm.operator_applications < 1.5 * cold.operator_applications
-    assert same.operator_applications < 0.6 * cold.operator_applications
-
-
-def test_any_solution_on_the_grid_is_a_start():
-    problem = hertz(32)
-    expected = solve(problem, approach=APPROACH, options={"lcp_rtol": 1e-9})
-    with ContactSolver(problem, options={"lcp_rtol": 1e-9}) as solver:
-        starts = [
-            solver.solve(approach=-1.0),
-            solver.solve(load=0),
-            solver.solve(approach=1.0),
-            solve(problem, approach=0.05, method="norm"),
-            solve(punch_on(problem.grid), approach=0.1),
-        ]
-        for start in starts:
-            for loading in ({"approach": APPROACH}, {"load": expected.load}):
-                found = solver.solve(**loading, start=start)
-                assert_solves_lcp(found, 1e-9)
-                assert found.load == pytest.approx(expected.load, rel=1e-7)
-                np.testing.assert_array_equal(found.contact, expected.contact)
-
-
-def punch_on(grid):
-    return ContactProblem(grid, hertz(8).material, lambda x, y: np.where(x**2 + y**2 < 9, 0 * x * y, np.nan))
-
-
-# --------------------------------------------------------------------------------------- what is left
-
-
 @each_method
-def test_the_global_options_are_none_of_its_business(method):
+def test_options_without_a_prefix_are_ignored(method):
     database = PETSc.Options()
     database.setValue("ksp_rtol", "0.5")
     database.setValue("lcp_rtol", "nonsense")
@@ -301,7 +255,7 @@ def test_the_global_options_are_none_of_its_business(method):
         assert_same(solver.solve(approach=0.1), found)
 
 
-def test_options_with_a_prefix_come_from_the_global_ones():
+def test_options_under_the_prefix_override_the_solvers():
     database = PETSc.Options()
     database.setValue("mine_lcp_rtol", "1e-9")
     try:
@@ -342,7 +296,7 @@ def allocated():
     [*((method, True) for method in METHODS), ("fast", False)],
     ids=[*METHODS, "forgotten"],
 )
-def test_memory_and_communicators_come_back(method, closed):
+def test_a_freed_solver_returns_memory_and_communicators(method, closed):
     grid = hertz(40)
     vector = 8 * 40**2  # bytes
 
@@ -371,86 +325,7 @@ def test_memory_and_communicators_come_back(method, closed):
         tracemalloc.stop()
 
 
-# --------------------------------------------------------------------------------------- what is said
-
-
-def test_solution_is_whole_and_frozen(tmp_path):
-    with ContactSolver(punch(24)) as solver:
-        found = solver.solve(load=3e4)
-        assert isinstance(found, Solution)
-        assert solver.setup_seconds == found.setup_seconds > 0
-    assert found.pressure.shape == found.gap.shape == (24, 24)
-    assert found.contact.dtype == bool
-    assert found.load == pytest.approx(found.pressure.sum() * found.grid.cell_area, rel=1e-12)
-    assert found.contact_cells == found.contact.sum()
-    assert found.contact_fraction == found.contact_cells / np.count_nonzero(~np.isnan(found.gap))
-    assert found.max_pressure == found.pressure.max()
-    assert found.error_bound == found.certificate.error_bound < 0.01
-    np.testing.assert_array_equal(found.gap, found.undeformed_distance + found.displacement)
-    np.testing.assert_array_equal(found.x, found.grid.x())
-    np.testing.assert_array_equal(found.y, found.grid.y())
-    with pytest.raises(AttributeError):
-        found.load = 1.0
-    found.save(tmp_path / "found.h5", mine=7)
-    saved = read_result(tmp_path / "found.h5")
-    np.testing.assert_array_equal(saved.pressure, found.pressure)
-    assert saved.attributes["load"] == found.load
-
-
-def test_a_file_has_fields_of_ones_own_beside_its_own_ones(tmp_path):
-    with ContactSolver(hertz(16)) as solver:
-        found = solver.solve(approach=APPROACH)
-    wear = np.arange(256.0).reshape(16, 16)
-    found.save(tmp_path / "found.h5", wear=wear, passes=3)
-    saved = read_result(tmp_path / "found.h5")
-    np.testing.assert_array_equal(saved.extra["wear"], wear)
-    assert saved.attributes["passes"] == 3
-    for name in (*found.attributes, "pressure", "x", "history", "units", "message"):
-        if name in RUN_ATTRIBUTES:
-            continue
-        for value in (wear, 3):
-            with pytest.raises(InputError, match=f"{name} is there already; take another name"):
-                found.save(tmp_path / "other.h5", **{name: value})
-    columns = {"load": [1.0, 2.0], "approach": [1.0]}
-    for steps, message in (
-        (3, "steps: int; needed: columns by name"),
-        ({"load": 1.0}, r"steps: column load: shape \(\), type float64; needed: a number for each step"),
-        ({"load": ["a"]}, "column load: .*; needed: a number for each step"),
-        (columns, r"column load: shape \(2,\), .*; needed: a number for each step"),
-    ):
-        with pytest.raises(InputError, match=message):
-            found.save(tmp_path / "other.h5", steps)
-    assert not (tmp_path / "other.h5").exists()
-
-
-@pytest.mark.parametrize("shape", [(24, 1), (1, 24), (24, 16)])
-def test_a_result_has_the_grid_of_its_solution(tmp_path, shape):
-    """Also where a single cell centre does not tell the size of its cell: plane strain."""
-    grid = Grid(*shape, 0.01, 0.02, 3.0, 4.0, "spectral")
-    waves = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: 1e-4 * np.cos(20 * x + 10 * y))
-    found = solve(waves, mean_pressure=1.0)
-    found.save(tmp_path / "found.h5")
-    read = read_result(tmp_path / "found.h5").grid
-    assert (read.shape, read.periodic) == (grid.shape, grid.periodic)
-    np.testing.assert_allclose([read.dx, read.dy, read.x0, read.y0], [0.01, 0.02, 3.0, 4.0], rtol=1e-12)
-    assert read_result(tmp_path / "found.h5").contact_patches().sum() == pytest.approx(found.contact_area)
-
-
-def test_solutions_and_paths_can_be_pickled():
-    with ContactSolver(hertz(16)) as solver:
-        path = solver.path(load=[100, 200])
-        *_, solution = path
-        later = solver.solve(load=50)  # moves the bodies that the solution has come from
-    copy, table = pickle.loads(pickle.dumps(solution)), pickle.loads(pickle.dumps(path)).table
-    assert repr(copy.attributes) == repr(solution.attributes)  # some are NaN
-    for name in ("pressure", "gap", "undeformed_distance", "contact", "x", "y"):
-        np.testing.assert_array_equal(getattr(copy, name), getattr(solution, name))
-    assert copy.contact_patches().tolist() == solution.contact_patches().tolist()
-    assert table["load"].tolist() == path.table["load"].tolist()
-    assert later.approach < copy.approach
-
-
-def test_not_converged_is_a_warning_and_an_answer():
+def test_an_unconverged_solve_warns_and_returns_a_solution():
     with pytest.warns(RuntimeWarning, match="not converged: .*not enough") as said:
         found = solve(punch(24), approach=0.1, method="norm", options={"lcp_max_it": 1})
     assert [warning.filename for warning in said] == [__file__]
@@ -461,7 +336,7 @@ def test_not_converged_is_a_warning_and_an_answer():
         assert solve(punch(24), approach=0.1).converged
 
 
-def test_who_misses_the_load_is_not_proved():
+def test_a_missed_load_is_not_proved():
     """What he has is a solution for his own approach at best."""
     with pytest.warns(RuntimeWarning, match="not converged"):
         found = solve(punch(24), load=1e4, method="norm", options={"lcp_max_it": 3})
@@ -470,7 +345,7 @@ def test_who_misses_the_load_is_not_proved():
 
 
 @pytest.mark.parametrize("where", ["on_levels", "measure_roughness"])
-def test_an_update_that_fails_leaves_the_old_problem(monkeypatch, where):
+def test_a_failed_update_keeps_the_old_problem(monkeypatch, where):
     """However late: here there is no more memory for the new one."""
 
     def no_memory(*_):
@@ -489,10 +364,7 @@ def test_an_update_that_fails_leaves_the_old_problem(monkeypatch, where):
     assert_proved_equal(after, before)
 
 
-# ------------------------------------------------------------------------------------ what is refused
-
-
-def test_a_number_without_a_name_is_neither_approach_nor_load():
+def test_loadings_are_keyword_arguments():
     with pytest.raises(TypeError, match="positional"):
         solve(punch(24), 100)
     with ContactSolver(punch(24)) as solver, pytest.raises(TypeError, match="positional"):
@@ -513,23 +385,12 @@ LOADINGS = {
 
 
 @pytest.mark.parametrize("case", LOADINGS)
-def test_loading_that_cannot_be(case):
+def test_an_invalid_loading_is_refused_without_harm(case):
     loading, message = LOADINGS[case]
     with ContactSolver(punch(24)) as solver:
         with pytest.raises(InputError, match=message):
             solver.solve(**loading)
         assert solver.solve(approach=0.1).converged  # it is none the worse for it
-
-
-def test_start_on_another_grid():
-    other = solve(punch(20), approach=0.1)
-    with ContactSolver(punch(24)) as solver, pytest.raises(InputError, match="same grid"):
-        solver.solve(approach=0.1, start=other)
-
-
-def test_loads_are_not_for_the_reference_solvers():
-    with solver_of("tao") as solver, pytest.raises(InputError, match="by approach only"):
-        solver.solve(load=1.0)
 
 
 @pytest.mark.parametrize(
@@ -541,115 +402,12 @@ def test_loads_are_not_for_the_reference_solvers():
         "stiffness": lambda solver: solver.stiffness(None),
     }.values(),
 )
-def test_a_closed_solver_solves_nothing(ask):
+def test_a_closed_solver_refuses_everything(ask):
     solver = ContactSolver(punch(24))
     solver.close()
     solver.close()
     with pytest.raises(InputError, match="closed"):
         ask(solver)
-
-
-OPTIONS = {
-    "unknown method": ({"method": "faster"}, "method 'faster': must be one of .*fmg_v11"),
-    "a problem is no method": ({"method": "hertz"}, "problem|hertz"),
-    "unknown option": ({"options": {"lcp_foo": 1}}, "lcp_foo"),
-    "misspelt option of PETSc": ({"options": {"ksp_rtoll": 1}}, "ksp_rtoll"),
-    "value that is no number": ({"options": {"lcp_rtol": "small"}}, "-lcp_rtol small"),
-    "tolerance beyond all": ({"options": {"lcp_rtol": 1.0}}, "-lcp_rtol 1"),
-    "unknown KSP": ({"options": {"ksp_type": "gc"}}, "gc"),
-    "unknown PC": ({"options": {"pc_type": "gc"}}, "gc"),
-    "unknown smoother": ({"method": "fmg_v11", "options": {"mg_levels_pc_type": "gc"}}, "gc"),
-    "unknown KSP of SNESVI": ({"options": {"lcp_type": "snesvi", "ksp_type": "gc"}}, "gc"),
-    "unknown line search": ({"options": {"lcp_type": "tao", "tao_ls_type": "gc"}}, "gc"),
-    "linear solver that needs entries": ({"method": "norm", "options": {"pc_type": "gamg"}}, "No method"),
-    "only the default method": ({"method": "norm", "options": {"lcp_predictor": 1.0}}, "lcp_predictor.*no effect"),
-    "only nested": ({"method": "mg_v11", "options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
-    "only by copy": ({"options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
-    "only active sets": ({"options": {"lcp_type": "tao", "lcp_nested": True}}, "lcp_nested.*no effect"),
-    "levels of no multigrid": ({"method": "norm", "options": {"mg_levels_pc_type": "sor"}}, "mg_levels_pc_type"),
-    "smoother without effect": (
-        {"method": "fmg_v11", "options": {"mg_levels_pc_type": "jacobi", "mg_levels_pc_sor_omega": 0.3}}, "omega"
-    ),
-    "smoother without bounds": (
-        {"method": "fmg_v11", "options": {"mg_levels_ksp_type": "chebyshev"}}, "mg_levels_ksp_chebyshev_eigenvalues"
-    ),
-    "mistake in a file that is overridden": (
-        {"method": {"m": {"pc_type": "mg", "pc_mg_tipe": "full"}}, "options": {"pc_type": "none"}}, "tipe$"
-    ),
-    "idle in its own file": ({"method": {"m": {"ksp_type": "cg", "lcp_beta": "1"}}}, "lcp_beta 1: has no effect"),
-    "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),
-}  # fmt: skip
-
-
-OVERRIDDEN = {  # method, and options that leave much of it without a reader
-    "multigrid": ("fmg_v11", {"pc_type": "none", "ksp_type": "cg", "ksp_max_it": 30}),
-    "preconditioner": ("fast", {"pc_type": "none"}),
-    "nested": ("fast", {"lcp_nested": False}),
-    "smoother": (
-        "fmg_v11",
-        {
-            "mg_levels_ksp_type": "chebyshev",
-            "mg_levels_pc_type": "jacobi",
-            "mg_levels_ksp_max_it": 2,
-            "mg_levels_ksp_chebyshev_eigenvalues": "0.5,30",
-        },
-    ),
-    "strategy": ("fast", {"lcp_type": "tao"}),
-    "strategy, by a file": ({"a": read_method_file("fmg_v11"), "b": read_method_file("norm")}, {}),
-    "method, by a file": (
-        {"a": read_method_file("fast"), "b": read_method_file("fmg_v11")},
-        {"lcp_rtol": 1e-7},
-    ),
-}
-
-
-@pytest.mark.parametrize("case", OVERRIDDEN)
-def test_what_a_file_says_may_be_overridden(case):
-    method, options = OVERRIDDEN[case]
-    found = running.solve(hertz(24), APPROACH, method, **options)
-    assert found.converged
-    assert found.load == pytest.approx(solve(hertz(24), approach=APPROACH).load, rel=1e-4)
-    gone = [note for note in found.notes if "gives way to" in note]
-    assert len(gone) == ("strategy" in case or "by a file" in case)
-
-
-@pytest.mark.parametrize("kind", ["active_set", "fast", "tao"])
-def test_an_option_at_its_default_asks_for_nothing(kind):
-    defaults = {option.name: option.default for option in METHOD_OPTIONS} | {"lcp_type": kind}
-    with ContactSolver(hertz(8), options=defaults) as solver:
-        assert solver.settings.type == kind
-
-
-def test_residual_of_the_reference_solvers_is_that_of_the_paper():
-    found = running.solve(punch(24), 0.1, None, lcp_type="snesvi", lcp_max_it=1)
-    e, h, contact = found.gap, found.undeformed_distance, found.contact
-    assert found.residual == pytest.approx(
-        np.linalg.norm(e[contact]) / np.linalg.norm(h[~np.isnan(h)]), rel=1e-9
-    )
-    assert (e[~contact] < 0).any()  # which counts against the solution, but is not in (5.1)
-
-
-def test_a_later_method_file_is_that_method():
-    files = {name: read_method_file(name) for name in ("fast", "fmg_v11")}
-    alone = running.solve(hertz(24), APPROACH, "fmg_v11")
-    assert running.solve(hertz(24), APPROACH, files).history["residual"] == alone.history["residual"]
-
-
-def test_a_communicator_of_petsc4py_is_that_of_mpi4py():
-    assert_same(
-        solve(punch(24), approach=APPROACH, comm=PETSc.COMM_SELF),
-        solve(punch(24), approach=APPROACH, comm=MPI.COMM_SELF),
-    )
-
-
-@pytest.mark.parametrize("case", OPTIONS)
-def test_options_that_cannot_be(case):
-    how, message = OPTIONS[case]
-    gc.collect()
-    before = communicators()
-    with pytest.raises(InputError, match=message):
-        ContactSolver(punch(24), **how)
-    assert communicators() == before
 
 
 @pytest.mark.parametrize(
@@ -673,24 +431,9 @@ def test_options_that_cannot_be(case):
         "function of another shape",
     ],
 )
-def test_gap_that_cannot_be(gap, message):
+def test_an_invalid_gap_is_refused(gap, message):
     with np.errstate(all="ignore"), pytest.raises(InputError, match=message):
         solve(ContactProblem(Grid(8, 7, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
-
-
-@pytest.mark.parametrize("method", ["fast", "fmg_v11", "norm", "primal"])
-def test_a_start_from_another_material_is_no_answer(method):
-    """Its displacement is not that of its pressure here."""
-    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1), periodic=method == "primal")
-    soft, hard = (
-        ContactProblem(grid, Material.combined(modulus, 0.3), lambda x, y: (x**2 + y**2) / 40)
-        for modulus in (80e3, 160e3)
-    )
-    other = solve(hard, approach=0.01, method=method)
-    with ContactSolver(soft, method) as solver:
-        expected, found = solver.solve(approach=0.01), solver.solve(approach=0.01, start=other)
-    assert found.load == pytest.approx(expected.load, rel=1e-4)
-    assert found.load == pytest.approx(other.load / 2, rel=1e-4)
 
 
 def worn(problem, seed=1):
@@ -751,21 +494,9 @@ def test_an_updated_solver_solves_as_a_new_one(case):
     assert after.problem == expected.problem
 
 
-def test_a_start_of_a_gap_that_was_elsewhere():
-    """Its approach says nothing; looking for the load from there once cost the distances their digits."""
-    grid, rng = Grid.from_domain(94, 90, (0, 1, 0, 1)), np.random.default_rng(3)
-    material, gaps = Material.combined(80000, 0.3), 0.01 * rng.random((2, 90, 94)) + [[[5.0]], [[0.0]]]
-    with ContactSolver(ContactProblem(grid, material, gaps[0])) as solver:
-        before = solver.solve(mean_pressure=0.024)
-        solver.update(ContactProblem(grid, material, gaps[1]))
-        found, fresh = solver.solve(mean_pressure=15.0, start=before), solver.solve(mean_pressure=15.0)
-    assert found.approach == pytest.approx(fresh.approach, rel=1e-4)
-    np.testing.assert_allclose(found.undeformed_distance, gaps[1] - found.approach, rtol=0, atol=1e-14)
-
-
 @pytest.mark.parametrize("periodic", [False, True], ids=["free", "periodic"])
 @pytest.mark.parametrize("steps", [0.0, 1.0], ids=["flat", "terraces"])
-def test_a_light_load_after_a_heavy_one_is_solved_as_if_it_were_the_first(periodic, steps):
+def test_a_heavy_load_costs_a_later_light_one_no_digits(periodic, steps):
     """A flat body, or a terrace, is where its last digit says: those that a deep approach costs are its contact."""
     grid, material = Grid(16, 12, 1.0, 0.1), Material.combined(80000, 0.3)
     gap = steps * (np.arange(16 * 12).reshape(12, 16) % 7 > 3)
@@ -778,19 +509,6 @@ def test_a_light_load_after_a_heavy_one_is_solved_as_if_it_were_the_first(period
     np.testing.assert_array_equal(again.pressure, first.pressure)
 
 
-def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
-    problem = hertz(64)
-    with ContactSolver(problem) as solver:
-        before = solver.solve(approach=APPROACH)
-        gap = problem.shape_on(problem.grid)
-        gap[28:36, 28:36] = np.nan
-        assert before.contact[28:36, 28:36].any()
-        solver.update(ContactProblem(problem.grid, problem.material, gap))
-        found, fresh = solver.solve(approach=APPROACH, start=before), solver.solve(approach=APPROACH)
-    assert_solves_lcp(found)
-    assert_proved_equal(found, fresh)
-
-
 @pytest.mark.parametrize(
     "other",
     [
@@ -801,7 +519,7 @@ def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
     ],
     ids=["grid", "material", "holes", "array"],
 )
-def test_what_does_not_fit_leaves_the_solver_as_it_was(other):
+def test_a_refused_update_keeps_the_old_problem(other):
     with ContactSolver(hertz(24)) as solver:
         before = solver.solve(approach=APPROACH)
         with pytest.raises(InputError, match=r"problem"):
@@ -809,17 +527,8 @@ def test_what_does_not_fit_leaves_the_solver_as_it_was(other):
         assert_same(solver.solve(approach=APPROACH), before)
 
 
-def test_a_path_is_that_of_one_problem():
-    with ContactSolver(hertz(24)) as solver:
-        path = iter(solver.path(load=[100.0, 200.0]))
-        next(path)
-        solver.update(worn(hertz(24)))
-        with pytest.raises(InputError, match="another problem"):
-            next(path)
-
-
 @pytest.mark.parametrize("periodic", [False, True])
-def test_bodies_moved_by_an_interrupted_solve_are_put_back(periodic, monkeypatch):
+def test_an_interrupted_move_of_the_bodies_is_undone(periodic, monkeypatch):
     """Ctrl-C in a move."""
     grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
     problem = ContactProblem(grid, Material.from_contact_modulus(1e5), Sphere(10), periodic=periodic)
@@ -837,3 +546,49 @@ def test_bodies_moved_by_an_interrupted_solve_are_put_back(periodic, monkeypatch
         after = solver.solve(load=100)
     assert after.approach == pytest.approx(before.approach, rel=1e-9)
     assert after.load == pytest.approx(before.load, rel=1e-12)
+
+
+STEEL = Material.from_contact_modulus(1e5)
+
+
+GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
+
+
+BALL = ContactProblem(GRID, STEEL, Sphere(10))
+
+
+@pytest.mark.parametrize("number", [2, Fraction(2), np.float32(2), np.int8(2), np.array(2.0), np.array(2)])
+def test_any_real_number_is_a_load(number):
+    assert solve(BALL, load=number).load == solve(BALL, load=2.0).load
+
+
+def test_threads_may_share_a_solver():
+    loads = [1.0, 2.0, 3.0, 4.0]
+    alone = [solve(BALL, load=load).max_pressure for load in loads]
+    with ThreadPoolExecutor(4) as pool, ContactSolver(BALL) as shared:
+        of_one = [pool.submit(shared.solve, load=load) for load in loads]
+        of_each = [pool.submit(solve, BALL, load=load) for load in loads]
+        for found in (of_one, of_each):
+            np.testing.assert_allclose([one.result().max_pressure for one in found], alone, rtol=1e-6)
+
+
+def test_a_solver_cannot_be_pickled():
+    with ContactSolver(BALL) as solver, pytest.raises(TypeError, match="its problem can"):
+        pickle.dumps(solver)
+    there = solve(pickle.loads(pickle.dumps(BALL)), load=5)
+    assert repr(pickle.loads(pickle.dumps(there))) == repr(there)
+    assert "load 5 N" in repr(there)
+
+
+def test_repr_describes_a_solver():
+    with ContactSolver(BALL) as solver:
+        assert repr(solver) == "<ContactSolver: 8 x 6 cells>"
+        found = solver.solve(load=5)
+    assert repr(solver) == "<ContactSolver: 8 x 6 cells, closed>"
+    assert repr(stress(found, 0.3)) == "<SubsurfaceStress: below 8 x 6 cells, Poisson ratio 0.3>"
+
+
+def test_public_names_and_parameters_are_documented():
+    assert dir(app) == sorted(app.__all__)
+    for name in ("approach", "load", "method", "options", "comm", "start", "mean_pressure", "mean_gap"):
+        assert re.search(rf"^ *(\w+, )*{name}(, \w+)* : ", solve.__doc__, re.MULTILINE)

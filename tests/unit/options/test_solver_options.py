@@ -125,40 +125,6 @@ def test_without_a_prefix_petscs_options_count_and_those_of_others_are_left_alon
         ContactSolver(PROBLEM, "norm", {"ksp_max_itt": 7}, prefix="")
 
 
-REPLACED = [
-    ("fmg_v11", {"ksp_type": "cg", "pc_type": "jacobi", "ksp_max_it": 20}),
-    ("fmg_v11", {"pc_mg_levels": 1}),
-    (
-        {
-            "a": {"ksp_type": "cg", "pc_type": "mg", "mg_levels_pc_sor_omega": "0.5"},
-            "b": {"mg_levels_pc_type": "jacobi"},
-        },
-        {},
-    ),
-]
-
-
-@pytest.mark.parametrize(("method", "options"), REPLACED)
-def test_options_of_a_method_file_that_others_replace_are_dropped(method, options):
-    with ContactSolver(PROBLEM, method, options) as solver:
-        assert not any("omega" in name for name in solver.settings.texts) or "pc_mg_levels" in options
-        assert not set(solver.options.texts).difference(solver.options.used)
-
-
-MISTAKES = [
-    ({"a": {"ksp_type": "cg", "pc_type": "none", "ksp_bogus": ""}}, {}),
-    ({"a": {"ksp_type": "cg", "pc_type": "none", "ksp_bogus": ""}}, {"ksp_rtol": 0.1}),
-    ({"a": {"ksp_type": "cg", "pc_type": "none"}, "b": {"ksp_bogus": ""}}, {"ksp_type": "minres"}),
-    ("fmg_v11", {"ksp_type": "cg", "pc_type": "jacobi", "ksp_bogus": ""}),
-]
-
-
-@pytest.mark.parametrize(("method", "options"), MISTAKES)
-def test_an_unused_option_that_nothing_replaces_is_refused(method, options):
-    with pytest.raises(InputError, match="^unknown or unused option: -ksp_bogus$"):
-        ContactSolver(PROBLEM, method, options)
-
-
 def test_reading_an_option_file_leaves_the_database_as_it_was(database, tmp_path):
     """Also if PETSc does not accept it; options of a program with any prefix stay."""
     database.setValue("file_a", "1")

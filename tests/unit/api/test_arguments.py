@@ -1,0 +1,86 @@
+"""Arguments of the solver that are refused."""
+
+import sys
+from types import SimpleNamespace
+from unittest import mock
+
+import numpy as np
+import pytest
+from cases import hertz
+
+from app import (
+    ContactProblem,
+    ContactSolver,
+    Grid,
+    Listener,
+    Material,
+    Sphere,
+    solve,
+)
+from app.base.errors import InputError
+from app.problems.problem import Problem
+
+STEEL = Material.from_contact_modulus(1e5)
+
+
+GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
+
+
+HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3
+
+
+BALL = ContactProblem(GRID, STEEL, Sphere(10))
+
+
+def test_arguments_are_not_modified():
+    class Kept(Problem):
+        sampled = True
+        heights = HEIGHTS + 1.0
+
+        def shape_on(self, grid, rows=slice(None)):
+            return self.heights
+
+    method = {"own": {"lcp_rtol": 1e-6, "lcp_predictor": 1}}
+    first, second = (solve(Kept(GRID, STEEL), load=5, method=method) for _ in range(2))
+    np.testing.assert_array_equal(Kept.heights, HEIGHTS + 1.0)
+    assert second.approach == first.approach > 1.0
+    assert method == {"own": {"lcp_rtol": 1e-6, "lcp_predictor": 1}}
+
+
+class _Asking:
+    def __init__(self, omega):
+        self.omega = omega
+
+    def apply(self, pc, x, y):
+        x.copy(y)
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        (3, "is int; must be a class"),
+        (object, r"has no method apply\(pc, x, y\)"),
+        (_Asking, "PETSc makes it without arguments: missing a required argument: 'omega'"),
+    ],
+)
+def test_a_preconditioner_class_that_petsc_cannot_make_is_refused(part, message, monkeypatch):
+    """It would end the process."""
+    monkeypatch.setitem(sys.modules, "own_parts", SimpleNamespace(Part=part))
+    with pytest.raises(InputError, match=f"-pc_python_type own_parts.Part: {message}"):
+        ContactSolver(BALL, options={"pc_python_type": "own_parts.Part"})
+
+
+def test_a_module_of_a_preconditioner_with_errors_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "unfinished_parts.py").write_text("class Part(:\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match="-pc_python_type unfinished_parts.Part: SyntaxError: "):
+        ContactSolver(BALL, options={"pc_python_type": "unfinished_parts.Part"})
+
+
+@pytest.mark.parametrize("listeners", [[print], [Listener], [None], Listener(), 3])
+def test_wrong_listeners_are_refused_before_any_work(listeners):
+    with (
+        mock.patch("app.api.solver.Hierarchy", side_effect=AssertionError),
+        pytest.raises(InputError, match="^listeners: is .*; must be .*app.Listener$"),
+    ):
+        ContactSolver(hertz(12), listeners=listeners)
