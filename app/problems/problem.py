@@ -1,14 +1,7 @@
 """Interface of contact problems.
 
-========================  ===========================  ====
-paper                     here                         unit
-========================  ===========================  ====
-h(x, y)                   ``shape - approach``         mm
-delta                     ``approach``                 mm
-========================  ===========================  ====
-
-`shape` is the undeformed distance at zero approach. It is NaN in *inadmissible* cells, where contact is impossible:
-outside a punch, at holes in measured data.
+The paper's h(x, y) is ``shape - approach``, its delta ``approach`` [mm]. `shape` is the undeformed distance at zero
+approach. It is NaN in *inadmissible* cells, where contact is impossible: outside a punch, at holes in measured data.
 """
 
 from __future__ import annotations

@@ -78,14 +78,8 @@ def read_array(name, what, skip=0, channel=""):
 
     ``:/dataset`` behind the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read later. Texts
     may be compressed (``.gz``). `what` is "surface file", which may have heads and marks of missing points, or "gap
-    file". For `skip` and `channel` see `read_surface`.
-
-    Raises
-    ------
-    UnknownFormat
-        If it is read as text and is none, or has words at its head.
-    InputError
-        If there is no such file or dataset, or it cannot be read.
+    file". For `skip` and `channel` see `read_surface`. A text with words at its head, and a file that is no text,
+    raise UnknownFormat, other ones that cannot be read InputError.
     """
     heights = what == "surface file"
     path, _, dataset = str(name).partition(":/")

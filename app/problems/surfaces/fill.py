@@ -18,13 +18,7 @@ def fill_missing(heights, around=(False, False)):
 
     Less the best plane, each is the mean of its neighbours up, down, left and right on the map, which may wrap around
     in x and in y. So a plane is continued. A wave around a period has a best plane, too; it is not subtracted if the
-    ends of the period meet much better so.
-
-    Parameters
-    ----------
-    heights : ndarray, shape (ny, nx)
-        NaN where missing, not everywhere.
-    around : pair of bool
+    ends of the period meet much better so. Heights of shape (ny, nx) are NaN where missing, not everywhere.
 
     Examples
     --------

@@ -38,12 +38,8 @@ class Moments:
     """Sums over the known heights of a map.
 
     The sums are those of x^k y^m and z x^k y^m, where x and y go from -1 to 1, and those of steps.
-    ``rows(start, stop)`` returns heights [mm], NaN where missing, in an array of their own.
-
-    Raises
-    ------
-    InputError
-        If a height is infinite or too large, or all are missing.
+    ``rows(start, stop)`` returns heights [mm], NaN where missing, in an array of their own. Infinite or too large
+    heights, and a map without any, raise InputError.
     """
 
     def __init__(self, name, rows, shape):

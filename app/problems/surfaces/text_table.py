@@ -54,13 +54,8 @@ def read_table(lines, skip=0, heights=False):
     """Return the rows of a table.
 
     For heights, entries like ``***``, empty ones, and the number in a skipped line ``NODATA_value`` are NaN.
-
-    Raises
-    ------
-    UnknownText
-        If there are words at the head, and nowhere else.
-    ValueError
-        If a line holds something else, is of another length, or could be read in two ways.
+    Raises UnknownText if there are words at the head only, ValueError if a line holds something else, is of another
+    length, or could be read in two ways.
 
     Examples
     --------
