@@ -21,9 +21,8 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     ----------
     cells : ndarray of bool, shape (local rows, nx)
     periodic : bool
-    slabs : Slabs, optional
-    comm : mpi4py communicator, optional
-        Ranks that share the rows; by default this rank has all.
+    slabs, comm : Slabs, mpi4py communicator, optional
+        Distribution of the rows; by default this rank has all.
 
     Returns
     -------

@@ -83,16 +83,9 @@ class InfluenceOperator(MatMethods):
     """
 
     def __init__(
-        self,
-        grid,
-        compliance,
-        slabs=None,
-        comm=None,
-        dtype=float,
-        exact_product=None,
-        target=None,
-        spectra=None,
-    ):
+        self, grid, compliance, slabs=None, comm=None, dtype=float,
+        exact_product=None, target=None, spectra=None,
+    ):  # fmt: skip
         self.grid, self.compliance, self.spectra = grid, compliance, spectra
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)

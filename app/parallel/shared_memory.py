@@ -20,19 +20,9 @@ from app.base.mpi import MPI
 class Storage:
     """Work array, of all ranks if they share memory. Collective.
 
-    Parameters
-    ----------
-    sizes : sequence of int
-        Bytes of each rank.
-    rank : int
-    comm : mpi4py communicator or None
-        The ranks of a `Communicator` may share memory. None: this rank has all rows, or none.
-
-    Attributes
-    ----------
-    own : ndarray of uint8
-    all : ndarray of uint8 or None
-        Bytes of all ranks, those of rank q from ``starts[q]`` on; None if the ranks do not share memory.
+    `sizes` are the bytes of each rank. `own` has those of this rank. `all` has those of all ranks, of rank q from
+    ``starts[q]`` on, or is None if the ranks do not share memory. Those of a `Communicator` may. `comm` is None if this
+    rank has all rows, or none.
     """
 
     def __init__(self, sizes, rank, comm):

@@ -30,7 +30,6 @@ from app.halfspace.fft.strips import (
     convolve_columns,
     put_rows,
     rows_to_strips,
-    strip_view,
     strips_to_rows,
 )
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
@@ -107,24 +106,14 @@ class SpectrumCache(dict):
 class Layout(NamedTuple):
     """Distribution, precision and storage that the multipliers of one operator share.
 
-    Attributes
-    ----------
-    slabs : Slabs or None
-        Distribution of the rows; None: this rank has all.
-    comm : mpi4py communicator or None
-        Ranks that share the grid. Those of a `Communicator` may share memory, too.
-    dtype : numpy real type
-        float64, or float32 for half the time and memory.
-    workspace : EvenMultiplier or None
-        Multiplier whose working storage is used if it is large enough; it must not be in use.
-    spectra : SpectrumCache or None
+    The default is one rank in double precision. `float32` takes half the time and memory.
     """
 
-    slabs: object = None
-    comm: object = None
+    slabs: object = None  # Slabs; None: this rank has all rows.
+    comm: object = None  # Ranks that share the grid; those of a `Communicator` may share memory, too.
     dtype: object = np.float64
-    workspace: object = None
-    spectra: object = None
+    workspace: object = None  # Multiplier, at rest, whose working storage is used if it is large enough.
+    spectra: object = None  # SpectrumCache
 
 
 SERIAL = Layout()
@@ -133,20 +122,8 @@ SERIAL = Layout()
 class EvenMultiplier:
     """Multiplication by a real even function in Fourier space.
 
-    It is a convolution with an even kernel. Collective over the layout's ranks.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        ``(ny, nx)`` of the fields.
-    periods : (int, int)
-        ``(Ny, Nx)``, at least `shape`; fields are padded with zeros.
-    layout : Layout
-
-    Attributes
-    ----------
-    count : int
-        Number of products computed.
+    It is a convolution with an even kernel on fields of `shape` (ny, nx), padded with zeros to the `periods` (Ny, Nx).
+    `count` is the number of products computed. Collective over the layout's ranks.
     """
 
     image_correction = None  # summand of the product, see `app.halfspace.images`
@@ -230,7 +207,7 @@ class EvenMultiplier:
                 last = min(first + STRIP, group.count)
                 column = np.zeros((last - first, half_y + 1), self.dtype)
                 for strips, (a, b) in zip(dealt, group.row_ranges, strict=True):
-                    column[:, a:b] = strip_view(strips, b - a, first, last).T
+                    column[:, a:b] = strips[(b - a) * first : (b - a) * last].reshape(b - a, last - first).T
                 spectrum[done + first : done + last] = transform_even(column, ny_fft)
             done += group.count
         self._set_scaled(spectrum)

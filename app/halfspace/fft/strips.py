@@ -136,13 +136,15 @@ def _take_rows(strips, height, start, rows):
 
 
 @njit()
-def _store_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Store transforms of `count` rows, from frequency `first` on."""
+def _store_pairs(transforms, length, first, count, active, scratch, strips, height, start):
+    """Store transforms of `count` rows, from frequency `first` on, or zeros."""
     if not height:
         return
     columns = strips.size // height
     rows = scratch[: count * columns].reshape(count, columns)
-    for m in range((count + 1) // 2):
+    if not active:
+        rows[:] = 0
+    for m in range((count + 1) // 2 if active else 0):
         _split(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
     put_rows(rows, strips, height, start)
 
@@ -157,22 +159,6 @@ def _fetch_pairs(transforms, length, first, count, scratch, strips, height, star
     _take_rows(strips, height, start, rows)
     for m in range((count + 1) // 2):
         _unite(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
-
-
-@njit()
-def _clear_rows(strips, height, start, count):
-    """Set `count` rows of the strips to zero."""
-    if not height:
-        return
-    columns = strips.size // height
-    for strip in range(0, columns, STRIP):
-        width = min(STRIP, columns - strip)
-        strips[height * strip + start * width : height * strip + (start + count) * width] = 0
-
-
-def strip_view(strips, height, first, last):
-    """Return a strip of columns as a view (rows, columns)."""
-    return strips[height * first : height * last].reshape(height, last - first)
 
 
 @njit()
@@ -251,8 +237,7 @@ def rows_to_strips(
     """Transform the rows of p into strips.
 
     The columns between two `edges` are consecutive strips. With a mask, p is taken on C. `rows`: the nonzero rows, if
-    known. An absent mask or `rows`
-    has size 0. `pairs`, `transforms`, `scratch` are work arrays. The last batch may have fewer rows.
+    known. An absent mask or `rows` has size 0. The last batch may have fewer rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
@@ -263,10 +248,7 @@ def rows_to_strips(
             execute(fftw, forward if stop - start == ROWS else few_forward)
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
-            if active:
-                _store_pairs(transforms, length, edges[k], stop - start, scratch, part, height, start)
-            else:
-                _clear_rows(part, height, start, stop - start)
+            _store_pairs(transforms, length, edges[k], stop - start, active, scratch, part, height, start)
 
 
 @njit()
@@ -290,59 +272,46 @@ def strips_to_rows(
 
 
 @njit()
+def _copy_columns(own, received, places, heights, rank, count, first, last, columns, gather):
+    """Gather a strip of columns from the rows of all ranks, or scatter it."""
+    start = 0
+    for q in range(heights.size):
+        height = heights[q]
+        strips = own if q == rank else received[places[q] : places[q] + height * count]
+        strip = strips[height * first : height * last].reshape(height, last - first)
+        if gather:
+            _gather_columns(strip, columns, start)
+        else:
+            _scatter_columns(strip, columns, start)
+        start += height
+    return start
+
+
+@njit()
 def convolve_columns(
-    own,
-    received,
-    places,
-    heights,
-    rank,
-    length,
-    column,
-    transforms,
-    parts,
-    spectrum,
-    scale,
-    fftw,
-    there,
-    back,
-    few_there,
-    few_back,
-):
+    own, received, places, heights, rank, length, columns, transforms, parts, spectrum, scale,
+    fftw, there, back, few_there, few_back,
+):  # fmt: skip
     """Convolve columns in y, in place, one strip at a time.
 
     Parameters
     ----------
-    own : ndarray of complex
-        Strips of the rows of this rank.
-    received : ndarray of complex
-        Strips of the other ranks, those of rank q from ``places[q]`` on.
-    places, heights : ndarray of int, shape (ranks,)
-        Offsets in `received`, and number of rows of each rank.
-    rank : int
-    length : int
-        Length of the columns.
-    column, transforms, parts : ndarray
-        Work arrays for a strip of columns, for its transforms, and the latter as reals; rows may be longer.
+    own, received : ndarray of complex
+        Strips of the rows of this rank, and of the others, those of rank q from ``places[q]`` on.
+    heights : ndarray of int, shape (ranks,)
+        Number of rows of each rank.
+    columns, transforms, parts : ndarray
+        Work arrays for a strip of columns of this `length`, its transforms, and the latter as reals; may be longer.
     spectrum : ndarray, shape (columns, half a period and one)
-        Factors.
-    scale : float
-        If not 0, divide by the spectrum and multiply by this.
+        Factors; if `scale` is not 0, divide by them and multiply by it.
     fftw, there, back, few_there, few_back : int
-        Addresses of FFTW's ``execute``, and of the plans from `column` to `transforms` and back: of a whole strip, and
-        of the last one.
+        Addresses of FFTW's ``execute``, and of the plans of a whole strip, and of the last one.
     """
     count = spectrum.shape[0]
     for first in range(0, count, STRIP):
         last = min(first + STRIP, count)
-        start = 0
-        for q in range(heights.size):
-            height = heights[q]
-            strips = own if q == rank else received[places[q] : places[q] + height * count]
-            _gather_columns(
-                strips[height * first : height * last].reshape(height, last - first), column, start
-            )
-            start += height
-        column[: last - first, start:] = 0
+        ny = _copy_columns(own, received, places, heights, rank, count, first, last, columns, True)
+        columns[: last - first, ny:] = 0
         execute(fftw, there if last - first == STRIP else few_there)
         for c in range(last - first):
             if scale:
@@ -351,11 +320,4 @@ def convolve_columns(
                 _scale_first_half(parts[c], spectrum[first + c])
                 _scale_second_half(parts[c, : 2 * length], spectrum[first + c])
         execute(fftw, back if last - first == STRIP else few_back)
-        start = 0
-        for q in range(heights.size):
-            height = heights[q]
-            strips = own if q == rank else received[places[q] : places[q] + height * count]
-            _scatter_columns(
-                strips[height * first : height * last].reshape(height, last - first), column, start
-            )
-            start += height
+        _copy_columns(own, received, places, heights, rank, count, first, last, columns, False)

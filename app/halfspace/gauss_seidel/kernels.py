@@ -218,21 +218,13 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
     Parameters
     ----------
     w : ndarray, shape (2, chunks, rows, 2 LANES)
-        This leaf and the one before.
-    now : int
-        Index of this leaf.
-    summed : int
-        Chunks in which w[now] is set; in the others the effect is zero.
-    near : ndarray, shape (chunks * 2 rows * 2 LANES,)
-        Kernel at all lags between the two leaves.
-    reach : ndarray, shape (chunks,)
-        Lag beyond which the kernel is negligible.
+        This leaf, w[now], and the one before. In chunks from `summed` on the effect is zero, and not set.
+    near, reach : ndarray, shapes (chunks * 2 rows * 2 LANES,), (chunks,)
+        Kernel at all lags between the two leaves, and lag beyond which it is negligible.
     filled : ndarray of bool, shape (2 rows / TILE,)
         Tiles of the leaf before, and of this one, that have contact.
     r, mask, d : ndarray, shape (<= rows, >= column + nx)
-        Rows of the fields, in the order of the sweep; d is zero in rows without contact.
-    column : int
-        First column of the sweep.
+        Rows of the fields from `column` on, in the order of the sweep; d is zero in rows without contact.
     """
     _, chunks, size, width = w.shape
     flat, tiles, y = w.reshape(-1), size // TILE, rows.added
@@ -318,15 +310,9 @@ def _add(rows, cells, start):
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
     """Add the effect of `sources` leaves on `targets` leaves.
 
-    Parameters
-    ----------
-    w : ndarray, shape (leaves, chunks, rows, LANES)
-    first, last : int
-        Range of chunks.
-    end : int
-        Leaf between them, which is omitted.
-    far : ndarray, shape (>= last, LANES, length / 2 + 1)
-        Transforms of the kernel at lags from one leaf on.
+    The sources are before leaf `end`, the targets after it. `w` has shape (leaves, chunks, rows, LANES), of which
+    chunks `first` to `last` - 1 are computed. `far` has the transforms of the kernel at lags from one leaf on, shape
+    (>= last, LANES, length / 2 + 1).
     """
     rows, lanes = w.shape[2:]
     batch, length = cells.shape

@@ -53,10 +53,8 @@ class GaussSeidel:
         offsets up to about 1.5 nx.
     grid_shape : (int, int)
         ``(ny, nx)``.
-    slabs : Slabs, optional
+    slabs, comm : Slabs, mpi4py communicator, optional
         Distribution of the rows; by default this rank has all.
-    comm : mpi4py communicator, optional
-        Ranks that share the grid.
     periodic : bool
         The kernel has the periods nx and ny.
 

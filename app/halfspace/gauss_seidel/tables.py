@@ -27,13 +27,10 @@ class SweepTables:
     quadrant_rows, comm
         See `app.halfspace.gauss_seidel.sweep.GaussSeidel`.
     shape : (int, int)
-        ``(ny, nx)``: rows of the grid, and columns to sweep over.
-    periodic : bool
-        The columns are a period.
+        ``(ny, nx)``: rows of the grid, and columns to sweep over; these are a period if `periodic`.
 
     Attributes
     ----------
-    leaf_rows, leaves : int
     length, frequencies : int
         Nx and F.
     reach : ndarray, shape (chunks,)
@@ -42,7 +39,6 @@ class SweepTables:
         Number of chunks, from the first on, in transfers of up to 2^k leaves.
     edges : list of (int, int)
         Chunks of each rank; this one has those from `first` on.
-    rows : RowSolver
     near : ndarray
         Kernel between the rows of a leaf and of the one before.
     ring : ndarray, shape (2, chunks, leaf rows, LANES)

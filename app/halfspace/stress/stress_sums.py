@@ -75,14 +75,10 @@ class PeriodicStress:
         phase = np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
         return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # of a sawtooth wave: real
 
-    def row(self, depth, x, y):
-        """Return components along x at `y`, or along y at `x`."""
-        grid = self.grid
-        if y is not None:
-            phase = self._phase_y(y)
-            return np.stack([scipy.fft.irfft(phase @ w, grid.nx, norm="forward") for w in self._waves(depth)])
-        phase = self._phase_x(x)
-        return np.stack([scipy.fft.ifft(w @ phase, norm="forward").real for w in self._waves(depth)])
+    def row(self, depth, y):
+        """Return components along x, shape (6, nx)."""
+        phase, nx = self._phase_y(y), self.grid.nx
+        return np.stack([scipy.fft.irfft(phase @ w, nx, norm="forward") for w in self._waves(depth)])
 
     def _phase_x(self, x):
         columns = np.arange(self.grid.nx // 2 + 1)
@@ -128,35 +124,22 @@ class FreeStress:
             field[...] = product[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
         return out
 
-    def row(self, depth, x, y):
-        """Return components along x at `y`, or along y at `x`."""
-        if y is not None:
-            return self._along(depth, self._loaded, y - self._y, 1)
-        return self._along(depth, self._loaded.T, x - self._x, 0)
-
-    def _along(self, depth, pressure, across, axis):
-        """Return stress along an axis: a sum over rows of 1-d convolutions."""
-        grid, loaded = self.grid, pressure.shape[1]
-        steps, count = (grid.dy, grid.dx), grid.shape[axis] + loaded - 1
+    def row(self, depth, y):
+        """Return components along x, shape (6, nx): a sum over rows of 1-d convolutions."""
+        grid, loaded = self.grid, self._loaded.shape[1]
+        count = grid.nx + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
-        mirror = _Mirror(1 - self._first[axis] - loaded, count)
-        edges = _edges(across, steps[1 - axis])
-        transform = scipy.fft.rfft(pressure, padded)
+        mirror = _Mirror(1 - self._first[1] - loaded, count)
+        edges = _edges(y - self._y, grid.dy)
+        transform = scipy.fft.rfft(self._loaded, padded)
         sums = np.zeros((6, padded // 2 + 1), complex)
-        for first in range(0, len(across), _BLOCK_ROWS):
+        for first in range(0, len(transform), _BLOCK_ROWS):
             sides = edges[first : first + _BLOCK_ROWS + 1]
-            if axis:
-                corners = np.empty((6, len(sides), mirror.edges))
-                _corners(mirror.edge(steps[1]), sides, depth, self.nu, corners)
-            else:
-                corners = np.empty((6, mirror.edges, len(sides)))
-                _corners(sides, mirror.edge(steps[0]), depth, self.nu, corners)
-                corners = corners.transpose(0, 2, 1)
+            corners = np.empty((6, len(sides), mirror.edges))
+            _corners(mirror.edge(grid.dx), sides, depth, self.nu, corners)
             for k, part in enumerate(corners):
-                kernel = mirror.difference(-np.diff(part, axis=0), 1, k in (_ODD_X if axis else _ODD_Y))
-                sums[k] += np.einsum(
-                    "jk,jk->k", scipy.fft.rfft(kernel, padded), transform[first : first + _BLOCK_ROWS]
-                )
+                kernel = scipy.fft.rfft(mirror.difference(-np.diff(part, axis=0), 1, k in _ODD_X), padded)
+                sums[k] += np.einsum("jk,jk->k", kernel, transform[first : first + _BLOCK_ROWS])
         return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
 
     def point(self, depth, x, y):

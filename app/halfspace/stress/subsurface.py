@@ -26,14 +26,7 @@ _FIRST_DEPTH = 0.25  # first depth of the search below the surface, in cells
 class StressMaximum:
     """Maximum of a stress, of von Mises or shear.
 
-    Attributes
-    ----------
-    von_mises, max_shear : float
-        Stresses at this point [N/mm2].
-    x, y, depth : float
-        [mm]
-    stress : ndarray, shape (6,), [N/mm2]
-        In the order of `COMPONENTS`.
+    Stresses are in N/mm2, lengths in mm. `stress` has the components in the order of `COMPONENTS`.
     """
 
     von_mises: float
@@ -74,13 +67,7 @@ def _shear_where_large(stress):
 class SubsurfaceStress:
     """Stress at any points below a pressure. Raises InputError for invalid numbers.
 
-    Parameters
-    ----------
-    pressure : ndarray, shape (ny, nx), [N/mm2]
-        Pressure on the whole grid.
-    grid : Grid
-    poisson_ratio : float
-        Of the body, from 0 to 0.5.
+    `pressure` is that of the whole grid, shape (ny, nx) [N/mm2]. `poisson_ratio` is that of the body, from 0 to 0.5.
 
     Examples
     --------
@@ -122,7 +109,13 @@ class SubsurfaceStress:
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
         _check_places(**({"x": x} if y is None else {"y": y}))
-        return np.stack([self._sums.row(depth, x, y) for depth in _depths(depths)], axis=1)
+        depths = _depths(depths)
+        if y is not None:
+            return np.stack([self._sums.row(depth, y) for depth in depths], axis=1)
+        grid = self.grid
+        transposed = replace(grid, nx=grid.ny, ny=grid.nx, dx=grid.dy, dy=grid.dx, x0=grid.y0, y0=grid.x0)
+        sums = type(self._sums)(self._sums.pressure.T, transposed, self.nu)
+        return np.stack([sums.row(depth, x)[[1, 0, 2, 3, 5, 4]] for depth in depths], axis=1)
 
     def line(self, depths, x, y):
         """Return the stress on a vertical line; lengths in mm.
