@@ -100,34 +100,23 @@ def test_means_over_coarse_cells_add_up_over_slabs(shape, factors, dtype):
 
 @each_shape
 @each_count
-def test_sweeps_from_zero_are_richardson_steps(shape, steps):
-    (s, free), shares, room = fields(shape, steps), SHARES[:steps], stencil.make_work(steps, shape[1])
-    expected = swept(free * s * WEIGHTS[0], free, shares, np.zeros(shape))
-    z = np.full(shape, np.nan)
-    for rows, before, after in slabs_of(shape, steps - 1):
-        beside = s[before], s[after], free[rows], free[before], free[after]
-        more = *no_x(shape[1]), *no_waves(shape[1]), z[rows], room
-        stencil.sweep(s[rows], *beside, WEIGHTS, shares, *more)
-    np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
-    assert (z[~free] == 0).all()
-
-
-@each_shape
-@each_count
-def test_sweeps_from_a_field_are_richardson_steps(shape, steps):
-    s, free = fields(shape, steps)
-    source, start = free * s * WEIGHTS[0], (free * fields(shape, 99)[0]).astype(np.float32)
-    shares, room = np.append(np.float32(0), SHARES[:steps]), stencil.make_work(1 + steps, shape[1])
-    expected = swept(source, free, SHARES[:steps], start)
-    z, x = np.full(shape, np.nan), start.copy()
-    for rows, before, after in slabs_of(shape, steps):
+@pytest.mark.parametrize("start", [False, True], ids=["from zero", "from a field"])
+def test_sweeps_are_richardson_steps(shape, steps, start):
+    (s, free), shares = fields(shape, steps), SHARES[:steps]
+    x = (start * free * fields(shape, 99)[0]).astype(np.float32)
+    expected = swept(free * s * WEIGHTS[0], free, shares, x)
+    if start:
+        shares = np.append(np.float32(0), shares)
+    results = [np.full(shape, np.nan), x.copy()]  # z may be x
+    work = stencil.make_work(len(shares), shape[1])
+    for rows, before, after in slabs_of(shape, len(shares) - 1):
         inside = s[rows], s[before], s[after], free[rows], free[before], free[after], WEIGHTS, shares
-        inside += x[rows], start[before], start[after], *no_waves(shape[1])
-        stencil.sweep(*inside, z[rows], room)
-        stencil.sweep(*inside, x[rows], room)  # x may be z
-    for found in (z, x):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE * abs(expected).max())
-        assert (found[~free] == 0).all()
+        for z in results if start else results[:1]:
+            sweeps = (results[1][rows], x[before], x[after]) if start else no_x(shape[1])
+            stencil.sweep(*inside, *sweeps, *no_waves(shape[1]), z[rows], work)
+    for z in results if start else results[:1]:
+        np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
+        assert (z[~free] == 0).all()
 
 
 @each_shape
@@ -139,10 +128,10 @@ def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
     expected = np.maximum(f, low)
     for _ in range(steps - 1):
         expected = np.maximum(f - neighbours(expected), low)
-    x, room = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1], np.float32)
+    x, work = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1], np.float32)
     for rows, before, after in slabs_of(shape, steps - 1 + more):
         beside = f[before], f[after], low[rows], low[before], low[after]
-        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], room)
+        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], work)
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
     assert (x >= low).all()
 
@@ -178,7 +167,7 @@ def test_long_waves_are_interpolated_and_added_to_the_first_sweep(shape, factors
     below = coarsened(grid, factors)
     (ay, by), in_x = grid.places_in(below)
     coarse = fields(below.shape, 2)[0]
-    z, room = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1])
+    z, work = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1])
     for rows, before, after in slabs_of(shape, beside):
         low = int(np.floor(ay * (rows.start - beside) + by))
         high = int(np.floor(ay * (rows.stop - 1 + beside) + by)) + 3  # one more, should rounding ask for it
@@ -187,7 +176,7 @@ def test_long_waves_are_interpolated_and_added_to_the_first_sweep(shape, factors
         of_waves = np.empty(below.nx + 2, np.float32), np.empty(shape[1], np.float32)
         outside = s[before], s[after], free[rows], free[before], free[after]
         stencil.sweep(
-            s[rows], *outside, WEIGHTS, shares, *no_x(shape[1]), around, places, of_waves, z[rows], room
+            s[rows], *outside, WEIGHTS, shares, *no_x(shape[1]), around, places, of_waves, z[rows], work
         )
     source = free * s * WEIGHTS[0]
     waves = bilinear((ay, by), shape[0], below.ny) @ coarse @ bilinear(in_x, shape[1], below.nx).T
