@@ -21,14 +21,8 @@ from app.base.errors import InputError
 from app.problems.problem import Problem
 
 STEEL = Material.from_contact_modulus(1e5)
-
-
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
-
-
 HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3
-
-
 BALL = ContactProblem(GRID, STEEL, Sphere(10))
 
 
@@ -84,3 +78,35 @@ def test_wrong_listeners_are_refused_before_any_work(listeners):
         pytest.raises(InputError, match="^listeners: is .*; must be .*app.Listener$"),
     ):
         ContactSolver(hertz(12), listeners=listeners)
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("unused option: -", lambda: ContactSolver(BALL, options={"": 2})),
+        ("-ksp_view x: must be nothing, or ascii", lambda: ContactSolver(BALL, options={"ksp_view": "x"})),
+        ("no folder", lambda: ContactSolver(BALL, options={"ksp_view": "ascii:nowhere/a"})),
+        ("is a folder", lambda: ContactSolver(BALL, options={"ksp_view": ":.:ascii_info"})),
+        ("no folder", lambda: ContactSolver(BALL, options={"ksp_converged_reason": ":nowhere/a"})),
+        ("a ContactProblem", lambda: ContactSolver(HEIGHTS)),
+        ("a mapping", lambda: ContactSolver(BALL, options=["lcp_rtol"])),
+        ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
+        ("-lcp_rtol: must be names without", lambda: ContactSolver(BALL, options={"-lcp_rtol": 1e-8})),
+        ("method file", lambda: ContactSolver(BALL, method=3)),
+        ("'own': is int; .*mapping", lambda: ContactSolver(BALL, method={"own": 3})),
+        ("communicator", lambda: ContactSolver(BALL, comm=3)),
+        ("list of 3; allowed: .*ContactSolver.path", lambda: solve(BALL, load=[1, 2, 3])),
+        ("approach: ndarray of 1; allowed: a number", lambda: solve(BALL, approach=np.array([1e-3]))),
+        ("load: is MaskedConstant; needed: a number", lambda: solve(BALL, load=np.ma.masked)),
+        ("approach: is str; needed: a number \\[mm\\]", lambda: solve(BALL, approach="1e-3")),
+        ("approach: is bool; needed", lambda: solve(BALL, approach=True)),
+        ("load: is bool_?; needed: a number \\[N\\]", lambda: solve(BALL, load=np.array(True))),
+        ("mean_pressure: is bytes", lambda: solve(BALL, mean_pressure=b"1")),
+        ("approach: is complex", lambda: solve(BALL, approach=1e-3 + 0j)),
+        ("load inf: allowed: a number of size", lambda: solve(BALL, load=10**400)),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_line(message, call):
+    with pytest.raises(InputError, match=message) as refused:
+        call()
+    assert "\n" not in str(refused.value)

@@ -233,3 +233,23 @@ def test_a_path_ends_with_its_solver():
     assert repr(path) == "<LoadPath: 2 steps by load, 1 done>"
     with pytest.raises(InputError, match="the solver is closed"):
         next(steps)
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("load: must be a list", lambda: ContactSolver(hertz(8)).path(load="12")),
+        ("load: must be a list", lambda: ContactSolver(hertz(8)).path(load={1: 2})),
+        (
+            "rows: must be the .rows. of an",
+            lambda: ContactSolver(hertz(8)).path(load=[1, 2], rows=[{"a": 1}]),
+        ),
+        ("rows: must be the .rows. of an", lambda: ContactSolver(hertz(8)).path(load=[1, 2], rows=3)),
+        ("path table None: the name", lambda: ContactSolver(hertz(8)).path(load=[1, 2]).save(None)),
+        ("load: is str", lambda: ContactSolver(hertz(8)).path(load=[1, "2"])),
+    ],
+)
+def test_wrong_loads_and_rows_are_refused_in_one_line(message, call):
+    with pytest.raises(InputError, match=message) as refused:
+        call()
+    assert "\n" not in str(refused.value)

@@ -16,8 +16,6 @@ from app import (
 )
 
 GRID = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
-
-
 SOFT = Material.from_contact_modulus(100.0)
 
 

@@ -230,3 +230,18 @@ def test_a_start_is_that_of_the_first_grid():
     )
     found = refine(sphere, 0.03, approach=0.01, start=solve(sphere, 0.01, None))
     assert len(found.rows) > 1 and found.reached
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("a relative error", lambda: refine(hertz(8), "0.1", load=1.0)),
+        ("most_cells 'a'", lambda: refine(hertz(8), 0.1, load=1.0, most_cells="a")),
+        ("most_cells nan", lambda: refine(hertz(8), 0.1, load=1.0, most_cells=np.nan)),
+        ("a ContactProblem", lambda: refine("x", 0.1, load=1)),
+    ],
+)
+def test_wrong_limits_are_refused_in_one_line(message, call):
+    with pytest.raises(InputError, match=message) as refused:
+        call()
+    assert "\n" not in str(refused.value)

@@ -91,11 +91,7 @@ def test_solutions_and_paths_can_be_pickled():
 
 
 STEEL = Material.from_contact_modulus(1e5)
-
-
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
-
-
 BALL = ContactProblem(GRID, STEEL, Sphere(10))
 
 
@@ -165,3 +161,20 @@ def test_the_gap_waits_for_a_solve_in_another_thread():
             with pytest.raises(TimeoutError):
                 gap.result(0.05)
         assert gap.result().shape == found.pressure.shape
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("numbers, texts, and arrays", lambda: solve(BALL, approach=0.001).save("x.h5", wear=[[1, 2], [3]])),
+        ("'' cannot be a name", lambda: solve(BALL, approach=0.001).save("x.h5", **{"": 1})),
+        (
+            "'.' cannot be a name",
+            lambda: solve(BALL, approach=0.001).save("x.h5", **{".": np.zeros(GRID.shape)}),
+        ),
+    ],
+)
+def test_wrong_attributes_of_a_file_are_refused_in_one_line(message, call):
+    with pytest.raises(InputError, match=message) as refused:
+        call()
+    assert "\n" not in str(refused.value)

@@ -43,8 +43,6 @@ METHODS = {
     "snesvi": (None, {"lcp_type": "snesvi"}),
     "primal": (None, {}),
 }
-
-
 each_method = pytest.mark.parametrize("method", METHODS)
 
 
@@ -549,11 +547,7 @@ def test_an_interrupted_move_of_the_bodies_is_undone(periodic, monkeypatch):
 
 
 STEEL = Material.from_contact_modulus(1e5)
-
-
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
-
-
 BALL = ContactProblem(GRID, STEEL, Sphere(10))
 
 

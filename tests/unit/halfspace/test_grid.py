@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app.base.errors import InputError
 from app.halfspace.grid import Grid
 
 
@@ -18,3 +19,23 @@ def test_coarse_periodic_cells_are_centred_on_their_children(nx, ny):
         np.testing.assert_allclose(of[0] + wide * (a * np.arange(n) + b), fine, rtol=0, atol=1e-12 * n * d)
         children = [fine[2 * j : 2 * j + 2].mean() for j in range(len(of))] if n > 1 else fine
         assert abs(of - children).max() <= 0.5 * d * (n % 2) + 1e-12 * n * d
+
+
+@pytest.mark.parametrize(
+    ("message", "call"),
+    [
+        ("whole numbers", lambda: Grid.from_domain(16.5, 12, (0, 1, 0, 1))),
+        ("whole numbers", lambda: Grid(8.5, 8, 1.0, 1.0)),
+        ("at least one cell", lambda: Grid(8, 0, 1.0, 1.0)),
+        ("positive", lambda: Grid(8, 8, 0.0, 1.0)),
+        ("finite", lambda: Grid(8, 8, 1.0, np.nan)),
+        ("finite", lambda: Grid(8, 8, 1.0, 1.0, x0=np.inf)),
+        ("finite", lambda: Grid(8, 8, 1.0, None)),
+        ("spectral", lambda: Grid(8, 8, 1.0, 1.0, periodic="yes")),
+        ("four numbers", lambda: Grid.from_domain(16, 12, "0,1,0,1")),
+    ],
+)
+def test_wrong_grids_are_refused_in_one_line(message, call):
+    with pytest.raises(InputError, match=message) as refused:
+        call()
+    assert "\n" not in str(refused.value)

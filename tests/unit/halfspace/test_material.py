@@ -114,3 +114,8 @@ def test_last_option_source_decides_alternatives():
     assert given.texts.keys() == {"young", "poisson"}
     with pytest.raises(InputError, match="both -young and -shear_modulus are given on the command line"):
         resolve_alternatives(ParsedOptions(dict(texts), [OptionSource("on the command line", texts)]))
+
+
+def test_a_modulus_that_is_no_number_is_refused():
+    with pytest.raises(InputError, match="a number"):
+        Material.from_contact_modulus("steel")

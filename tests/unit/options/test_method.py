@@ -54,8 +54,6 @@ OPTIONS = {
     "idle in its own file": ({"method": {"m": {"ksp_type": "cg", "lcp_beta": "1"}}}, "lcp_beta 1: has no effect"),
     "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),
 }  # fmt: skip
-
-
 OVERRIDDEN = {  # method, and options that leave much of it without a reader
     "multigrid": ("fmg_v11", {"pc_type": "none", "ksp_type": "cg", "ksp_max_it": 30}),
     "preconditioner": ("fast", {"pc_type": "none"}),
@@ -112,14 +110,8 @@ def test_an_invalid_option_is_refused(case):
 
 
 STEEL = Material.from_contact_modulus(1e5)
-
-
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
-
-
 HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3
-
-
 BALL = ContactProblem(GRID, STEEL, Sphere(10))
 
 
@@ -153,20 +145,10 @@ def test_an_option_of_another_solver_gets_no_suggestion(name):
 
 
 PROBLEM = hertz(16)
-
-
 SNESVI, TAO = {"snesvi": {"lcp_type": "snesvi"}}, {"tao": {"lcp_type": "tao"}}
-
-
 PLAIN_CG = {"cg": {"ksp_type": "cg", "pc_type": "none"}}
-
-
 REFERENCE = "snes_converged_reason snes_view tao_converged_reason tao_view"
-
-
 NONSENSE = f"pc_view pc_view_nonsense mat_viewfoo mat_view_nonsense snes_view_zzz tao_view_zzz {REFERENCE}"
-
-
 READ = [
     (None, "ksp_converged_reason"),
     ("norm", "ksp_converged_reason"),
@@ -178,8 +160,6 @@ READ = [
     (SNESVI, "snes_test_jacobian"),
     (TAO, "ksp_converged_reason tao_converged_reason tao_view tao_ls_view tao_test_gradient tao_test_hessian"),
 ]  # fmt: skip
-
-
 UNREAD = [
     (None, f"{NONSENSE} foo_ksp_converged_reason mat_view"),
     ("norm", "snes_view tao_view mat_view"),
@@ -187,8 +167,6 @@ UNREAD = [
     (SNESVI, "snes_view_zzz tao_view tao_converged_reason"),
     (TAO, "tao_view_zzz snes_view snes_converged_reason"),
 ]
-
-
 PYTHON_KSP = {"ksp_monitor_solution": "", "ksp_guess_type": "fischer", "ksp_knoll": ""}
 
 
@@ -281,8 +259,6 @@ def test_reference_solvers_refuse_guesses_for_their_ksp(method):
 WITHOUT_GUESS = (
     r"(Running )?KSP of .*preonly.* doesn't make sense with nonzero initial guess you probably want"
 )
-
-
 FAILS_LATE = [
     ("fmg_v11", "mg_coarse_sub_ksp_initial_guess_nonzero", "", WITHOUT_GUESS),
     ("mg_v11", "mg_levels_ksp_type", "preonly", WITHOUT_GUESS),

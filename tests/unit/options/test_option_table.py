@@ -10,8 +10,6 @@ from app.options.method import METHOD_OPTIONS, find_method_file
 from app.options.option_table import REQUIRED, Option, OptionReader, domain, real, series, to_texts
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
-
-
 BAD_VALUES = [
     ("problem", "herz", "one of hertz"),
     ("problem", "", "one of hertz"),
@@ -80,8 +78,6 @@ SMALL = (
     Option("size", real(), 1.0, "how large [mm]"),
     Option("shift", real(), None, "where [mm]"),
 )
-
-
 LONG = "x" * 10**5
 
 

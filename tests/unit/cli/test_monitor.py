@@ -1,4 +1,4 @@
-"""Details of several modules: switches, limits, and what is restored afterwards."""
+"""The progress bar of the command."""
 
 import math
 from types import SimpleNamespace
@@ -11,7 +11,7 @@ from app.api.refinement import refine
 from app.cli.monitor import Progress
 
 
-def test_each_solve_has_a_bar_of_its_own():
+def test_each_solve_has_its_own_bar():
     """As those of a refinement, which share their listeners."""
     with (
         mock.patch("tqdm.tqdm") as bar,
@@ -22,7 +22,7 @@ def test_each_solve_has_a_bar_of_its_own():
             assert bar.call_count == bar.return_value.close.call_count == opened
 
 
-def test_a_bar_is_full_where_its_solve_ends():
+def test_a_bar_is_full_when_its_solve_ends():
     """At the tolerance of its grid, which a refinement tightens."""
     full = []
     with mock.patch("tqdm.tqdm") as bar:
@@ -32,7 +32,7 @@ def test_a_bar_is_full_where_its_solve_ends():
     assert full == [100, 100]
 
 
-def test_the_bar_of_a_solver_that_diverges():
+def test_the_bar_of_a_diverging_solve_stays():
     with mock.patch("tqdm.tqdm") as bar:
         progress = Progress()
         progress.begin(SimpleNamespace(rtol=1e-6, monitor=False))
