@@ -32,9 +32,9 @@ class Problem:
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance (rows, nx) [mm] in some rows of a grid.
+        """Return the undeformed distance in some rows of a grid.
 
-        It is that of cell centres at zero approach, NaN in inadmissible cells.
+        It is that of cell centres at zero approach, shape (rows, nx) [mm], NaN in inadmissible cells.
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 

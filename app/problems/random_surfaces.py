@@ -147,7 +147,7 @@ class WavySurface(_Function):
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
 
     def height(self, x, y):
-        """Return the height (ny, nx) [mm] at x (nx,) and y (ny,) [mm].
+        """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
         A value depends on its own x and y only, to the bit. It costs O(M + N): by
         cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
@@ -351,11 +351,11 @@ class SelfAffineSurface(_Function):
         return draws
 
     def height(self, x, y):
-        """Return the height (ny, nx) [mm] at x (nx,) and y (ny,) [mm], within a period.
+        """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
-        Coordinates that divide the period into equal parts (cell centres of grids with whole cells per period) cost an
-        FFT, others a matrix product; the values agree up to rounding. Waves too short for the lattice are aliased. The
-        work arrays take 16 bytes for each row and k_x, and 8 for each wave.
+        They span less than a period. If they divide it into equal parts (cell centres of grids with whole cells per
+        period) they cost an FFT, otherwise a matrix product; the values agree up to rounding. Waves too short for the
+        lattice are aliased. The work arrays take 16 bytes for each row and k_x, and 8 for each wave.
         """
         x, y = lattice(x, y, self.origin)
         self._check_span(x, y)

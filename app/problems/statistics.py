@@ -100,10 +100,10 @@ def _check_cells(height, least, **sizes):
 
 
 def roughness(height, dx, dy):
-    """Return the `Roughness` of heights (ny, nx), at least 2 x 2, in cells of dx x dy [mm].
+    """Return the `Roughness` of heights in cells of dx x dy [mm].
 
-    Slopes are central differences across the faces between neighbouring cells, which multiply a wave q in x by
-    sin(q dx / 2) / (q dx / 2).
+    The heights have the shape (ny, nx), at least 2 x 2. Slopes are central differences across the faces between
+    neighbouring cells, which multiply a wave q in x by sin(q dx / 2) / (q dx / 2).
     """
     height = _check_cells(height, 2, dx=dx, dy=dy)
     deviation = height - height.mean()
@@ -118,11 +118,11 @@ def roughness(height, dx, dy):
 
 
 def radial_spectrum(height, dx, dy, window=False):
-    """Return the `RadialSpectrum` of heights (ny, nx), at least 4 x 4, in cells of dx x dy [mm].
+    """Return the `RadialSpectrum` of heights in cells of dx x dy [mm].
 
-    Rings are as wide as the coarser spacing of the wave vectors. They end below the smaller Nyquist wave number,
-    beyond which they would not be closed. A Hann window of mean square 1 is for patches that are not periodic: their
-    edges would add to the spectrum.
+    The heights have the shape (ny, nx), at least 4 x 4. Rings are as wide as the coarser spacing of the wave vectors.
+    They end below the smaller Nyquist wave number, beyond which they would not be closed. A Hann window of mean square
+    1 is for patches that are not periodic: their edges would add to the spectrum.
     """
     height = _check_cells(height, 4, dx=dx, dy=dy)
     height = height - height.mean()
