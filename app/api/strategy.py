@@ -8,7 +8,7 @@ from petsc4py import PETSc
 from app.api.solution import Solution
 from app.base.errors import InputError, call_collectively
 from app.base.mpi import MPI
-from app.base.petsc import error_message, to_input_error, unwrap_errors
+from app.base.petsc import error_message, to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
@@ -90,9 +90,7 @@ class Strategy:
         try:
             return self._run(loading, history, start)
         except PETSc.Error as error:
-            if (refused := to_input_error(error)) is error:
-                raise
-            raise refused from None
+            raise to_input_error(error) from error.__cause__
 
     def _run(self, loading, history, start):
         hierarchy, full = self._hierarchy, None
@@ -298,8 +296,7 @@ def make_strategy(hierarchy, settings):
 
     def make():
         try:
-            with unwrap_errors():
-                return STRATEGIES[settings.type](settings, hierarchy)
+            return STRATEGIES[settings.type](settings, hierarchy)
         except PETSc.Error as error:
             raise ValueError(error_message(error)) from None
         except (ImportError, AttributeError) as error:

@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import traceback
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import suppress
 from functools import cache, wraps
 
 import numpy as np
@@ -77,7 +77,7 @@ def _finalize():
 def _forget_last_exception():
     """Free what the frames of an uncaught exception hold."""
     error, seen = getattr(sys, "last_value", None), set()
-    while error is not None and id(error) not in seen:  # causes may be circular, after `unwrap_errors`
+    while error is not None and id(error) not in seen:  # circular after `raise error.__cause__`
         seen.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__
@@ -179,34 +179,28 @@ def to_input_error(error):
     return error
 
 
-@contextmanager
-def unwrap_errors():
-    """Raise exceptions of Python callbacks unwrapped.
+class unwrap_errors:
+    """Raise exceptions of Python callbacks as they were; newer petsc4py wraps them in PETSc.Error.
 
-    Newer petsc4py wraps them in PETSc.Error.
+    No garbage is collected inside the block. petsc4py formats texts while an exception is set. Since Python 3.12
+    garbage may be collected then: a callback of a weak reference fails, the exception is lost, and petsc4py crashes.
     """
-    try:
-        yield
-    except PETSc.Error as error:
-        if (cause := _unwrapped(error)) is error:
-            raise
-        raise cause from None
 
-
-@contextmanager
-def _without_collection():
-    collects = gc.isenabled()
-    try:
+    def __enter__(self):
+        self._collects = gc.isenabled()
         gc.disable()
-        yield
-    finally:
-        if collects:
+
+    def __exit__(self, kind, error, trace):
+        if self._collects:
             gc.enable()
-
-
-# Context in which PETSc may call Python. petsc4py formats texts while an exception is set. Since Python 3.12 garbage
-# may be collected then: a callback of a weak reference fails, the exception is lost, and petsc4py crashes.
-callback_context = _without_collection if sys.version_info >= (3, 12) else nullcontext
+        cause = _unwrapped(error)
+        if cause is error:
+            return
+        error.__cause__ = None  # it is the context of its cause: a cycle would keep the frames of both
+        try:
+            raise cause from cause.__cause__
+        finally:
+            del cause, error, trace  # the exception refers to this frame
 
 
 @cache

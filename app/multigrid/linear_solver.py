@@ -11,7 +11,7 @@ import math
 from petsc4py import PETSc
 
 from app.base.errors import format_exact
-from app.base.petsc import callback_context
+from app.base.petsc import unwrap_errors
 from app.options.solver_options import temporary_options
 
 
@@ -67,7 +67,7 @@ class LinearSolver:
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
         forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})
-        with temporary_options(self._prefix, {}, forced), callback_context():
+        with temporary_options(self._prefix, {}, forced), unwrap_errors():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # else PETSc computes a norm, by a product
@@ -145,14 +145,14 @@ class LinearSolver:
         if (atol := self._atol_for(allowed)) is not None:
             self.ksp.setTolerances(atol=atol)
         try:
-            with callback_context():
+            with unwrap_errors():
                 self.ksp.solve(b, x)
+                if self._view:
+                    self.ksp.viewFromOptions(self._view)
+                    self._view = ""
         except BaseException:
             self._interrupted = True  # vectors stay locked: the next set_contact makes a new KSP
             raise
-        if self._view:
-            self.ksp.viewFromOptions(self._view)
-            self._view = ""
         reason = self.ksp.getConvergedReason()
         failed = reason < 0 and (self._must_converge or reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""

@@ -29,6 +29,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError
+from app.base.petsc import unwrap_errors
 from app.halfspace.mat_methods import check_unscaled
 from app.halfspace.operator import InfluenceOperator, get_operator
 from app.multigrid.direct import stored_matrix
@@ -116,11 +117,12 @@ class ContactMG:
             mat = pc.getOperators()[1]
             if self._cycle is not None and mat != self._mat:
                 self.reset(pc)
-            if self._cycle is None:
-                self._make(pc, mat)
-            else:
-                self._restrict_contact()
-                self._cycle.setUp()
+            with unwrap_errors():
+                if self._cycle is None:
+                    self._make(pc, mat)
+                else:
+                    self._restrict_contact()
+                    self._cycle.setUp()
         except BaseException:
             self.reset(pc)
             raise
@@ -137,7 +139,8 @@ class ContactMG:
         if self._cycle is None:
             self.setUp(pc)
         try:
-            self._cycle.apply(x, y)
+            with unwrap_errors():
+                self._cycle.apply(x, y)
         except BaseException:
             x.incRef()  # an interrupted PCMG keeps x and would free it
             self.reset(pc)

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from app.base.errors import InputError
 from app.base.mpi import MPI
-from app.base.petsc import call, error_message, unwrap_errors
+from app.base.petsc import call, error_message
 
 # PETSc reads these options while it solves, all others in set-up.
 _READ_LATE = re.compile(
@@ -84,8 +84,7 @@ class SolverOptions:
             self._is_inserted = True
             for name in inserted:
                 database.setValue(self.prefix + name, self.texts[name] or None)
-            with unwrap_errors():
-                yield
+            yield
         finally:
             self.used.update(name for name in self._judged - self.used if is_used(self.prefix + name))
             for name in inserted:

@@ -27,15 +27,13 @@ for options in ({}, {"lcp_precision": "double", "lcp_cells_per_rank": 1}, {"lcp_
     for loading in ({"approach": 0.05}, {"load": 70000.0}, {"load": 1e9}):
         assert solve(images, method="primal", options=options, **loading).converged, options
 
-import gc
-
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.parallel.slabs import Slabs
 from app.halfspace.operator import InfluenceOperator
-from app.base.petsc import as_raised
+from app.base.petsc import unwrap_errors
 
 # The multigrid PC in a KSP of a user's own, for two contact sets, also after an interrupted cycle
 comm = MPI.COMM_WORLD
@@ -86,8 +84,6 @@ for kind, interrupted in (("gmres", 7), ("cg", 3), ("richardson", 0)):
     ksp.destroy()
 for part in (mat, p, b):
     part.destroy()
-del ksp, mat, p, b, part, vec, operator
-gc.collect()  # frames of an exception that newer petsc4py wraps
 PETSc.garbage_cleanup()
 assert len(set(comm.allgather(tuple(counts)))) == 1 and max(counts) < 40, counts
 

@@ -3,6 +3,7 @@
 import gc
 import sys
 import weakref
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ def test_petsc_dir_without_petsc4py_is_ignored(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("as it was")])
 def test_exceptions_of_callbacks_are_unwrapped(error):
+    error.__cause__ = reason = LookupError()
     with pytest.raises(type(error)) as caught, unwrap_errors():
         try:
             try:
@@ -42,7 +44,24 @@ def test_exceptions_of_callbacks_are_unwrapped(error):
                 raise PETSc.Error(101) from cause  # as newer releases do, once for each call that is left
         except PETSc.Error as inner:
             raise PETSc.Error(101) from inner
-    assert caught.value is error
+    assert caught.value is error and error.__cause__ is reason
+
+
+def test_frames_of_an_unwrapped_exception_are_freed_when_it_is_handled():
+    frames = []
+
+    def interrupted():
+        field = np.zeros(1)
+        frames.append(weakref.ref(field))
+        with unwrap_errors():
+            try:
+                raise KeyboardInterrupt
+            except KeyboardInterrupt as cause:
+                raise PETSc.Error(101) from cause
+
+    with suppress(KeyboardInterrupt):
+        interrupted()
+    assert frames[0]() is None  # without Python's collector of cycles
 
 
 def test_errors_of_petsc_are_unchanged():
@@ -58,12 +77,10 @@ def test_a_grid_with_more_cells_than_petsc_can_number_is_refused():
 
 
 def test_an_uncaught_exception_with_circular_causes_is_freed(monkeypatch):
-    """As `unwrap_errors` leaves it."""
-    original, wrapped = ZeroDivisionError(), PETSc.Error(101)
-    wrapped.__cause__ = original
-    with pytest.raises(ZeroDivisionError), unwrap_errors():
-        raise wrapped
-    assert original.__context__ is wrapped
+    """As after a program raises the cause of an error while it handles that error."""
+    original = ZeroDivisionError()
+    original.__context__ = PETSc.Error(101)
+    original.__context__.__cause__ = original
     monkeypatch.setattr(sys, "last_value", original, raising=False)
     _forget_last_exception()
 

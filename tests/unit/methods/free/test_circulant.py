@@ -6,6 +6,7 @@ from mpi4py import MPI
 from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
+from app.base.petsc import unwrap_errors
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
@@ -25,7 +26,7 @@ def preconditioner(operator, **options):
     pc.setOperators(mat)
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(Circulant())
-    with SolverOptions("", {name: str(value) for name, value in options.items()}).inserted():
+    with SolverOptions("", {name: str(value) for name, value in options.items()}).inserted(), unwrap_errors():
         pc.setFromOptions()
         pc.setUp()
     x, y = mat.createVecs()
