@@ -152,13 +152,11 @@ class ContactMG:
             self._cycle.view(viewer)
 
     def reset(self, pc):
-        """Free everything made here until the next use."""
-        if self._cycle is not None:
-            self._cycle.destroy()
-        if self._coarse is not None:
-            self._coarse.destroy()
-        for mat in self._mats:
-            mat.destroy()
+        """Free everything made here; the next use makes it again."""
+        # Also the Mat: PETSc's garbage_cleanup may call this, and loses what Python drops inside it.
+        for part in (self._cycle, self._coarse, *self._mats, self._mat):
+            if part is not None:
+                part.destroy()
         self._cycle = self._mat = self._coarse = None
         self.operators = self._transfers = self._mats = ()
 

@@ -303,3 +303,13 @@ def test_multigrid_with_one_level_is_its_smoother(comm, method):
 def test_solvers_of_default_methods_refuse_other_systems(comm, who, options):
     with pytest.raises(InputError, match=f"{who}: needs an In"):
         solve(hertz(32), APPROACH, "fmg_v11", **options)
+
+
+@pytest.mark.mpi(1, 2)
+def test_petscs_garbage_cleanup_frees_a_ksp_and_its_operator(comm):
+    operator, ksp, parts = ready(comm)
+    ksp.solve(*parts[:0:-1])
+    gone, ranks = weakref.ref(operator), operator.petsc_comm
+    del operator, ksp, parts
+    PETSc.garbage_cleanup(ranks)
+    assert gone() is None
