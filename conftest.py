@@ -1,6 +1,7 @@
 """What every pytest session here needs first, doctests of app/ included: PETSc, started without pytest's arguments."""
 
 import os
+import signal
 
 import petsc4py
 import pytest
@@ -8,6 +9,8 @@ import pytest
 # Others work meanwhile: ranks that wait let them, and no rank has a core of its own.
 os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
 os.environ.setdefault("OMPI_MCA_hwloc_base_binding_policy", "none")
+# Shells start what runs in the background with SIGINT ignored; commands that tests start would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 petsc4py.init([])
 pytest.register_assert_rewrite("running", "cases", "results")
 pytest_plugins = ["on_ranks"]  # tests/on_ranks.py
