@@ -19,7 +19,7 @@ def same(one, other):
     )
 
 
-def test_load_of_hertz_grows_with_the_approach_to_the_power_of_three_halves():
+def test_load_of_hertz_grows_with_approach_to_the_power_of_three_halves():
     with ContactSolver(hertz(128)) as solver:
         path = solver.path(approach=np.geomspace(0.02, 0.15, 5))
         assert [round(solution.approach, 6) for solution in path] == list(np.round(path.table["approach"], 6))
@@ -32,7 +32,7 @@ def test_load_of_hertz_grows_with_the_approach_to_the_power_of_three_halves():
     assert path.converged
 
 
-def test_loads_that_come_twice_have_one_slope():
+def test_repeated_loads_have_the_same_slope():
     """As when a body is loaded and unloaded."""
     with ContactSolver(hertz(32)) as solver:
         path, up = solver.path(approach=[0.05, 0.1, 0.2, 0.1, 0.05]), solver.path(approach=[0.05, 0.1, 0.2])
@@ -41,7 +41,7 @@ def test_loads_that_come_twice_have_one_slope():
     assert np.isfinite(expected).all() and list(slopes) == [*expected, *expected[1::-1]]
 
 
-def test_stiffness_by_differences_of_rough_surfaces_is_not_negative():
+def test_stiffness_by_differences_is_positive_for_exponential_loads():
     """Loads that grow with the exponential of the approach, in large steps: the parabola falls at first."""
     at = np.log([0.005, 0.02, 0.1, 0.3])
     slope = _slope(at, np.exp(at))
@@ -69,7 +69,7 @@ def test_every_step_has_its_stiffness_and_the_analytic_values(tmp_path):
     assert path.table["stiffness"][2] == pytest.approx(path.table["analytic_stiffness"][2], rel=0.05)
 
 
-def test_what_a_path_cannot_do_it_says(tmp_path):
+def test_wrong_uses_of_a_path_are_explained(tmp_path):
     with ContactSolver(hertz(16)) as solver:
         path = solver.path(approach=[0.05, 0.1])
         for use in (lambda: path.table, lambda: path.save(tmp_path / "path.csv")):
@@ -96,7 +96,7 @@ def test_what_a_path_cannot_do_it_says(tmp_path):
     ],
     ids=["free", "periodic", "hertz"],
 )
-def test_an_interrupted_path_goes_on_to_the_same_table(problem, loading):
+def test_a_resumed_path_has_the_same_table(problem, loading):
     with ContactSolver(problem) as solver:
         path = solver.path(stiffness=True, **loading)
         fields = [solution.pressure for solution in path]
@@ -111,7 +111,7 @@ def test_an_interrupted_path_goes_on_to_the_same_table(problem, loading):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, ZeroDivisionError])
-def test_a_path_that_is_cut_short_goes_on_with_the_same_step(error):
+def test_an_interrupted_path_resumes_with_the_same_step(error):
     class Stops(Listener):
         after = None
 
@@ -141,13 +141,13 @@ def test_a_path_that_is_cut_short_goes_on_with_the_same_step(error):
                 next(iter(path))
 
 
-def test_a_smaller_load_after_a_larger_one_forgets_its_contact():
+def test_contact_has_no_memory_of_a_larger_load():
     with ContactSolver(hertz(128)) as solver:
         cells = [solver.solve(approach=approach).contact_cells for approach in (0.02, 0.15, 0.02)]
     assert cells[2] == cells[0]
 
 
-def test_steps_that_are_not_solved_are_told():
+def test_the_table_marks_unconverged_steps():
     with warnings.catch_warnings(), ContactSolver(punch(32), "norm", {"lcp_max_it": 1}) as solver:
         warnings.simplefilter("ignore", RuntimeWarning)
         path = solver.path(approach=[-1.0, 0.1])
@@ -191,13 +191,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refuses_before_any_step(case):
+def test_a_wrong_loading_is_refused_before_any_step(case):
     loadings, message = REFUSED[case]
     with ContactSolver(hertz(16)) as solver, pytest.raises(InputError, match=message):
         solver.path(**loadings)
 
 
-def test_start_must_fit():
+def test_start_and_solution_of_another_grid_are_refused():
     with ContactSolver(hertz(16)) as solver, ContactSolver(hertz(32)) as other:
         start = other.solve(approach=APPROACH)
         with pytest.raises(InputError, match="start: must be a Solution on the same grid"):
@@ -207,7 +207,7 @@ def test_start_must_fit():
 
 
 @pytest.mark.parametrize("meanwhile", ["another path", "the same problem", "far away"])
-def test_what_the_solver_does_between_steps_changes_none(meanwhile):
+def test_other_solves_between_steps_change_nothing(meanwhile):
     problem, loads = hertz(32), [10.0, 20.0, 30.0]
     with ContactSolver(problem) as solver:
         expected = [solution.approach for solution in solver.path(load=loads)]
@@ -225,7 +225,7 @@ def test_what_the_solver_does_between_steps_changes_none(meanwhile):
     assert found == expected
 
 
-def test_a_path_ends_with_its_solver():
+def test_a_path_of_a_closed_solver_raises():
     with ContactSolver(hertz(16)) as solver:
         path = solver.path(load=[10.0, 20.0])
         steps = iter(path)

@@ -23,7 +23,7 @@ def notes(gap, approach, grid=GRID, **more):
     return solve(ContactProblem(grid, SOFT, gap, **more), approach).notes
 
 
-def test_a_small_contact_in_the_middle_is_worth_none():
+def test_a_small_contact_in_the_middle_gets_no_note():
     assert notes(Sphere(10.0), 0.01) == ()
 
 
@@ -45,7 +45,7 @@ def test_a_small_contact_in_the_middle_is_worth_none():
         ),
     ],
 )
-def test_each_is_told(arguments, message):
+def test_a_doubtful_problem_gets_its_note(arguments, message):
     assert any(re.search(message, note) for note in notes(*arguments)), notes(*arguments)
 
 
@@ -59,7 +59,7 @@ def test_each_is_told(arguments, message):
         (SOFT, None),
     ],
 )
-def test_moduli_in_another_unit(material, message):
+def test_moduli_that_no_solid_has_get_a_note(material, message):
     found = [
         note for note in solve(ContactProblem(GRID, material, Sphere(10.0)), 0.01).notes if "MPa" in note
     ]
@@ -82,7 +82,7 @@ def test_moduli_in_another_unit(material, message):
         ((2600, 1800), (0.38, 0.38), False),  # plastics
     ],
 )
-def test_gpa_taken_for_mpa(young, poisson, told):
+def test_moduli_that_may_be_in_gpa_get_a_note(young, poisson, told):
     found = solve(ContactProblem(GRID, Material.pair(young, poisson), Sphere(10.0)), 0.01).notes
     finite = max(value for value in young if np.isfinite(value))
     assert any(f"if GPa was meant write {finite:g}e3" in note for note in found) == told
@@ -96,7 +96,7 @@ def test_gpa_taken_for_mpa(young, poisson, told):
         ((0, 0.32, 0, 0.24), None),
     ],
 )
-def test_sides_of_a_measured_patch_that_may_be_exchanged(tmp_path, domain, message):
+def test_nearly_square_cells_of_a_measured_surface_get_a_note(tmp_path, domain, message):
     np.save(tmp_path / "s.npy", np.random.default_rng(3).normal(size=(24, 32)))
     surface = read_surface(tmp_path / "s.npy", "um")
     found = notes(None, -1e-3, surface.grid(domain), surfaces=[surface])
@@ -116,7 +116,7 @@ def test_sides_of_a_measured_patch_that_may_be_exchanged(tmp_path, domain, messa
         ((2, 8), None),
     ],
 )
-def test_a_line_contact_of_few_cells_does_not_show_its_pressure(cells, patch):
+def test_a_line_contact_of_few_cells_gets_a_note(cells, patch):
     """The half-width of this contact is a hundredth of a cell at most: the cells say how large the pressure is."""
     grid = Grid.from_domain(*cells, patch or (-0.02, 0.01, 0, 0.2), periodic=True)
     line = ContactProblem(grid, SOFT, lambda x, y: x**2 / 20 + 0 * y)
@@ -126,7 +126,7 @@ def test_a_line_contact_of_few_cells_does_not_show_its_pressure(cells, patch):
     )
 
 
-def test_a_long_line_contact_on_a_narrow_period_is_worth_none():
+def test_a_long_line_contact_on_a_narrow_period_gets_no_note():
     grid = Grid.from_domain(256, 2, (-8, 8, 0, 1), periodic=True)
     assert not any("mm" in note for note in notes(lambda x, y: x**2 / 20 + 0 * y, 0.01, grid))
 
@@ -141,14 +141,14 @@ def test_a_long_line_contact_on_a_narrow_period_is_worth_none():
         (np.random.default_rng(1).random((32, 32)), False),
     ],
 )
-def test_what_does_not_repeat_on_a_periodic_patch(gap, told):
+def test_a_step_where_a_periodic_patch_repeats_gets_a_note(gap, told):
     """Of noise the steps are as large everywhere; cells of a sphere are those of another one beyond the side."""
     problem = ContactProblem(GRID, SOFT, gap, periodic=True)
     found = solve(problem, None, None, load=1e-3).notes
     assert any("is not periodic" in note for note in found) == told
 
 
-def test_micrometres_taken_for_millimetres():
+def test_micrometres_taken_for_millimetres_get_several_notes():
     """The trial of a new user: what is solved is not what was meant, and says so in three ways."""
     heights = np.random.default_rng(3).normal(size=(24, 25))
     grid = Grid.from_domain(25, 24, (0.0, 0.5, 0.0, 0.48))

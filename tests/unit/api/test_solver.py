@@ -266,7 +266,7 @@ def test_options_under_the_prefix_override_the_solvers():
 
 
 def communicators():
-    """Highest number of the next communicators; each gets the lowest that is free, some below what is kept."""
+    """Return the largest number of 20 new communicators, which get the smallest free ones."""
     comms = [MPI.COMM_SELF.Dup() for _ in range(20)]
     number = max(comm.py2f() for comm in comms)
     for comm in comms:

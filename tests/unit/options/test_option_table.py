@@ -49,7 +49,7 @@ BAD_VALUES = [
 
 
 @pytest.mark.parametrize(("name", "text", "allowed"), BAD_VALUES)
-def test_value_that_is_not_allowed(name, text, allowed):
+def test_a_wrong_value_is_refused_with_what_is_allowed(name, text, allowed):
     with pytest.raises(InputError) as refusal:
         OptionReader(TABLE, {name: text})[name]
     wrong = f"-{name} {text}" if text else f"-{name}: its value is missing"
@@ -69,7 +69,7 @@ def test_value_that_is_not_allowed(name, text, allowed):
         ("lcp_nested", "no", False),
     ],
 )
-def test_value_that_is(name, text, value):
+def test_an_allowed_text_becomes_a_value(name, text, value):
     assert OptionReader(TABLE, {name: text})[name] == value
 
 
@@ -94,7 +94,7 @@ LONG = "x" * 10**5
         lambda: raise_(InputError(" ".join(10**5 * ["unknown"]))),
     ],
 )
-def test_what_a_refusal_quotes_is_short(refuse):
+def test_a_refusal_quotes_long_input_shortened(refuse):
     with pytest.raises(InputError) as refusal:
         refuse()
     message = str(refusal.value)
@@ -106,19 +106,19 @@ def raise_(error):
     raise error
 
 
-def test_names_of_files_are_quoted_as_a_whole():
+def test_a_refusal_quotes_file_names_unshortened():
     message = f"{'/folder' * 30}/file.h5: no such file"
     assert str(InputError(message)) == message
 
 
-def test_names_of_a_table_are_compared_without_regard_to_case():
+def test_names_of_options_are_case_insensitive():
     """Those of a user's own problem, too."""
     reader = OptionReader([Option("Own_Slope", real(), 1.0, "slope")], {"own_slope": 2})
     assert reader.given("Own_Slope") and reader["Own_Slope"] == reader["own_slope"] == 2.0
     assert not reader.unused() and reader.asked == {"own_slope"}
 
 
-def test_reader_tells_what_is_missing_and_what_nobody_asked_for():
+def test_a_reader_reports_missing_and_unused_options():
     reader = OptionReader(SMALL, {"Size": 2, "SHIFT": "0.5", "ksp_rtol": "1"})
     assert reader.given("size") and not reader.given("force")
     assert reader.unused() == ["shift", "size"]

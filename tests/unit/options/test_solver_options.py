@@ -33,7 +33,7 @@ def test_temporary_options_leave_the_database_as_it_was(database):
     assert database.getAll() == before and database.getString("x_in_the_way") == "2 3"
 
 
-def test_options_of_a_solver_are_in_the_database_inside_the_block_only(database):
+def test_options_of_a_solver_are_in_the_database_only_inside_the_block(database):
     """Whatever ends it; those of the user stay, and win."""
     database.setValue("x_Ksp_Type", "cg")
     options, before = (
@@ -51,7 +51,7 @@ def test_options_of_a_solver_are_in_the_database_inside_the_block_only(database)
     assert database.getAll() == before
 
 
-def test_unused_options_are_those_that_no_block_has_used(database):
+def test_options_used_in_no_block_are_unused(database):
     options = SolverOptions(
         "x_", {"a": "", "b": "", "ksp_converged_reason": "", "other": ""}, ignored=["other"]
     )
@@ -64,7 +64,7 @@ def test_unused_options_are_those_that_no_block_has_used(database):
     assert database.getAll().keys() >= {"x_a", "x_b"}
 
 
-def test_many_solvers_have_room_in_the_database_of_petsc():
+def test_many_solvers_do_not_fill_the_database_of_petsc():
     """It holds 512 options."""
     solvers = [ContactSolver(PROBLEM, "norm", {"ksp_rtol": 0.1 / (1 + k)}) for k in range(3)]
     many = [SolverOptions(f"x{k}_", {f"name{j}": "1" for j in range(15)}) for k in range(40)]
@@ -77,7 +77,7 @@ def test_many_solvers_have_room_in_the_database_of_petsc():
         solver.close()
 
 
-def test_views_and_monitors_of_two_solvers_can_be_told_apart(capfd):
+def test_views_and_monitors_name_their_solver(capfd):
     shown = {"ksp_view": "", "ksp_converged_reason": "", "ksp_monitor": ""}
     with ContactSolver(PROBLEM, "norm", shown) as first, ContactSolver(hertz(24), "mg_v11", shown) as second:
         prefixes = [solver.options.prefix for solver in (first, second)]
@@ -100,7 +100,7 @@ def test_a_prefix_must_be_a_word():
             ContactSolver(PROBLEM, prefix=prefix)
 
 
-def test_the_users_options_under_the_prefix_win_and_are_judged(database, capfd):
+def test_options_of_the_user_under_the_prefix_override_and_must_be_used(database, capfd):
     database.setValue("mine_ksp_rtol", "0.25")
     for prefix in ("mine_", "Mine_"):
         with ContactSolver(PROBLEM, "norm", {"ksp_rtol": 0.5}, prefix=prefix) as solver:
@@ -114,7 +114,7 @@ def test_the_users_options_under_the_prefix_win_and_are_judged(database, capfd):
         ContactSolver(PROBLEM, "norm", prefix="mine_")
 
 
-def test_without_a_prefix_petscs_options_count_and_those_of_others_are_left_alone(database):
+def test_without_a_prefix_unused_options_of_other_programs_are_ignored(database):
     database.setValue("ksp_rtol", "0.25")
     database.setValue("ksp_of_another_program", "")
     database.setValue("grid", "8")
