@@ -241,13 +241,13 @@ def line_contact(quick):
 
 
 CHECKS = (
-    Check("sphere", "Sphere", "Hertz: load, pressure, and the orders with which they converge.", sphere),
-    Check("ellipses", "Ellipses", "Hertz, with the paper's radii and up to 1 : 1000.", ellipses),
+    Check("sphere", "Sphere", "Hertz's load and pressure, and their orders of convergence.", sphere),
+    Check("ellipses", "Ellipses", "Hertz, with the paper's radii and others up to 1 : 1000.", ellipses),
     Check("cone", "Cone", "Sneddon; the pressure at the tip is infinite.", cone),
-    Check("punch", "Flat circular punch", "The pressure at the rim is infinite: the load is of first order.", punch),
+    Check("punch", "Flat circular punch", "The pressure at the edge is infinite: the load has first order.", punch),
     Check("power-laws", "Indenters z = c r^n", "Galin, Sneddon.", power_laws),
-    Check("westergaard", "Waves in one direction", "Westergaard, by both symbols.", westergaard),
+    Check("westergaard", "Waves in one direction", "Westergaard, with both periodic symbols.", westergaard),
     Check("bisinusoidal", "Waves in two directions", "Johnson, Greenwood, Higginson.", bisinusoidal),
-    Check("full-contact", "Full contact of a rough surface", "Exact for every surface.", full_contact),
+    Check("full-contact", "Full contact of a rough surface", "The exact solution, for any surface.", full_contact),
     Check("line", "Line contact", "Hertz's cylinder.", line_contact),
 )  # fmt: skip

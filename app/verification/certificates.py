@@ -97,8 +97,8 @@ def _ratios(kind, things, true, bounds, large):
     ]
 
 
-_LAW = "`error_bound` is never less than the true error, nor many times as large."
+_LAW = "`error_bound` is never below the true error, and not many times above it."
 CHECKS = (
     Check("certificate", "Answers at every tolerance", _LAW, of_answers),
-    Check("certificate-any", "Pressures that no solver has made", "The same for any pressure.", of_anything),
+    Check("certificate-any", "Pressures that no solver has made", "It bounds the error of any pressure.", of_anything),
 )  # fmt: skip

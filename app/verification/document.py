@@ -36,8 +36,9 @@ _HEAD = """\
 
 {summary} Made by `python -m app.verify -o DIR{arguments}` on {date} with version {version}; {software}; {machine}.
 
-Each table is made anew by the command above it; without `--only` all are. `≤` and `≥` are the limits that a figure has
-to keep; figures without one are told only. Errors are relative, pressures over the largest one, unless said otherwise.
+The command above each table computes it; without `--only` it computes all tables. `≤` and `≥` are the limits of a
+figure; some figures have no limit. Errors are relative, and pressures are divided by the largest one, unless stated
+otherwise.
 The test suite runs all checks on small cases (`--quick`).
 """
 
@@ -89,7 +90,7 @@ def document(results, arguments, pictures):
     parts = [
         _HEAD.format(
             summary=kept, arguments=arguments, version=__version__, date=datetime.date.today().isoformat(),
-            software=_software(), machine=f"{platform.machine()}, one core but for the checks of ranks",
+            software=_software(), machine=f"{platform.machine()}, one core, except for the checks of ranks",
         ),
         _overview(results),
     ]  # fmt: skip

@@ -65,20 +65,20 @@ def _at(approach=_APPROACH):
 
 
 def mirror(problem, before):
-    """Mirrored bodies are pressed on as in a mirror."""
+    """Mirror the bodies: pressures are mirrored, too."""
     for flip in (np.s_[::-1, :], np.s_[:, ::-1], np.s_[::-1, ::-1]):
         yield replace(problem, gap=problem.gap[flip].copy()), _at(), before.pressure[flip]
 
 
 def transposition(problem, before):
-    """x and y are names."""
+    """Exchange x and y: pressures are transposed."""
     grid = problem.grid
     turned = Grid(grid.ny, grid.nx, grid.dy, grid.dx)
     yield replace(problem, grid=turned, gap=problem.gap.T.copy()), _at(), before.pressure.T
 
 
 def translation(problem, before):
-    """Nothing but distances counts: origins, and on periodic patches shifts by cells."""
+    """Shift the origin, or the heights of a periodic patch: pressures shift."""
     elsewhere = replace(problem.grid, x0=100.0, y0=-7.0)
     yield replace(problem, grid=elsewhere), _at(), before.pressure
     if problem.grid.periodic:
@@ -87,7 +87,7 @@ def translation(problem, before):
 
 
 def stiffness(problem, before):
-    """Pressures are proportional to E*."""
+    """Multiply E* by a factor: pressures are multiplied by it."""
     for material, factor in (
         (Material.combined(7 * UNIT.shear_modulus, 0.0), 7),
         (Material.combined(UNIT.shear_modulus, 0.5), 2),
@@ -96,12 +96,12 @@ def stiffness(problem, before):
 
 
 def heights(problem, before):
-    """Pressures are proportional to heights."""
+    """Multiply heights by a factor: pressures are multiplied by it."""
     yield replace(problem, gap=3 * problem.gap), _at(3 * _APPROACH), 3 * before.pressure
 
 
 def lengths(problem, before):
-    """Similar bodies have the same pressure, and loads like the square of their lengths."""
+    """Scale all lengths: pressures stay, loads are scaled by the square."""
     grid = replace(
         problem.grid, **{name: 5 * getattr(problem.grid, name) for name in ("dx", "dy", "x0", "y0")}
     )
@@ -111,12 +111,12 @@ def lengths(problem, before):
 
 
 def offset(problem, before):
-    """A constant more of distance and of approach changes nothing."""
+    """Add a constant to distance and approach: nothing changes."""
     yield replace(problem, gap=problem.gap + 1), _at(1 + _APPROACH), before.pressure
 
 
 def loadings(problem, before):
-    """Approach, load, mean pressure and mean gap are descriptions of one contact."""
+    """Prescribe the same contact by approach, load, mean pressure, mean gap."""
     yield problem, {"load": before.load}, before.pressure
     yield problem, {"mean_pressure": before.mean_pressure}, before.pressure
     if problem.grid.periodic:
@@ -124,7 +124,7 @@ def loadings(problem, before):
 
 
 def larger_patch(quick):
-    """Cells that cannot come into contact change nothing."""
+    """Add cells that cannot come into contact: nothing changes."""
     figures = []
     for method, options in _METHODS.items():
         before = solved(_problem(""), method, options=options, approach=_APPROACH)

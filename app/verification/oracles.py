@@ -61,7 +61,7 @@ def _by_petsc(kind):
 
 
 def every_method(quick):
-    """Every method file, by every loading, against pivoting on the dense matrix in extended precision."""
+    """Compare with pivoting on the dense matrix in extended precision."""
     figures, rng = [], np.random.default_rng(3)
     for periodic in PATCHES[: 2 if quick else 3]:
         problems = [
@@ -92,7 +92,7 @@ def every_method(quick):
 
 
 def larger_grids(quick):
-    """On grids too large for a matrix: every method against NORM solved to 1e-10."""
+    """Compare with NORM solved to 1e-10, on grids too large for a matrix."""
     figures, rng = [], np.random.default_rng(4)
     for periodic in PATCHES[:2]:
         problem = random_problem(rng, *((32, 24) if quick else (128, 96)), periodic, holes=False)
@@ -106,9 +106,9 @@ def larger_grids(quick):
 
 
 CHECKS = (
-    Check("lemke", "Lemke's method", "Exact, in rational numbers, on up to nine cells.", lemke),
-    Check("tao", "PETSc's TAO", "Minimisation under bounds, on the same product.", _by_petsc("tao")),
-    Check("snesvi", "PETSc's SNESVI", "Variational inequalities, on the same product.", _by_petsc("snesvi")),
+    Check("lemke", "Lemke's method", "The exact solution in rational numbers, on up to nine cells.", lemke),
+    Check("tao", "PETSc's TAO", "Minimisation under bounds, with the same product.", _by_petsc("tao")),
+    Check("snesvi", "PETSc's SNESVI", "Variational inequalities, with the same product.", _by_petsc("snesvi")),
     Check("methods", "Every method by every loading", every_method.__doc__, every_method),
     Check("methods-larger", "Every method on larger grids", larger_grids.__doc__, larger_grids),
 )  # fmt: skip

@@ -104,8 +104,8 @@ def compared(found):
 
 
 _LAW = """\
-Contact sets, counts and pressures are alike, in double precision to round-off. With single precision inside, as by
-default, pressures are alike to what the tolerance (`-lcp_rtol` 1e-6) allows: some 1e-5 of the largest."""
+Contact sets, counts and pressures are the same, in double precision up to round-off. With single precision inside, the
+default, pressures agree within the tolerance (`-lcp_rtol` 1e-6): to some 1e-5 of the largest."""
 CHECKS = (Check("ranks", "One, two and three ranks", _LAW, on_ranks),)
 
 if __name__ == "__main__":
