@@ -17,11 +17,13 @@ from app.base.errors import shorten
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 # Error values of spreadsheets, in English and German.
 _ERROR = r"#(?:N/A|N/D|NV|DIV/0!|NUM!|ZAHL!|VALUE!|WERT!|REF!|BEZUG!|NAME\?|NULL!)"
+# Entries for missing points; "No Data" contains a blank.
 _MISSING = re.compile(
     rf"\*+|-+|_+|n/?a|null|none|bad|void|missing|[+-]?1[.,]#\w+|[+-]?nan\(\w+\)|{_ERROR}", re.IGNORECASE
 )
 _NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)
 _COMMA_NAN = re.compile(r"\b1,#(?=IND|INF|[QS]?NAN)")  # 1.#QNAN with a decimal comma
+# A line that begins so is no comment.
 _ERROR_FIRST = re.compile(rf'\s*"?{_ERROR}"?(?![^\s;,])')
 _NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+(\S+)", re.IGNORECASE)
 _NUMBER_CHARACTERS = frozenset("0123456789+-.,;eE \t")
@@ -29,7 +31,8 @@ _FORTRAN_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 _QUOTED = re.compile(r'"([^"\n]*)"')
 _COMMA_AT_QUOTE = re.compile(r"^ *,|, *$")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # grouped, or with a decimal comma
-MIN_SIGNED_INTEGERS = 8  # that many negative numbers before every second comma: the commas are decimal
+# Different negative numbers before every second comma, and none behind: by chance they are fewer.
+MIN_SIGNED_INTEGERS = 8
 
 
 class UnknownText(ValueError):
@@ -41,12 +44,12 @@ class UnknownText(ValueError):
 
 
 def is_comment(line):
-    """Return whether a line is a comment."""
+    """Return whether a line begins with # or %, unless it is an error value."""
     return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
 
 def is_row(line):
-    """Return whether a line consists of numbers."""
+    """Return whether a line has only numbers and missing points."""
     return bool(line.strip()) and not is_comment(line) and _first_word(line, heights=True) is None
 
 
@@ -113,13 +116,14 @@ def _check_head(numbers, texts, heights):
     skip = numbers[first] - 1
     advice = "lines that are no row of cells begin with #"
     if heights:
-        what = f"{skip} lines" if skip > 1 else "line"
+        head = f"{skip} lines" if skip > 1 else "line"
         advice = (
-            f"skip the {what} at the head by skip={skip} (-surface_skip {skip}, app.convert --skip {skip}), "
+            f"skip the {head} at the head by skip={skip} (-surface_skip {skip}, app.convert --skip {skip}), "
             "or begin them with #"
         )
-    more = any(_first_word(text, heights) for text in texts[first:])  # perhaps the head of another map
-    refusal, word = ValueError if more else UnknownText, _first_word(texts[0], heights)
+    # Words further down may be the head of another map.
+    refusal = ValueError if any(_first_word(text, heights) for text in texts[first:]) else UnknownText
+    word = _first_word(texts[0], heights)
     raise refusal(f"line {numbers[0]}: {shorten(word)!r} is no number; {advice}")
 
 
@@ -152,7 +156,7 @@ def _unquote(lines):
 
 
 def _first_word(line, heights):
-    """Return the first entry that is no number."""
+    """Return the first entry that is no number in any layout, or None."""
     if _NUMBER_CHARACTERS.issuperset(line):
         return None
     for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
