@@ -20,9 +20,7 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     Parameters
     ----------
     cells : ndarray of bool, shape (local rows, nx)
-    periodic : bool
-    slabs, comm : Slabs, mpi4py communicator, optional
-        Distribution of the rows; by default this rank has all.
+        By default, without `slabs` and `comm`, of all rows.
 
     Returns
     -------

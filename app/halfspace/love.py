@@ -22,16 +22,10 @@ _ORDER = 12
 
 @lru_cache(maxsize=64)
 def _taylor_series(dx, dy):
-    """Return the series of 1/rho averaged over a cell.
+    """Return the series of 1/rho averaged over a cell, and its sides.
 
-    The centre of the cell is at (x, y); lengths are in units of the longer side.
-
-    Returns
-    -------
-    sides, squares : (float, float)
-        Sides of the cell and their squares, correctly rounded.
-    ndarray, shape (_ORDER / 2 + 1, _ORDER / 2 + 1)
-        c with ``mean = sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``; order 2n of the series in row n.
+    The centre of the cell is at (x, y); lengths are in units of the longer side. Return the sides and their squares,
+    correctly rounded, and c with ``mean = sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``: order 2n in row n.
     """
     sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]
     n, k = np.indices((_ORDER // 2 + 1,) * 2)

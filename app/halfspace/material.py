@@ -83,14 +83,8 @@ class Material:
     def pair(cls, young, poisson):
         """Make the pair from Young's moduli and Poisson's ratios.
 
-        Parameters
-        ----------
-        young : pair of float
-            E1, E2 [N/mm2]; inf for a rigid body.
-        poisson : pair of float
-            nu1, nu2, each from 0 to 0.5; that of a rigid body is ignored.
-
-        Raises InputError if a number is out of range, or both bodies are rigid.
+        `young`: E1, E2 [N/mm2], inf for a rigid body; `poisson`: nu1, nu2, each from 0 to 0.5, ignored for a rigid
+        body. Raises InputError if a number is out of range, or both bodies are rigid.
 
         Examples
         --------

@@ -47,10 +47,8 @@ class InfluenceOperator(MatMethods):
     grid : Grid
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
-    slabs : Slabs, optional
-        Row distribution; by default this rank has all rows. A rank beyond `slabs.size` has no rows and takes no part.
-    comm : mpi4py communicator, optional
-        Ranks that share the rows; None: this rank has all of them, or none.
+    slabs, comm : Slabs, mpi4py communicator, optional
+        Distribution of the rows; by default this rank has all. A rank beyond `slabs.size` has none and takes no part.
     dtype : numpy real type
         Precision of the products; PETSc's vectors are always float64. Small grids have a stored matrix in double.
     exact_product : optional
@@ -151,18 +149,9 @@ class InfluenceOperator(MatMethods):
     def spare_fields(self, *types, others=()):
         """Return work fields in the unused part of the `storage`.
 
-        Collective on first use.
-
-        Parameters
-        ----------
-        *types : numpy types
-        others : sequence of EvenMultiplier
-            Multipliers of other grids that must not use these fields, either.
-
-        Returns
-        -------
-        list of ndarray, shape `local_shape`, or None
-            One for each type, not initialised; None if the remaining storage is too small.
+        There is one for each type, shape `local_shape`, not initialised; None where the storage is too small. They are
+        for use during the iteration. Multipliers `others` of other grids do not use them, either. Collective on first
+        use.
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):

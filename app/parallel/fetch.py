@@ -15,8 +15,8 @@ class Fetch:
     have : Slabs
         Present layout, which may have fewer ranks.
     want : sequence of (first, last)
-        Two integer arrays with one entry per rank of `comm`: rows ``first <= j < last``; rows beyond the grid are taken
-        one period on. A rank gets the rows of all pairs, one pair after the other.
+        Integer arrays with one entry per rank of `comm`: rows ``first <= j < last``, beyond the grid one period on. A
+        rank gets the rows of all pairs, one pair after the other.
     comm : mpi4py communicator or None
         All ranks; None: this rank has all rows.
     """

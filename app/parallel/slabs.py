@@ -13,14 +13,8 @@ def none_if_single(comm):
 class Slabs:
     """Rows of a grid that each rank owns.
 
-    Parameters
-    ----------
-    ny : int
-        Rows of the grid.
-    size, rank : int
-        Number of ranks that share the rows, and the number of this one. A rank from `size` on has no rows.
-    block : int
-        Slabs start at multiples of this many rows. The last slab takes the remainder. Ranks may own no rows.
+    `ny` rows are shared by `size` ranks, of which `rank` is this one. A rank from `size` on has no rows; others may
+    have none, too. Slabs start at multiples of `block` rows, and the last one takes the remainder.
     """
 
     def __init__(self, ny, size=1, rank=0, block=1):

@@ -32,7 +32,7 @@ from app.halfspace.fft.strips import (
     rows_to_strips,
     strips_to_rows,
 )
-from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
+from app.halfspace.fft.transpose import ColumnGroup, Exchange, deal_columns
 from app.parallel.reductions import sum_over
 from app.parallel.shared_memory import Storage
 from app.parallel.slabs import Slabs, none_if_single
@@ -147,12 +147,7 @@ class EvenMultiplier:
         self._storage = lent if suits else Storage(sizes, self.slabs.rank, self.comm)
         self._transformed = np.ndarray(columns * self.slabs.local, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
-        if self.comm is None:
-            self._exchange = Exchange(self._groups, self._transformed)
-        elif self._storage.all is None:
-            self._exchange = SentExchange(self._groups, self._transformed, self.comm)
-        else:
-            self._exchange = SharedExchange(self._groups, self._transformed, self.comm, self._storage)
+        self._exchange = Exchange(self._groups, self._transformed, self.comm, self._storage)
 
         pairs = -(-self.slabs.local // 2)
         self._in_x = _sequences(nx_fft, complex_type, _in_strip(pairs))
@@ -288,9 +283,8 @@ class EvenMultiplier:
 
         Parameters
         ----------
-        p : ndarray, shape (local rows, nx)
-        out : ndarray, shape (local rows, nx)
-            It may be `p`.
+        p, out : ndarray, shape (local rows, nx)
+            They may be the same.
         mask : ndarray of bool, shape (local rows, nx), optional
             The cells of C. Rows without any are not transformed.
         rows : ndarray of bool, shape (local rows,), optional

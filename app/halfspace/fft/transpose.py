@@ -91,67 +91,44 @@ class ColumnGroup:
 
 
 class Exchange:
-    """Access to the columns between two transposes, on one rank.
+    """Access to the columns between two transposes, by messages or in shared memory.
 
-    `transformed` has the strips of the rows of this rank. Collective.
+    `transformed` has the strips of the rows of this rank; `memory` is additional, in bytes. Collective.
     """
 
-    memory = 0  # bytes in addition to those of the rows
-
-    def __init__(self, groups, transformed):
-        self._groups, self._parts = groups, [group.part(transformed) for group in groups]
-        self._columns = [
-            (own, *self._others(own, group), group.heights, group.rank)
-            for group, own in (
-                (group, group.own(part)) for group, part in zip(groups, self._parts, strict=True)
-            )
-        ]
-
-    def _others(self, own, group):
-        return own, group.places
+    def __init__(self, groups, transformed, comm, storage):
+        self._groups, self._comm, self._received, self.memory = groups, comm, None, 0
+        self._parts = [group.part(transformed) for group in groups]
+        shared = comm is not None and storage.all is not None
+        if shared:
+            starts = storage.starts[: comm.size] // transformed.itemsize
+        elif comm is not None:
+            self._received = np.zeros(max(group.to_receive for group in groups), transformed.dtype)
+            self.memory = self._received.nbytes
+        self._columns = []
+        for group, part in zip(groups, self._parts, strict=True):
+            own = group.own(part)
+            others, places = own if comm is None else self._received, group.places
+            if shared:
+                others, places = storage.all.view(own.dtype), starts + group.heights * group.mine.start
+            self._columns.append((own, others, places, group.heights, group.rank))
 
     def each(self):
         """Iterate over the arguments of `strips.convolve_columns` of each group.
 
         The iteration must be completed: columns are sent back when the next ones are requested.
         """
-        return self._columns
+        if self._comm is None:
+            return self._columns
+        return self._each_shared() if self._received is None else self._each_sent()
 
-
-class SentExchange(Exchange):
-    """Exchange by messages."""
-
-    def __init__(self, groups, transformed, comm):
-        self._comm = comm
-        self._received = np.zeros(max(group.to_receive for group in groups), transformed.dtype)
-        self.memory = self._received.nbytes
-        super().__init__(groups, transformed)
-
-    def _others(self, own, group):
-        return self._received, group.places
-
-    def each(self):
-        """See `Exchange.each`."""
+    def _each_sent(self):
         for columns, group, part in zip(self._columns, self._groups, self._parts, strict=True):
             group.fetch(self._comm, part, self._received)
             yield columns
             group.send_back(self._comm, part, self._received)
 
-
-class SharedExchange(Exchange):
-    """Exchange in shared memory, between two barriers."""
-
-    def __init__(self, groups, transformed, comm, storage):
-        self._comm = comm
-        self._all = storage.all.view(transformed.dtype)
-        self._starts = storage.starts[: comm.size] // transformed.itemsize
-        super().__init__(groups, transformed)
-
-    def _others(self, own, group):
-        return self._all, self._starts + group.heights * group.mine.start
-
-    def each(self):
-        """See `Exchange.each`."""
+    def _each_shared(self):
         with events.alltoall:
             self._comm.exchange_barrier()
         yield from self._columns

@@ -22,16 +22,8 @@ class KernelInX:
     mirror image, K(Nx - x), by the integral of a Kaiser window. So it is smooth over the period, and short waves in x
     decay quickly in y. Collective.
 
-    Parameters
-    ----------
-    quadrant_rows : callable
-        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: K[|dy|, |dx|] at the first offsets in x.
-    shape : (int, int)
-        ``(ny, nx)`` of the grid.
-    comm : mpi4py communicator or None
-        Ranks that share the work.
-    periodic : bool
-        K has the period nx, which is Nx if it is even.
+    ``quadrant_rows(slice, columns)`` returns K[|dy|, |dx|] at the first offsets in x. If K is `periodic`, Nx is its
+    period nx, if that is even. The ranks of `comm` share the work.
 
     Attributes
     ----------

@@ -50,18 +50,22 @@ class SweepMessages:
         if comm.rank:
             start = slabs.rows.start
             for leaf in filter(None, leaves):
-                for owner, rows in self._parts(leaf):
+                for owner, rows, _ in self._parts(leaf):
                     if owner == comm.rank:
                         local = slice(rows.start - start, rows.stop - start)
                         self._sent.append((comm.Isend(r[local], 0, _DEFECT), r))
                         self._sent.append((comm.Irecv(d[local], 0, _CORRECTION), d))
 
-    def _parts(self, leaf):
-        """Yield owners and their rows of a leaf."""
+    def _parts(self, leaf, field=None):
+        """Yield owners of a leaf, their rows, and these rows of a field on the leaf."""
         for owner, (first, last) in enumerate(itertools.pairwise(self._starts)):
-            rows = slice(max(first, leaf.start), min(last, leaf.stop))
-            if rows.start < rows.stop:
-                yield owner, rows
+            a, b = max(first, leaf.start), min(last, leaf.stop)
+            if a < b:
+                yield (
+                    owner,
+                    slice(a, b),
+                    field[a - leaf.start : b - leaf.start] if field is not None else None,
+                )
 
     # -- rank 0 --------------------------------------------------------------------------------------------
 
@@ -71,8 +75,7 @@ class SweepMessages:
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
         r = np.empty((leaf.stop - leaf.start, self._r.shape[1]))
-        for owner, rows in self._parts(leaf):
-            here = r[rows.start - leaf.start : rows.stop - leaf.start]
+        for owner, rows, here in self._parts(leaf, r):
             if owner:
                 self._comm.Recv(here, owner, _DEFECT)
             else:
@@ -84,8 +87,7 @@ class SweepMessages:
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
-        for owner, rows in self._parts(leaf):
-            here = d[rows.start - leaf.start : rows.stop - leaf.start]
+        for owner, rows, here in self._parts(leaf, d):
             if owner:
                 self._sent.append((self._comm.Isend(here, owner, _CORRECTION), d))
             else:

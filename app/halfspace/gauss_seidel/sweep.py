@@ -46,22 +46,9 @@ class GaussSeidel:
 
     Tables are made in the first sweep, and again when contact has become wider.
 
-    Parameters
-    ----------
-    quadrant_rows : callable
-        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: a few rows of the kernel ``K[|dy|, |dx|]``, at
-        offsets up to about 1.5 nx.
-    grid_shape : (int, int)
-        ``(ny, nx)``.
-    slabs, comm : Slabs, mpi4py communicator, optional
-        Distribution of the rows; by default this rank has all.
-    periodic : bool
-        The kernel has the periods nx and ny.
-
-    Attributes
-    ----------
-    defect, correction : ndarray, shape (local rows, nx)
-        Work arrays for the caller of `sweep`.
+    ``quadrant_rows(slice, columns)`` returns a few rows of the kernel ``K[|dy|, |dx|]``, at offsets up to about 1.5 nx.
+    The `periodic` kernel has the periods nx and ny. By default this rank has all rows. `defect` and `correction` are
+    work arrays for the caller of `sweep`, shape (local rows, nx).
     """
 
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
@@ -94,20 +81,9 @@ class GaussSeidel:
     def sweep(self, r, mask, omega, d, backward=False):
         """Solve ``(D / omega + L_C) d = r`` on C. Collective.
 
-        A backward sweep has ``L_C^T``. Raises ValueError if a field has another shape.
-
-        Parameters
-        ----------
-        r : ndarray, shape (local rows, nx)
-            Defect; ignored outside C.
-        mask : ndarray of bool, shape (local rows, nx)
-            The contact set C.
-        omega : float
-            Damping factor; 1 is undamped.
-        d : ndarray, shape (local rows, nx)
-            Correction of the solution (output); zero outside C.
-        backward : bool
-            Last cell first.
+        A backward sweep begins with the last cell and has ``L_C^T``. All arrays have the shape (local rows, nx); `d` is
+        the output, zero outside C. The defect r is ignored outside C, which is given by the `mask`. Undamped sweeps
+        have `omega` = 1. Raises ValueError if a field has another shape.
         """
         shape = self.slabs.local, self.shape[1]
         if not r.shape == mask.shape == d.shape == shape:
@@ -134,11 +110,9 @@ class GaussSeidel:
                 tables.stored[m] = 0
             elif self._solves:
                 defect, solution = messages.fields(m) if messages else (r[leaf], correction[leaf])
-                if affected[m]:
-                    self._collect(m, messages)
                 both = filled[m * tiles : (m + 2) * tiles]  # of this leaf and the one before
-                self._solve(m, affected[m], both, defect, mask[leaf], solution, column, omega, backward)
-                self._distribute(m, solution, messages)
+                fields = defect, mask[leaf], solution
+                self._solve(m, affected[m], both, *fields, column, omega, backward, messages)
             if not self._solves and tables.stored.size:
                 if affected[m + 1] and leaves[m + 1]:
                     messages.send_effects(m + 1, tables.stored[m + 1])
@@ -150,10 +124,7 @@ class GaussSeidel:
             d[:, columns] = correction
 
     def _prepare(self, mask):
-        """Return occupied rows, contact cells and swept columns. Collective.
-
-        Makes tables for these columns.
-        """
+        """Return occupied rows, contact cells and columns of the tables. Collective."""
         ny, nx = self.shape
         here = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
         here[-3:] = find_contact_extent(mask, here[:-3])
@@ -201,32 +172,21 @@ class GaussSeidel:
             leaves.append(leaf if occupied[m] else None)
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
-    def _collect(self, m, messages):
-        """Collect the effects of transfers on leaf m."""
-        tables = self._tables
-        block = tables.ring[m % 2]
-        block[slice(*tables.edges[0])] = tables.stored[m]
-        if messages:
-            messages.collect(block)
-
-    def _solve(self, m, affected, filled, r, mask, d, column, omega, backward):
-        tables, step = self._tables, -1 if backward else 1
-        fields = [np.ascontiguousarray(field[::step, ::step]) for field in (r, mask, d)]
-        weight = omega / self._diagonal
+    def _solve(self, m, affected, filled, r, mask, d, column, omega, backward, messages):
+        """Solve leaf m and send it to the ranks that need it."""
+        tables, step, weight = self._tables, -1 if backward else 1, omega / self._diagonal
+        block, own = tables.ring[m % 2], slice(*tables.edges[0])
+        if affected:
+            block[own] = tables.stored[m]
+            if messages:
+                messages.collect(block)
         tables.invert_triangle(weight)
-        ring = tables.ring.view(float)
-        summed = tables.chunks[0] if affected else 0
-        solve_leaf(
-            ring, m % 2, summed, tables.near, tables.reach, filled, tables.rows, *fields, column, weight
-        )
+        fields = [np.ascontiguousarray(field[::step, ::step]) for field in (r, mask, d)]
+        kernel = tables.chunks[0] if affected else 0, tables.near, tables.reach
+        solve_leaf(tables.ring.view(float), m % 2, *kernel, filled, tables.rows, *fields, column, weight)
         if not np.may_share_memory(d, fields[2]):
             d[...] = fields[2][::step, ::step]
-
-    def _distribute(self, m, d, messages):
-        """Send solved leaf m to the ranks that need it."""
-        tables = self._tables
-        block = tables.ring[m % 2]
-        tables.stored[m] = block[slice(*tables.edges[0])]
+        tables.stored[m] = block[own]
         if messages:
             messages.deal(block)
             messages.send_back(m, d)

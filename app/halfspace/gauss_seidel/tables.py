@@ -22,12 +22,8 @@ class SweepTables:
 
     Rank 0 has those for rows and leaves, the ranks that share transfers have theirs.
 
-    Parameters
-    ----------
-    quadrant_rows, comm
-        See `app.halfspace.gauss_seidel.sweep.GaussSeidel`.
-    shape : (int, int)
-        ``(ny, nx)``: rows of the grid, and columns to sweep over; these are a period if `periodic`.
+    They are for all rows of the grid and the columns to sweep over, ``(ny, nx) = shape``; these are a period if
+    `periodic`.
 
     Attributes
     ----------
@@ -113,25 +109,13 @@ class SweepTables:
         work, work_spectrum = self._with_spectrum(max(lengths, default=2))
         part_plans = [self._fftw.plans(work[None], work_spectrum[None], n) for n in lengths]
         return RowSolver(
-            execute=self._fftw.execute,
-            plans=np.array(plans, np.int64),
-            cells=cells,
-            solved=solved,
-            tile=tile.view(float),
-            close=np.repeat(close, 2, axis=1),
-            contact=np.zeros(nx, np.int64),
-            kernel=first_row,
-            reverse=first_row[::-1].copy(),
-            segment=segment,
-            levels=levels,
-            lengths=np.array(lengths, np.int64),
-            starts=starts,
-            spectra=spectra,
-            part_plans=np.array(part_plans, np.int64).reshape(-1, 2),
-            work=work,
-            work_spectrum=work_spectrum,
+            execute=self._fftw.execute, plans=np.array(plans, np.int64), cells=cells, solved=solved,
+            tile=tile.view(float), close=np.repeat(close, 2, axis=1), contact=np.zeros(nx, np.int64),
+            kernel=first_row, reverse=first_row[::-1].copy(), segment=segment, levels=levels,
+            lengths=np.array(lengths, np.int64), starts=starts, spectra=spectra,
+            part_plans=np.array(part_plans, np.int64).reshape(-1, 2), work=work, work_spectrum=work_spectrum,
             added=np.empty(TILE * 2 * LANES),
-        )
+        )  # fmt: skip
 
     def invert_triangle(self, weight):
         """Prepare the solution of whole runs by the inverse of the triangle.
