@@ -1,9 +1,8 @@
 """Windows of a grid, and the transfer of fields.
 
-A window is a rectangle of cells, used as a grid.
-
-Pressure outside the contact area is zero, and the displacement there does not matter during the iteration. So all work
-can be done on a window around the contact area. Only the final verification needs the cells outside.
+A window is a rectangle of cells, used as a grid. Pressure outside the contact area is zero, and the displacement there
+does not matter during the iteration. So all work can be done on a window around the contact area. Only the final
+verification needs the cells outside.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from app.parallel.reductions import minimum_over, nonzero_span
 
 @dataclass(frozen=True)
 class Window:
-    """Rectangle of rows y0 to y1 - 1 and columns x0 to x1 - 1."""
+    """Rectangle of cells, from row y0 to before y1, likewise columns."""
 
     y0: int
     y1: int
@@ -34,14 +33,8 @@ class Window:
 
     def grid(self, whole):
         """Return these cells of the grid `whole` as a grid."""
-        return Grid(
-            self.x1 - self.x0,
-            self.y1 - self.y0,
-            whole.dx,
-            whole.dy,
-            whole.x0 + self.x0 * whole.dx,
-            whole.y0 + self.y0 * whole.dy,
-        )
+        x0, y0 = whole.x0 + self.x0 * whole.dx, whole.y0 + self.y0 * whole.dy
+        return Grid(self.x1 - self.x0, self.y1 - self.y0, whole.dx, whole.dy, x0, y0)
 
     def refine(self, factors, grid):
         """Return the children of these cells on the finer `grid`."""

@@ -1,1 +1,1 @@
-"""Distribution of grid rows over MPI ranks, and the communication between ranks."""
+"""Distribution of rows over MPI ranks, and their communication."""

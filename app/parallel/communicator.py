@@ -1,4 +1,4 @@
-"""MPI communicators that count messages, and errors that reach waiting ranks.
+"""Communicators that count messages, and errors for waiting ranks.
 
 Every message between ranks goes through a `Communicator`. Which ranks share a grid: `app.parallel.rank_groups`.
 """
@@ -36,7 +36,7 @@ class Traffic:
         return self.since(Traffic())
 
     def count(self, messages, size):
-        """Count messages of `size` bytes in total, for -log_view too."""
+        """Count messages of `size` bytes in total."""
         self.messages += messages
         self.message_bytes += size
         log_messages(messages, size)
@@ -56,17 +56,17 @@ class Communicator(MPI.Intracomm):
         return self
 
     def plain(self):
-        """Return the communicator as an `MPI.Intracomm`, for libraries that check the type."""
+        """Return it as an `MPI.Intracomm`, for type checks."""
         return MPI.Intracomm(self)
 
     @cached_property
     def node(self):
-        """Communicator of the ranks on this node. Collective when first used."""
+        """Communicator of this node. Collective on first use."""
         return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
 
     @cached_property
     def single_node(self):
-        """True if all ranks are on one node. Collective when first used."""
+        """True if there is one node. Collective on first use."""
         return self.node.size == self.size
 
     def Free(self):
@@ -76,7 +76,7 @@ class Communicator(MPI.Intracomm):
         super().Free()
 
     def subcomm(self, ranks):
-        """Return a communicator of some ranks, in order. Collective over these."""
+        """Return a communicator of `ranks`. Collective over these."""
         group = self.Get_group()
         subgroup = group.Incl(ranks)
         comm = Communicator(self.plain().Create_group(subgroup, ranks[-1]), self.traffic)
@@ -105,7 +105,7 @@ class Communicator(MPI.Intracomm):
         self.Barrier()
 
     def Alltoallv(self, sent, received):
-        """Count and exchange data; own parts should be empty. Collective."""
+        """Count and exchange data without own parts. Collective."""
         array, counts = sent
         counts = counts[0] if isinstance(counts, tuple) else counts
         self.traffic.all_to_alls += 1
@@ -138,7 +138,7 @@ for _name in ("Allreduce", "Allgatherv", "Gatherv", "allreduce", "allgather", "b
 
 
 class _Failure:
-    """Error of a rank, in a form that can be broadcast."""
+    """Error of a rank that can be broadcast."""
 
     def __init__(self, error):
         error = to_input_error(error)

@@ -8,7 +8,7 @@ from app.parallel.slabs import none_if_single
 
 
 class Fetch:
-    """Exchange of rows with one message per pair of ranks.
+    """Exchange of rows, one message per pair.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Fetch:
         self.rows += max(int(last[rank] - first[rank]), 0)
 
     def _plan_serial(self, first, last):
-        """Plan on a single rank, without arrays: it is called often."""
+        """Plan on a single rank, quickly, without arrays."""
         ny = self.have.ny
         for shift in range(first // ny * ny, last, ny) if last > first else ():
             a, b = max(first, shift), min(last, shift + ny)

@@ -16,7 +16,7 @@ class _GhostRows:
         self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
-        """Return the ghost rows before and after those of a field. Collective.
+        """Return ghost rows before and after a field. Collective.
 
         They have the field's type, and no rows on a rank without rows.
         """
@@ -25,7 +25,7 @@ class _GhostRows:
 
 
 class Halo(_GhostRows):
-    """Exchange of `width` ghost rows before and after those of this rank.
+    """Exchange of `width` ghost rows on both sides.
 
     Periodic ghost rows continue over the period. Otherwise there are fewer at the ends of the patch. `comm` is None if
     this rank has all rows.

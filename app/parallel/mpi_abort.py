@@ -22,10 +22,10 @@ _hooks = []  # Exception hooks that this module has installed.
 
 
 def shutdown_comm(comm):
-    """Return a communicator of the same ranks for `barrier_with_timeout` only.
+    """Return a communicator for `barrier_with_timeout` only.
 
-    It is a separate one, so that the shutdown barrier cannot match other messages. It is freed with `comm`. Collective
-    when first called for `comm`.
+    It has the ranks of `comm`, but is separate, so that its barrier cannot match other messages. It is freed with
+    `comm`. Collective when first called for `comm`.
     """
     if comm.size == 1:
         return MPI.COMM_SELF
@@ -61,7 +61,7 @@ def flush():
 
 
 def abort_on_exception(comm):
-    """Let an uncaught exception abort the ranks of `comm`, and return `comm`.
+    """Let an uncaught exception abort all ranks; return `comm`.
 
     This holds until it is called for another communicator, and after that while an `AbortGroup` of `comm` exists.
     Caught exceptions abort nothing, nor do those of a notebook or at a prompt. Collective when first called for `comm`.
@@ -82,7 +82,7 @@ class AbortGroup:
         _groups.append(self)
 
     def destroy(self):
-        """Remove the group, unless an exception is propagating, which may be uncaught."""
+        """Remove the group, unless an exception is propagating."""
         global _last_used
         _groups.remove(self)
         if sys.exc_info()[0] is not None:

@@ -24,7 +24,7 @@ class RankGroups:
         self._subcomms = {}
 
     def count_for(self, grid):
-        """Return the number of ranks that share a grid, see `count_ranks`."""
+        """Return the number of ranks that share a grid."""
         return count_ranks(grid, self.size, self.cells)
 
     def slabs(self, grid, size=None):
@@ -33,7 +33,7 @@ class RankGroups:
         return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
 
     def distribute(self, grid, size=None):
-        """Return slabs and communicator of a grid. Collective over its ranks.
+        """Return slabs and communicator of a grid. Collective.
 
         The communicator is None if this rank has all rows, or none.
         """
@@ -73,7 +73,7 @@ def count_ranks(grid, size, cells):
 
 
 def slab_alignment(ny, size):
-    """Return the largest alignment of balanced slabs, a power of two.
+    """Return the largest power of two that aligns balanced slabs.
 
     Slabs of a grid and of the next coarser one then mostly match.
     """

@@ -16,7 +16,7 @@ njit_reassoc = njit(fastmath={"reassoc", "contract"})
 
 
 def add_tuples(sums, more):
-    """Return the elementwise sum of two tuples; in compiled loops only."""
+    """Return the sum of two tuples, in compiled loops."""
     raise NotImplementedError
 
 
@@ -97,7 +97,7 @@ def wrap_ends(row, nx, width):
 
 @njit()
 def nonzero_span(row):
-    """Return first and end index of a mask; 0, 0 if empty."""
+    """Return first and end index of a mask."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1
@@ -119,7 +119,7 @@ def any_nonzero(block):
 
 
 def sum_over(comm, values):
-    """Sum numbers over the ranks of `comm`, which may be None. Collective."""
+    """Return sums over ranks. Collective."""
     if comm is None:
         return values
     result = np.array(values, dtype=float)
@@ -128,7 +128,7 @@ def sum_over(comm, values):
 
 
 def minimum_over(comm, values):
-    """Return minima over the ranks of `comm`, which may be None. Collective.
+    """Return minima over ranks. Collective.
 
     NaN is the smallest. With MPI.MIN the result would depend on which rank has it.
     """

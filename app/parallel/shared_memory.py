@@ -1,4 +1,4 @@
-"""Working storage of products, shared by the ranks of one node.
+"""Working storage shared by the ranks of a node.
 
 The parts of all ranks are in one anonymous file (memfd). The system frees it with the last array that maps it, however
 a rank ends.
@@ -18,7 +18,7 @@ from app.base.mpi import MPI
 
 
 class Storage:
-    """Work array, of all ranks if they share memory. Collective.
+    """Work array, shared if possible. Collective.
 
     `sizes` are the bytes of each rank. `own` has those of this rank. `all` has those of all ranks, of rank q from
     ``starts[q]`` on, or is None if the ranks do not share memory. Those of a `Communicator` may. `comm` is None if this
@@ -34,7 +34,7 @@ class Storage:
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
 
     def suits(self, sizes):
-        """Return whether each rank has at least so many bytes."""
+        """Return whether each rank has enough bytes."""
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 

@@ -1,4 +1,4 @@
-"""Slabs: the rows of a grid that each rank owns."""
+"""Rows of a grid that each rank owns."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Slabs:
 
     @property
     def active(self):
-        """True if this rank is one of those that share the rows."""
+        """True if this rank may own rows."""
         return self.rank < self.size
 
     def bounds(self, ranks):

@@ -273,7 +273,7 @@ def strips_to_rows(
 
 @njit()
 def _copy_columns(own, received, places, heights, rank, count, first, last, columns, gather):
-    """Gather a strip of columns from the rows of all ranks, or scatter it."""
+    """Gather a strip of columns from all ranks, or scatter it."""
     start = 0
     for q in range(heights.size):
         height = heights[q]

@@ -91,7 +91,7 @@ class ColumnGroup:
 
 
 class Exchange:
-    """Access to the columns between two transposes, by messages or in shared memory.
+    """Access to the columns between two transposes.
 
     `transformed` has the strips of the rows of this rank; `memory` is additional, in bytes. Collective.
     """

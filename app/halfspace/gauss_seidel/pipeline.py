@@ -57,7 +57,7 @@ class SweepMessages:
                         self._sent.append((comm.Irecv(d[local], 0, _CORRECTION), d))
 
     def _parts(self, leaf, field=None):
-        """Yield owners of a leaf, their rows, and these rows of a field on the leaf."""
+        """Yield owners of a leaf, their rows, and these of a field."""
         for owner, (first, last) in enumerate(itertools.pairwise(self._starts)):
             a, b = max(first, leaf.start), min(last, leaf.stop)
             if a < b:

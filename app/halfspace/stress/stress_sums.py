@@ -125,7 +125,7 @@ class FreeStress:
         return out
 
     def row(self, depth, y):
-        """Return components along x, shape (6, nx): a sum over rows of 1-d convolutions."""
+        """Return components along x, shape (6, nx)."""
         grid, loaded = self.grid, self._loaded.shape[1]
         count = grid.nx + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
@@ -144,8 +144,10 @@ class FreeStress:
 
     def point(self, depth, x, y):
         """Return components at a point, shape (6,)."""
-        edges = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
-        return _at_point(self._loaded, *edges, depth, self.nu)
+        x, y = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
+        corners = np.empty((6, y.size, x.size))
+        _corners(x, y, depth, self.nu, corners)
+        return np.einsum("kji,ji->k", np.diff(np.diff(corners, axis=1), axis=2), self._loaded)
 
 
 def _edges(offsets, step):
@@ -213,20 +215,3 @@ def _corners(x, y, z, nu, out):
             parts = _corner(x[i], y[j], z, nu)
             for k in range(6):
                 out[k, j, i] = parts[k] / (2.0 * pi)
-
-
-@njit(makes_arrays=True)
-def _at_point(pressure, x, y, z, nu):
-    """Sum over loaded cells, with edges at offsets x, y."""
-    total = np.zeros(6)
-    for j in range(pressure.shape[0]):
-        for i in range(pressure.shape[1]):
-            if pressure[j, i] == 0.0:
-                continue
-            a = _corner(x[i], y[j], z, nu)
-            b = _corner(x[i + 1], y[j + 1], z, nu)
-            c = _corner(x[i], y[j + 1], z, nu)
-            d = _corner(x[i + 1], y[j], z, nu)
-            for k in range(6):
-                total[k] += pressure[j, i] / (2.0 * pi) * (a[k] + b[k] - c[k] - d[k])
-    return total
