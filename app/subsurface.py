@@ -2,7 +2,9 @@
 
 import sys
 
-from app.cli.subsurface import main
+from app.cli.subsurface import main, stress
+
+__all__ = ["main", "stress"]
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import app.subsurface
 from app import ContactProblem, Grid, Material, Sphere, solve
 from app.base.errors import InputError
 from app.cli.subsurface import stress
@@ -30,3 +31,7 @@ def test_wrong_questions_are_refused_in_one_line(message, call):
     with pytest.raises(InputError, match=message) as refused:
         call()
     assert "\n" not in str(refused.value)
+
+
+def test_stress_is_part_of_the_documented_module():
+    assert app.subsurface.stress is stress
