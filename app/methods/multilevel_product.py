@@ -145,7 +145,7 @@ def _split(row, even, odd):
 
 @njit_reassoc
 def _halve(even, odd, sixteenth, three, out):
-    """Add four cells each of a padded row, weights 1, 3, 3, 1."""
+    """Sum four cells each with weights 1, 3, 3, 1."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 

@@ -43,7 +43,7 @@ class _ReferenceSolver:
         self._h = self.mat.createVecRight()
 
     def solve(self, state, history, start=None):
-        """Solve from the pressure of a Solution `start` if given; return the Outcome.
+        """Solve from the pressure of a Solution `start`, if given.
 
         Raises a PETSc.Error if the chosen linear solver needs more than this matrix offers.
         """

@@ -73,7 +73,7 @@ class EdgeExtension:
         self._weights, self._lengths, self._works = (0.0, 0.0, 0.0), np.ones(steps), {}
 
     def set_stencil(self, stencil):
-        """Set the 3 x 3 centre of `B`, even and in any unit."""
+        """Set the even 3 x 3 centre of `B`, in any unit."""
         stencil = np.asarray(stencil, float)
         even = (stencil + stencil[::-1] + stencil[:, ::-1] + stencil[::-1, ::-1]) / (4 * stencil[1, 1])
         self._weights = x, y, d = float(even[1, 0]), float(even[0, 1]), float(even[0, 0])
@@ -157,7 +157,7 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Subtract N s + s from b, to finish E^T; s = 0 on C."""
+    """Subtract N s + s from b to finish E^T."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
         b[i] -= stencil_sum(above, here, below, i, x, y, d) + here[i + 1]

@@ -69,6 +69,6 @@ def _apply_guess_row(x, lowest, w, b, contact):
 
 @njit_reassoc
 def apply_guess(x, lowest, w, b, contact):
-    """Add x to w; set C and w = b at the bound."""
+    """Add x to w; add cells at the bound to C."""
     for j in range(x.shape[0]):
         _apply_guess_row(x[j], lowest[j], w[j], b[j], contact[j])

@@ -1,4 +1,4 @@
-"""Mat context of O B O, the inverse influence matrix on free cells."""
+"""Mat context of O B O, the inverse matrix on free cells."""
 
 from __future__ import annotations
 
