@@ -18,7 +18,6 @@ from app import (
     Paraboloid,
     Plane,
     Sphere,
-    read_surface,
     solve,
 )
 from app.base.errors import InputError
@@ -82,16 +81,6 @@ def test_a_problem_as_a_gap_gives_its_shape_only():
     assert solution.problem["contact_modulus"] == steel.contact_modulus
     assert solution.problem["sphere_radius"] == plain.problem["sphere_radius"] == 10
     assert "hertz_load" not in solution.problem
-
-
-def test_facts_of_several_surfaces_are_numbered(tmp_path):
-    np.save(tmp_path / "s.npy", np.random.default_rng(3).normal(size=(8, 8)))
-    levels = ["none", "mean", "plane"]
-    surfaces = [read_surface(tmp_path / "s.npy", "um", level=level, spacing=(0.1, 0.1)) for level in levels]
-    facts = ContactProblem(
-        surfaces[0].grid(), Material.from_contact_modulus(1e3), surfaces=surfaces
-    ).describe()
-    assert [facts[name] for name in ("surface_level", "surface_level2", "surface_level3")] == levels
 
 
 HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3

@@ -21,16 +21,8 @@ def wavy(**changes):
 
 
 def self_affine(**changes):
-    data = {
-        "hurst": 0.8,
-        "rolloff_wavelength": 4.0,
-        "shortest_wavelength": 0.5,
-        "period": (12.0, 10.0),
-        "seed": 3,
-        "rms_height": 0.1,
-        "origin": (-6.0, -5.0),
-    }
-    return SelfAffineSurface(**{**data, **changes})
+    data = {"hurst": 0.8, "rolloff_wavelength": 4.0, "shortest_wavelength": 0.5, "period": (12.0, 10.0)}
+    return SelfAffineSurface(**{**data, "seed": 3, "rms_height": 0.1, "origin": (-6.0, -5.0), **changes})
 
 
 def sampled(surface, nx, ny, domain=DOMAIN):

@@ -8,26 +8,6 @@ from app.halfspace.grid import Grid
 from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
 
-DOMAIN = (-6.0, 6.0, -5.0, 5.0)
-
-
-def self_affine(**changes):
-    data = {
-        "hurst": 0.8,
-        "rolloff_wavelength": 4.0,
-        "shortest_wavelength": 0.5,
-        "period": (12.0, 10.0),
-        "seed": 3,
-        "rms_height": 0.1,
-        "origin": (-6.0, -5.0),
-    }
-    return SelfAffineSurface(**{**data, **changes})
-
-
-def sampled(surface, nx, ny, domain=DOMAIN):
-    grid = Grid.from_domain(nx, ny, domain)
-    return surface.height(grid.x(), grid.y())
-
 
 def test_a_wave_has_its_moments():
     n, dx, dy, amplitude = 60, 0.1, 0.2, 0.3
@@ -73,7 +53,10 @@ def test_a_flat_surface_has_no_skewness():
 
 
 def test_spectrum_adds_up_to_the_variance():
-    height = sampled(self_affine(), 100, 90)  # no wave beyond the last ring
+    surface = SelfAffineSurface(
+        0.8, 4.0, 0.5, (12.0, 10.0), 3, rms_height=0.1
+    )  # no wave beyond the last ring
+    height = surface.heights_on(Grid.from_domain(100, 90, (0, 12, 0, 10)))
     spectrum = radial_spectrum(height, 12 / 100, 10 / 90)
     assert np.sum(spectrum.count * spectrum.density) / 120 == pytest.approx(height.var(), rel=1e-12)
 

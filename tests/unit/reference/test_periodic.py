@@ -7,11 +7,7 @@ from scipy.integrate import quad
 from app.reference import Bisinusoidal, Westergaard, full_contact_pressure
 
 E_STAR, AMPLITUDE, LENGTH = 900.0, 0.02, 1.7
-
-
 FULL = np.pi * E_STAR * AMPLITUDE / LENGTH
-
-
 SHARES = 0.01, 0.3, 0.8, 0.999
 
 

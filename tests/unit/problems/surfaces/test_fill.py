@@ -9,14 +9,8 @@ from app import ContactProblem, Grid, Material, read_surface, solve
 from app.problems.surfaces.moments import LEVELS
 
 NY, NX = 12, 15
-
-
 X, Y = np.arange(NX), np.arange(NY)[:, None]
-
-
 PLANE = 3e3 + 40 * X - 25 * Y
-
-
 HOLES = {
     "row": np.s_[-1],
     "columns": np.s_[:, :2],

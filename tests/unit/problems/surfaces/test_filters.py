@@ -19,14 +19,8 @@ def made(path, **texts):
 
 
 NX, NY = 120, 72
-
-
 CELL = 0.5, 1.25  # sides of 60 and 90
-
-
 X, Y = CELL[0] * np.arange(NX), CELL[1] * np.arange(NY)[:, None]
-
-
 ROUGH = np.random.default_rng(3).normal(size=(NY, NX))
 
 

@@ -71,8 +71,6 @@ def test_a_part_of_a_map_with_more_cells_than_petsc_can_number(tmp_path):
 
 
 UNEVEN = np.random.default_rng(5).standard_normal((20, 30)).cumsum(axis=0).cumsum(axis=1)
-
-
 ALONG, UP = np.arange(30) / 3, np.arange(20)[:, None] / 7
 
 
@@ -136,29 +134,19 @@ def test_coordinates_are_refused_at_any_side(tmp_path, orient):
     np.testing.assert_allclose(left.heights(), read_surface(UNEVEN, "um", orient=orient).heights(), rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "heights",
-    [
-        ALONG + UP,
-        UNEVEN,
-        UNEVEN + 100 * UP,
-        UNEVEN + 1000 * ALONG,
-        ALONG * UP + ALONG,
-        (ALONG - 5) ** 2 + UP,
-        np.maximum(0, 9 - (ALONG - 5) ** 2 - (UP - 1) ** 2) + UP,
-        UP + 1e-2 * UNEVEN * np.outer(np.hanning(20), np.hanning(30)),
-    ],
-    ids=[
-        "plane",
-        "rough",
-        "tilted",
-        "tilted along rows",
-        "twisted",
-        "cylinder",
-        "cap on a plane",
-        "tapered to a plane",
-    ],
-)
+MAPS = {
+    "plane": ALONG + UP,
+    "rough": UNEVEN,
+    "tilted": UNEVEN + 100 * UP,
+    "tilted along rows": UNEVEN + 1000 * ALONG,
+    "twisted": ALONG * UP + ALONG,
+    "cylinder": (ALONG - 5) ** 2 + UP,
+    "cap on a plane": np.maximum(0, 9 - (ALONG - 5) ** 2 - (UP - 1) ** 2) + UP,
+    "tapered to a plane": UP + 1e-2 * UNEVEN * np.outer(np.hanning(20), np.hanning(30)),
+}
+
+
+@pytest.mark.parametrize("heights", MAPS.values(), ids=MAPS)
 def test_heights_are_not_taken_for_coordinates(tmp_path, heights):
     np.savetxt(path := tmp_path / "s.txt", heights, fmt="%.4g")
     assert read_surface(path, "um").shape == heights.shape
@@ -218,11 +206,7 @@ def test_an_esri_grid_whose_lines_are_no_rows_is_refused(tmp_path, shape, what):
 
 
 LABELS = [("Channel", "Width", "Height", "Value units"), ("Kanal", "Breite", "Höhe", "Einheiten")]
-
-
 SCALES = {"m": 1e3, "nm": 1e-6, "Å": 1e-7, "pm": 1e-9, "in": 25.4, "cm": 10.0}
-
-
 MARKS = ["nan", "***", "BAD", "#N/A", "-1.#IND", "n/a"]
 
 

@@ -16,14 +16,8 @@ def made(**texts):
 
 
 STEEL = Material.from_contact_modulus(115e3)
-
-
 ROUGH = np.random.default_rng(3).normal(size=(12, 18))
-
-
 CELL = 0.5, 0.25  # sides of 9 and 3
-
-
 PATCH = -4.5, 4.5, -1.5, 1.5
 
 

@@ -9,11 +9,7 @@ from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 
 HEIGHTS = np.random.default_rng(8).normal(size=(2, 6, 9)).round(6)
-
-
 GERMAN = "Kanal", "Breite", "Höhe", "Einheiten"
-
-
 ENGLISH = "Channel", "Width", "Height", "Value units"
 
 
@@ -58,15 +54,6 @@ def test_one_of_two_channels_is_read_by_name_or_number(written, tmp_path, betwee
         read_surface(path, channel="X")
 
 
-def test_channels_of_one_name_are_chosen_by_number(written):
-    path = written(*head(), *rows(HEIGHTS[0]), *head(), *rows(HEIGHTS[1]))
-    with pytest.raises(
-        InputError, match="channel Z: several have this name, choose by number; must be one of 0 Z, 1 Z"
-    ):
-        read_surface(path, channel="Z")
-    np.testing.assert_allclose(read_surface(path, channel=1).heights(), 1e3 * HEIGHTS[1], rtol=1e-15)
-
-
 def test_words_before_a_head_are_no_channel(written):
     path = written("Export of 1 image", *head(unit="nm"), *rows(HEIGHTS[0]))
     with pytest.raises(InputError, match="skip the 5 lines at the head"):
@@ -87,14 +74,6 @@ def test_heads_in_other_languages_are_read(written, labels):
     surface = read_surface(path)
     np.testing.assert_allclose(surface.heights(), 1e3 * HEIGHTS[0], rtol=1e-15)
     assert surface.spacing == pytest.approx((1e-3, 2e-3))
-
-
-@pytest.mark.parametrize(
-    ("unit", "scale"), [("Å", 1e-7), ("\u212b", 1e-7), ("pm", 1e-9), ("in", 25.4), ("cm", 10), ("μm", 1e-3)]
-)
-def test_units_of_values_are_read(written, unit, scale):
-    path = written(*head(unit=unit), *rows(HEIGHTS[0]))
-    np.testing.assert_allclose(read_surface(path).heights(), scale * HEIGHTS[0], rtol=1e-14)
 
 
 @pytest.mark.parametrize("unit", ["V", "deg", "A", "m/s"])

@@ -6,8 +6,6 @@ import pytest
 from app.problems.surfaces.text_table import read_table
 
 VALUES = np.array([[0.12, -3.5, 4.0, 1e-3], [2.25, 0.5, -0.75, 10.0], [7.0, 1.5, 0.25, 8.0]])
-
-
 LINES = [["0.12", "-3.5", "4", "1e-3"], ["2.25", "0.5", "-0.75", "10"], ["7", "1.5", "+0.25", "8"]]
 
 
