@@ -36,15 +36,14 @@ def make_loading(grid, distance, **given):
     value = validate_number(kind, number)
     if kind in ("load", "mean_pressure"):
         if value < 0:
-            raise InputError(
-                f"{kind} {format_exact(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
-            )
+            limit = f"it must be at least 0 {LOADINGS[kind]}"
+            raise InputError(f"{kind} {format_exact(value)}: the bodies do not stick together; {limit}")
         if not value:  # the approach is not unique: first touch is chosen
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load = 1.0 if kind == "load" else grid.area
         if value * to_load > (largest := distance.bounds.largest_load):
-            allowed = f"allowed: at most {format_exact(largest / to_load)} {LOADINGS[kind]}"
-            raise InputError(f"{kind} {format_exact(value)}: the pressure has an upper bound; {allowed}")
+            limit = f"it must be at most {format_exact(largest / to_load)} {LOADINGS[kind]}"
+            raise InputError(f"{kind} {format_exact(value)}: the pressure has an upper bound; {limit}")
         return PrescribedLoad(value * to_load, value / grid.area if kind == "load" else value)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
@@ -62,7 +61,7 @@ def make_loading(grid, distance, **given):
     if value - full > rounding and not holes:
         raise InputError(
             f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "
-            f"allowed: at most {full!r} mm, full contact"
+            f"it must be at most {full!r} mm, full contact"
         )
     value, mean = (value, np.inf) if holes else (min(value, full), mean)
     size = max(abs(value), abs(reference))
@@ -94,23 +93,24 @@ def validate_number(kind, number):
         name = type(number).__name__
         is_sequence = hasattr(number, "__len__") and getattr(number, "shape", None) != ()  # () if masked
         if is_sequence and not isinstance(number, str | bytes):
-            allowed = "allowed: a number; many, one after the other: ContactSolver.path"
-            raise InputError(f"{kind}: {name} of {len(number)}; {allowed}")
-        raise InputError(f"{kind}: is {name}; needed: a number [{LOADINGS[kind]}]")
+            raise InputError(
+                f"{kind}: {name} of {len(number)}; must be a number; ContactSolver.path takes many"
+            )
+        raise InputError(f"{kind}: is {name}; must be a number [{LOADINGS[kind]}]")
     try:
         value = float(number)
     except OverflowError:
         value = np.inf
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
         raise InputError(
-            f"{kind} {format_exact(value)}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
+            f"{kind} {format_exact(value)}: must be a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
         )
     return value
 
 
 def _check_mean_gap(value, grid, holes, rounding):
     """Raise if a mean gap does not determine the approach."""
-    text, others = f"mean_gap {format_exact(value)}", "allowed: approach, load or mean_pressure"
+    text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
     if not grid.periodic:
         raise InputError(f"{text}: only on a periodic patch does it determine the approach; {others}")
     if holes:
@@ -118,4 +118,4 @@ def _check_mean_gap(value, grid, holes, rounding):
             f"{text}: contact is impossible in {holes} cells (NaN), whose gap is unknown; {others}"
         )
     if value < -rounding:
-        raise InputError(f"{text}: the bodies do not penetrate each other; allowed: at least 0 mm")
+        raise InputError(f"{text}: the bodies do not penetrate each other; it must be at least 0 mm")

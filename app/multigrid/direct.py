@@ -33,9 +33,11 @@ def stored_matrix(operator):
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
         if grid.n > MAX_DIRECT_CELLS:
-            raise InputError(f"{what} too large for a direct solve; allowed: {MAX_DIRECT_CELLS} cells in all")
+            raise InputError(
+                f"{what} too large for a direct solve; it must have at most {MAX_DIRECT_CELLS} cells"
+            )
         raise InputError(
-            f"{what} on {operator.slabs.size} ranks, a direct solve is on one; allowed: a larger -lcp_cells_per_rank, "
+            f"{what} on {operator.slabs.size} ranks, a direct solve is on one; use a larger -lcp_cells_per_rank, "
             "or more -pc_mg_levels"
         )
     if not operator.active:

@@ -61,8 +61,8 @@ def _check_equal_on_ranks(comm, problem):
         cells, total, slack = row_sums[0]
         if any(other != cells or abs(value - total) > slack for other, value, _ in row_sums):
             raise InputError(
-                f"problem {problem.name}: undeformed distances in row {row} are not the same on all ranks; needed: all "
-                "of an array on every rank, random numbers with a seed"
+                f"problem {problem.name}: undeformed distances in row {row} are not the same on all ranks; arrays "
+                "must be whole on every rank, and random numbers must have a seed"
             )
 
 

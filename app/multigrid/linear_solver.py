@@ -75,9 +75,9 @@ class LinearSolver:
         counted = self.operator, *(self.operator.coarser_levels or ())
         self._counted = [(operator, self._hierarchy.share(operator)) for operator in counted]
         rtol, atol, _, max_it = ksp.getTolerances()
-        for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
-            if not (math.isfinite(value) and value >= allowed):
-                raise ValueError(f"-ksp_{name} {format_exact(value)}: allowed: from {allowed}")
+        for name, value, least in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
+            if not (math.isfinite(value) and value >= least):
+                raise ValueError(f"-ksp_{name} {format_exact(value)}: must be at least {least}")
         self._own_atol = options.hasName("ksp_atol")
         self._must_converge = ksp.getErrorIfNotConverged()
         ksp.setErrorIfNotConverged(False)  # the outcome has the reason

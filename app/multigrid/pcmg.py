@@ -234,7 +234,7 @@ def _levels_wanted(operator, options):
         grid = operator.grid
         least = "3 cells in a direction of a period" if grid.periodic else "2 cells"
         raise InputError(
-            f"multigrid: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least {least}"
+            f"multigrid: the grid {grid.nx},{grid.ny} cannot be halved; it must have at least {least}"
         )
     return min(wanted, levels)
 

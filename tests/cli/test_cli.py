@@ -103,7 +103,7 @@ CASES = {
     "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
     "no problem": (["-problem", "ball"], "must be one of hertz, punch, file"),
     "no frequencies": ([*HERTZ, "-problem", "punch", "-punch_diameter", "3", "-surface_modes", "0"], "must be M,N"),
-    "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: allowed: from 1"),
+    "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: must be at least 1"),
     "no tolerance": ([*HERTZ, "-ksp_rtol", "-7"], "-7"),
     "options of another solver": ([*DEFAULT, "-lcp_type", "tao", "-pc_circulant_extend", "3"], "-pc_circulant_extend"),
     "all NaN": (gap_of(np.full((8, 8), np.nan)), "NaN"),

@@ -167,7 +167,7 @@ def test_options_are_read_under_the_prefix_of_the_pc(comm):
     [
         (FREE, "9", "-pc_mg_levels 9: this grid allows 1 to 5"),
         (FREE, "0", "-pc_mg_levels 0: this grid allows 1 to 5"),
-        (Grid(1, 1, 0.1, 0.1), "1", "the grid 1,1 cannot be halved; allowed: at least 2 cells"),
+        (Grid(1, 1, 0.1, 0.1), "1", "the grid 1,1 cannot be halved; it must have at least 2 cells"),
     ],
 )
 def test_invalid_numbers_of_levels_are_refused(comm, grid, levels, message):

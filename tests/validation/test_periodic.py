@@ -161,5 +161,7 @@ def test_multigrid_down_to_a_few_cells(method):
     found = solve(problem, 0.5 * problem.gap.mean(), method, lcp_coarsest=1)
     assert_solves_lcp(found)
     assert found.error_bound < 1e-2
-    with pytest.raises(InputError, match="2,2 cannot be halved; allowed: at least 3 cells in a direction"):
+    with pytest.raises(
+        InputError, match="2,2 cannot be halved; it must have at least 3 cells in a direction"
+    ):
         solve(periodic.rough(2, 2, 1), 1e-3, method)

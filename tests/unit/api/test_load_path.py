@@ -183,7 +183,7 @@ REFUSED = {
     "two": ({"load": [1], "approach": [1]}, "exactly one of"),
     "unknown": ({"force": [1]}, "exactly one of"),
     "empty": ({"load": []}, r"one number or more \[N\]"),
-    "no numbers": ({"load": ["many"]}, r"load: is str; needed: a number \[N\]"),
+    "no numbers": ({"load": ["many"]}, r"load: is str; must be a number \[N\]"),
     "a number": ({"load": 5}, "one number or more"),
     "negative": ({"load": [1, -1]}, "load -1: the bodies do not stick together"),
     "mean gap": ({"mean_gap": [1]}, "only on a periodic patch"),

@@ -372,12 +372,12 @@ def test_loadings_are_keyword_arguments():
 LOADINGS = {
     "both": ({"approach": 0.1, "load": 1.0}, "exactly one"),
     "neither": ({}, "exactly one"),
-    "nan": ({"approach": np.nan}, "approach nan: allowed: a number"),
-    "infinite": ({"load": np.inf}, "load inf: allowed: a number"),
-    "huge": ({"approach": 1e60}, "approach 1e.60: allowed: a number"),
-    "text": ({"approach": "deep"}, "approach: is str; needed: a number"),
+    "nan": ({"approach": np.nan}, "approach nan: must be a number"),
+    "infinite": ({"load": np.inf}, "load inf: must be a number"),
+    "huge": ({"approach": 1e60}, "approach 1e.60: must be a number"),
+    "text": ({"approach": "deep"}, "approach: is str; must be a number"),
     "pull": ({"load": -1.0}, "load -1"),
-    "array": ({"load": [1.0, 2.0]}, "allowed: a number"),
+    "array": ({"load": [1.0, 2.0]}, "must be a number"),
     "start": ({"approach": 0.1, "start": "here"}, "start"),
 }
 

@@ -74,7 +74,7 @@ def test_a_refused_number_is_written_with_all_its_digits(what):
 
 
 def test_a_limit_can_be_taken_as_it_is_written():
-    with pytest.raises(InputError, match="allowed: at most ") as refused:
+    with pytest.raises(InputError, match="must be at most ") as refused:
         periodic(approach=5.1)
     assert periodic(approach=float(re.search(r"at most (\S+) mm", str(refused.value))[1])).converged
 

@@ -124,7 +124,7 @@ def test_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
     with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1.0), np.zeros((8, 8)))) as solver:
         solver.check(**{kind: allowed})
         with pytest.raises(
-            InputError, match=f"^{kind} .*: the pressure has an upper bound; allowed: at most"
+            InputError, match=f"^{kind} .*: the pressure has an upper bound; it must be at most"
         ) as error:
             solver.check(**{kind: 1.01 * allowed})
     assert "\n" not in str(error.value)

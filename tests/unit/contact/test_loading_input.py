@@ -147,7 +147,7 @@ REFUSED = {
         "exactly one of approach .mm., load .N., mean_pressure .N/mm2. and mean_gap .mm. is needed",
     ),
     "two": ("periodic", {"load": 1, "mean_gap": 0}, "exactly one"),
-    "no number": ("free", {"mean_pressure": "much"}, "mean_pressure: is str; needed: a number"),
+    "no number": ("free", {"mean_pressure": "much"}, "mean_pressure: is str; must be a number"),
     "tension": (
         "free",
         {"mean_pressure": -1},
@@ -155,11 +155,11 @@ REFUSED = {
     ),
     "mean gap of a free patch": ("free", {"mean_gap": 0.1}, "mean_gap 0.1: only on a periodic patch"),
     "mean gap with holes": ("holed", {"mean_gap": 0.1}, "mean_gap 0.1: contact is impossible in 12 cells"),
-    "negative mean gap": ("periodic", {"mean_gap": -0.1}, "mean_gap -0.1: .* allowed: at least 0 mm"),
+    "negative mean gap": ("periodic", {"mean_gap": -0.1}, "mean_gap -0.1: .* must be at least 0 mm"),
     "mean gap above the undeformed": (
         "periodic",
         {"approach": MEAN + 1e-6},
-        "negative; allowed: at most 5.00",
+        "negative; it must be at most 5.00",
     ),
 }
 
