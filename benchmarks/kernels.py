@@ -6,6 +6,7 @@ Started by `benchmarks.bench` as ``mpiexec -n P python -m benchmarks.kernels N``
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from functools import partial
 
 import numpy as np
@@ -46,9 +47,11 @@ def main():
             print(name, shortest, flush=True)
 
     shared = compliance, slabs, comm if comm.size > 1 else None
+    tracemalloc.start()
     product = InfluenceOperator(grid, *shared).product
-    if comm.rank == 0:
-        print("memory", product.memory * comm.size / 8 / grid.n)
+    if comm.size == 1:
+        print("memory", tracemalloc.get_traced_memory()[0] / 8 / grid.n)
+    tracemalloc.stop()
     measure("product", partial(product.apply, p, u))
     del product
     if comm.size > 1:

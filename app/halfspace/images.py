@@ -178,11 +178,6 @@ class ImageCorrection:
         self._nodes = np.zeros((rows, self._cells * steps[1]), dtype)  # A whole number of steps in x.
         self._row = np.empty(nx, dtype)
 
-    @property
-    def memory(self):
-        """Bytes held on this rank."""
-        return self._nodes.nbytes + self._spectrum.nbytes
-
     def multiply(self, p, mask):
         """Compute S p for `add`. Collective.
 

@@ -89,11 +89,6 @@ class BoxProduct(EvenMultiplier):
         other._correct_images()
         return other
 
-    @property
-    def memory(self):
-        """Bytes held on this rank."""
-        return super().memory + self.image_correction.memory
-
 
 class PeriodicProduct(EvenMultiplier):
     """Product u = A p on a periodic patch, without padding.

@@ -259,13 +259,6 @@ class EvenMultiplier:
         """Work array of products as bytes, free for others between products."""
         return self._transformed.view(np.uint8)
 
-    @property
-    def memory(self):
-        """Bytes held on this rank."""
-        arrays = [a for each in {self._in_x, self._in_y} for a in (each.data, each.transforms)]
-        arrays += [self._spectrum, self._transformed, self._scratch]
-        return self._exchange.memory + sum(a.nbytes for a in arrays if a is not None)
-
     @cached_property
     def flops(self):
         """Floating point operations of a product on this rank."""

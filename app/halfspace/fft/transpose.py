@@ -93,18 +93,17 @@ class ColumnGroup:
 class Exchange:
     """Access to the columns between two transposes.
 
-    `transformed` has the strips of the rows of this rank; `memory` is additional, in bytes. Collective.
+    `transformed` has the strips of the rows of this rank. Collective.
     """
 
     def __init__(self, groups, transformed, comm, storage):
-        self._groups, self._comm, self._received, self.memory = groups, comm, None, 0
+        self._groups, self._comm, self._received = groups, comm, None
         self._parts = [group.part(transformed) for group in groups]
         shared = comm is not None and storage.all is not None
         if shared:
             starts = storage.starts[: comm.size] // transformed.itemsize
         elif comm is not None:
             self._received = np.zeros(max(group.to_receive for group in groups), transformed.dtype)
-            self.memory = self._received.nbytes
         self._columns = []
         for group, part in zip(groups, self._parts, strict=True):
             own = group.own(part)

@@ -51,7 +51,6 @@ def test_box_product_is_used_on_large_grids_of_moderate_aspect():
     operator = InfluenceOperator(Grid(660, 650, 1.0, 1.0), STEEL, dtype=np.float32)
     operator.prepare("exact_product", "product")
     assert isinstance(operator.exact_product, BoxProduct)
-    assert operator.product.memory < 1.0 * operator.exact_product.memory
 
 
 SELF = MPI.COMM_SELF
