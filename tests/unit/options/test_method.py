@@ -344,3 +344,10 @@ MISTAKES = [
 def test_an_unused_option_that_nothing_replaces_is_refused(method, options):
     with pytest.raises(InputError, match="^unknown or unused option: -ksp_bogus$"):
         ContactSolver(PROBLEM, method, options)
+
+
+def test_strategy_of_free_patches_is_refused_on_periodic_ones():
+    with pytest.raises(
+        InputError, match="-lcp_type fast: .* must be primal, active_set, tao or snesvi on per"
+    ):
+        ContactSolver(periodic_rough(16), options={"lcp_type": "fast"})
