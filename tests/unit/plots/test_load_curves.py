@@ -1,0 +1,183 @@
+"""Load paths: curves, theories, error bands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from results import with_attributes
+
+from app.plots import load_curves
+from app.reference.rough import persson_fraction
+
+from .drawn import overlaps
+
+
+def test_tick_labels_of_a_load_path_do_not_overlap():
+    columns = {"load": np.zeros(3), "approach": np.array([-0.1, -0.2, -0.3])}
+    figure = load_curves.path_figure([load_curves.Path(columns | {"indentation": columns["approach"]})])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    assert not overlaps(figure.axes[0].get_xticklabels(), canvas.get_renderer())
+
+
+def test_result_and_table_of_a_path_have_the_same_theories(result):
+    """Where Persson's fractions are known, whatever the problem is called; they tell E* h'rms."""
+    columns = {"mean_pressure": np.array([3.0, 300.0, 3e5]), "contact_fraction": np.array([0.1, 0.5, 1.0])}
+    columns |= {"load": columns["mean_pressure"], "approach": np.array([1.0, 2.0, 3.0])}
+    persson = {"persson_fraction": persson_fraction(columns["mean_pressure"] / 5000)}
+    known = with_attributes(
+        result, problem="given", contact_modulus=1e5, rms_slope=0.02
+    )  # as of a ball, a function
+    for flat in (True, False):
+        found = columns | persson if flat else columns
+        table = {name: list(map(repr, map(float, column))) for name, column in found.items()}
+        for path in (load_curves.get_path(replace(known, path=found)), load_curves.get_csv_path(table)):
+            assert path.scale == pytest.approx(5000 if flat else np.nan, rel=1e-12, nan_ok=True)
+            assert ("κ" in load_curves.path_figure([path]).axes[1].get_ylabel()) == flat
+
+
+def test_rough_paths_are_drawn_with_theories():
+    p = np.geomspace(10, 1e4, 7)
+    columns = {"load": p, "mean_pressure": p, "contact_fraction": np.minimum(2.2e-4 * p, 0.99)}
+    figure = load_curves.path_figure([load_curves.Path(columns, "", scale=1e4)])
+    fraction, kappa, *others = figure.axes
+    computed, persson, bgt = fraction.lines[:3]
+    assert computed.get_xdata() == pytest.approx(p / 1e4)
+    assert persson.get_ydata()[0] / persson.get_xdata()[0] == pytest.approx(np.sqrt(8 / np.pi), rel=1e-3)
+    assert bgt.get_ydata()[0] / bgt.get_xdata()[0] == pytest.approx(np.sqrt(2 * np.pi))
+    assert kappa.lines[0].get_ydata()[:5] == pytest.approx(2.2)
+    assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"]
+
+
+def test_each_path_has_its_exact_stiffness_if_known():
+    p = np.geomspace(1, 100, 5)
+    known = {"load": p, "approach": p, "mean_pressure": p, "contact_fraction": 1e-3 * p}
+    exact = load_curves.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact")
+    other = load_curves.Path(known | {"stiffness_by_differences": 3 * p}, "other")
+    for scale in (1e4, np.nan):
+        drawn = load_curves.path_figure([one._replace(scale=scale) for one in (exact, other)]).axes[3]
+        assert drawn.lines[0].get_ydata() == pytest.approx(2 * p)
+        assert drawn.lines[1].get_ydata() == pytest.approx(3 * p)
+        assert drawn.get_ylabel().endswith("by differences: other")
+    alone = load_curves.path_figure([other]).axes[3]
+    assert alone.get_ylabel().endswith("\nby differences") and alone.lines[0].get_ydata() == pytest.approx(
+        3 * p
+    )
+    assert "differences" not in load_curves.path_figure([exact]).axes[3].get_ylabel()
+
+
+def test_corrected_fractions_lie_within_the_axes():
+    p = np.geomspace(1, 100, 5)
+    columns = {"load": p, "mean_pressure": p, "contact_fraction": 1e-4 * p}
+    columns["contact_fraction_corrected"] = columns["contact_fraction"] / 5
+    fraction = load_curves.path_figure([load_curves.Path(columns, "", scale=1e4)]).axes[0]
+    assert fraction.get_ylim()[0] < columns["contact_fraction_corrected"].min()
+
+
+def _rough_path(**shares):
+    """Path of eight mean pressures, in contact on 2.2e-4 of them; `shares`: other columns in proportion."""
+    p = np.geomspace(1, 3000, 8)
+    shares = {"load": 1, "mean_pressure": 1, "contact_fraction": 2.2e-4} | shares
+    return load_curves.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
+
+
+@pytest.mark.parametrize(("fall", "times"), [(0.0, 1), (0.5, 1), (0.2, 10)])
+def test_legend_of_rough_paths_is_clear_of_curves(fall, times):
+    """Whether kappa is constant, or falls by a light load's few cells to a fiftieth, or by nearly full contact."""
+    path = _rough_path(contact_fraction_corrected=2e-4)
+    path = path._replace(scale=path.scale / times)  # so that a theory ends before the path does
+    share = np.minimum(times * path.columns["contact_fraction"] * (path.columns["load"] / 3000) ** -fall, 1)
+    figure = load_curves.path_figure([path._replace(columns=path.columns | {"contact_fraction": share})])
+    assert [axes.get_legend() is not None for axes in figure.axes] == [False, True, False, False]
+    figure.canvas.draw()
+    axes = figure.axes[1]
+    assert axes.get_legend().get_window_extent().x0 > axes.get_window_extent().x1
+
+
+def test_smooth_paths_are_drawn_as_load_against_approach():
+    d = np.geomspace(1e-3, 0.1, 5)
+    path = load_curves.Path({"load": 1e5 * d**1.5, "approach": d})
+    first = load_curves.path_figure([path, path._replace(name="other")]).axes[0]
+    assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
+    assert len(first.lines) == 2
+
+
+def _outlines(axes):
+    return [outline.vertices for band in axes.collections for outline in band.get_paths()]
+
+
+def test_estimated_errors_are_bands_around_the_curves_of_a_path():
+    """Not where they are 1 or no numbers; that of the approach is relative to the one beyond first touch."""
+    load, pressure, area = np.geomspace(1, 32, 6), np.geomspace(100, 400, 6), np.geomspace(0.1, 3, 6)
+    columns = {
+        "load": load, "approach": 1e-3 * load, "indentation": 5e-4 * load, "max_pressure": pressure,
+        "contact_area": area, "load_error": np.zeros(6), "approach_error": np.full(6, 0.2),
+        "max_pressure_error": np.array([1, 0.5, 0.1, 0.1, 0.1, np.nan]), "contact_area_error": np.full(6, 1.0),
+    }  # fmt: skip
+    plain = {name: column for name, column in columns.items() if not name.endswith("_error")}
+    assert not any(axes.collections for axes in load_curves.path_figure([load_curves.Path(plain)]).axes)
+    approach, high, wide, _ = load_curves.path_figure([load_curves.Path(columns)]).axes
+    (band,) = _outlines(approach)
+    assert band[:, 0].min() == pytest.approx(1 - 0.1) and band[:, 0].max() == pytest.approx(32 + 3.2)  # um
+    (band,) = _outlines(high)
+    assert (band[:, 0].min(), band[:, 0].max()) == pytest.approx((load[1], load[4]))
+    at_second = band[np.isclose(band[:, 0], load[1]), 1]
+    assert (at_second.min(), at_second.max()) == pytest.approx((0.5 * pressure[1], 1.5 * pressure[1]))
+    assert not wide.collections
+    for axes in approach, high:  # within the picture
+        (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+        (band,) = _outlines(axes)
+        assert ((x0, y0) < band.min(axis=0)).all() and (band.max(axis=0) < (x1, y1)).all()
+    assert "estimated error" in [text.get_text() for text in approach.get_legend().get_texts()]
+
+
+def test_area_error_is_a_band_of_contact_fractions():
+    path = _rough_path()
+    path.columns["contact_area_error"] = np.full(8, 0.1)
+    fraction, kappa, *_ = load_curves.path_figure([path]).axes
+    for axes, first in (fraction, 2.2e-4), (kappa, 2.2):
+        (band,) = _outlines(axes)
+        at_first = band[np.isclose(band[:, 0], 1e-4), 1]
+        assert (at_first.min(), at_first.max()) == pytest.approx((0.9 * first, 1.1 * first))
+
+
+def test_smooth_paths_are_drawn_with_their_analytic_solution():
+    """Where it is known, in the units of its panel."""
+    d = np.geomspace(1e-3, 0.1, 5)
+    exact = {"load": 1e5 * d**1.5, "approach": d, "max_pressure": 1e4 * d**0.5, "contact_area": 3 * d}
+    exact["stiffness"] = 1.5e5 * d**0.5
+    computed = {name: 1.3 * values for name, values in exact.items()}
+    known = load_curves.Path(computed | {f"analytic_{name}": values for name, values in exact.items()})
+    figure = load_curves.path_figure([known, load_curves.Path(computed, "other"), known])
+    for axes in figure.axes:
+        own, _, _, analytic, again = axes.lines
+        assert analytic.get_label() == "analytic" and again.get_label() != "analytic"
+        factor = 1e3 if "µm" in axes.get_xlabel() else 1
+        x, y = (1e5 * d**1.5, None) if factor == 1 else (factor * d, exact["load"])
+        assert analytic.get_xdata() == pytest.approx(x) and own.get_xdata() == pytest.approx(1.3 * x)
+        assert own.get_ydata() == pytest.approx(1.3 * analytic.get_ydata())
+        assert y is None or analytic.get_ydata() == pytest.approx(y)
+        assert (
+            axes.get_ylim()[0] < analytic.get_ydata().min()
+            and analytic.get_ydata().max() < axes.get_ylim()[1]
+        )
+    assert len(load_curves.path_figure([load_curves.Path(computed)]).axes[0].lines) == 1
+
+
+def test_negative_approaches_have_linear_axes():
+    d = np.linspace(-1e-3, 3e-3, 5)
+    axes = load_curves.path_figure([load_curves.Path({"load": (d + 2e-3) ** 1.5, "approach": d})]).axes[0]
+    assert axes.lines[0].get_xdata() == pytest.approx(1e3 * d)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
+
+
+def test_paths_with_indentation_are_drawn_beyond_first_touch():
+    columns = {
+        "approach": np.array([-0.3, -0.2]),
+        "indentation": np.array([0.01, 0.11]),
+        "load": np.array([1.0, 9.0]),
+    }
+    axes = load_curves.path_figure([load_curves.Path(columns)]).axes[0]
+    assert "beyond first touch" in axes.get_xlabel() and axes.get_xscale() == "log"
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), 1e3 * columns["indentation"], rtol=1e-12)

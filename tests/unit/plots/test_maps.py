@@ -1,0 +1,149 @@
+"""Maps of fields: colours, units, legends, narrow patches."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.patches import Rectangle
+from results import made_up_result, with_attributes
+
+from app.halfspace.grid import Grid
+from app.plots import curves, figures, maps
+
+from .drawn import image_values, overlaps, surface_panels
+
+
+def test_pressure_map_is_white_without_pressure(result):
+    values, x, y = image_values(figures.pressure_figure(result))
+    assert np.array_equal(np.ma.getmaskarray(values), result.pressure == 0)
+    assert np.array_equal(values.compressed(), result.pressure[result.pressure > 0])
+    assert x == pytest.approx(result.x) and y == pytest.approx(result.y)
+
+
+def test_averaged_image_keeps_the_position_of_a_cell(result, monkeypatch):
+    monkeypatch.setattr(maps, "MAX_PIXELS", 50)  # 128 x 96 cells on 43 x 32 pixels
+    pressure = np.zeros_like(result.pressure)
+    pressure[90, 17] = 1.0
+    values, x, y = image_values(figures.pressure_figure(replace(result, pressure=pressure)))
+    (row,), (column,) = np.nonzero(values.filled(0))
+    assert values.shape == (32, 43)
+    assert abs(x[column] - result.x[17]) <= 20 / 128 and abs(y[row] - result.y[90]) <= 12 / 96
+    assert values[row, column] == pytest.approx(1 / 9)
+
+
+def test_block_mean_keeps_means_and_skips_nan():
+    field = np.random.default_rng(5).random((12, 20))
+    mean, b = maps.block_mean(field, 5)
+    assert (mean.shape, b) == ((3, 5), 4)
+    assert mean == pytest.approx(field.reshape(3, 4, 5, 4).mean(axis=(1, 3)))
+    assert maps.block_mean(field, 20) == (field, 1)
+    assert maps.block_mean(np.ones((7, 10)), 4)[0] == pytest.approx(np.ones((3, 4)))
+    field[:4, :4] = np.nan
+    field[4, 4] = np.nan
+    mean, _ = maps.block_mean(field, 5)
+    assert np.isnan(mean[0, 0]) and np.isfinite(mean).sum() == 14
+    assert mean[1, 1] == pytest.approx(np.nanmean(field[4:8, 4:8]))
+
+
+def test_small_patch_is_drawn_in_nanometres(result):
+    small = replace(result, x=result.x * 1e-6, y=result.y * 1e-6)
+    axes = figures.pressure_figure(small).axes[0]
+    assert axes.get_xlabel() == "x  [nm]"
+    assert axes.get_xlim() == pytest.approx((-10, 10))
+
+
+@pytest.mark.parametrize(
+    "nx, ny, width, height", [(200, 8, 40.0, 0.6), (8, 200, 0.6, 40.0), (1, 64, 1.0, 1.0)]
+)
+def test_narrow_patches_are_readable(nx, ny, width, height):
+    grid = Grid.from_domain(nx, ny, (0, width, 0, height))
+    made = made_up_result(nx, ny)
+    figure = figures.pressure_figure(replace(made, x=grid.x(), y=grid.y()))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes = figure.axes[0]
+    bar = axes.child_axes[0]
+    box = bar.get_window_extent()
+    for ruler in (axes.xaxis, axes.yaxis, bar.yaxis if box.height > box.width else bar.xaxis):
+        assert not overlaps(ruler.get_ticklabels(), canvas.get_renderer())
+    assert min(box.width, box.height) > 0.1 * figure.dpi  # of the colour bar: not a hair
+    assert len(axes.get_xticks()) >= 2 and len(axes.get_yticks()) >= 2
+    assert ("scale" in axes.get_xlabel()) == (max(width, height) > 10)
+
+
+@pytest.mark.parametrize("width", [0.6, 1e-4])
+def test_label_of_a_narrow_map_is_complete(width):
+    grid = Grid.from_domain(8, 200, (0, width, 0, 40))
+    figure = figures.contact_figure(replace(made_up_result(8, 200), x=grid.x(), y=grid.y()))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes = figure.axes[0]
+    assert "the scale of y" in axes.get_xlabel().replace("\n", " ")
+    label = axes.xaxis.label.get_window_extent(canvas.get_renderer())
+    kept = axes.get_tightbbox(canvas.get_renderer())
+    assert kept.x0 <= label.x0 and label.x1 <= kept.x1
+
+
+def test_contact_legend_explains_colours_and_white(result):
+    contact = np.zeros_like(result.contact)
+    contact[::8, ::8] = 1
+    for pattern, colours, text in (
+        (contact, 10, "192 patches in 10 colours"),
+        (contact * (np.arange(contact.size) < 20).reshape(contact.shape), 3, "3 patches in 3 colours"),
+        (result.contact, 1, "cells"),
+    ):
+        axes = figures.contact_figure(replace(result, contact=pattern)).axes[0]
+        told, none = axes.get_legend().get_texts()
+        assert told.get_text().endswith(text) and none.get_text() == "no contact"
+        shown = {patch.get_facecolor() for patch in axes.get_legend().findobj(Rectangle)}
+        assert len(shown) == colours + 1 and (1, 1, 1, 1) in shown
+        pixels = axes.images[-1].get_array()
+        assert {tuple(colour) for colour in pixels[pixels[..., 3] > 0]} == shown - {(1, 1, 1, 1)}
+
+
+def test_contact_legend_has_only_colours_of_the_map():
+    texts = figures.contact_figure(made_up_result(punch_radius=3.0)).axes[0].get_legend().get_texts()
+    assert [text.get_text() for text in texts] == ["contact: 100% of 1448 cells", "no contact possible"]
+
+
+def test_tick_labels_of_a_narrow_map_do_not_overlap():
+    figure, panels = surface_panels(np.random.default_rng(1).normal(size=(192, 30)), (0.0025, 0.005))
+    axes = panels["map"]
+    boxes = [text.get_window_extent() for text in axes.get_xticklabels() if text.get_text()]
+    left, right = axes.get_window_extent().intervalx
+    shown = sorted((box.x0, box.x1) for box in boxes if left < (box.x0 + box.x1) / 2 < right)
+    assert len(shown) > 1 and all(one[1] < other[0] for one, other in pairwise(shown))
+
+
+def test_displacement_constant_to_rounding_has_one_colour():
+    result = made_up_result(32, 24)
+    u = np.full_like(result.displacement, 2.6e-3) * (1 + 1e-9 * np.arange(32))
+    image = figures.deformation_figure(replace(result, displacement=u)).axes[0].images[-1]
+    assert image.get_clim() == pytest.approx((2.34, 2.86))
+
+
+@pytest.mark.parametrize("height", [1.0, -1.0, 30.0])
+def test_rounding_errors_are_drawn_as_zero(height):
+    """Of a flat periodic patch in contact they are what is left of its height less the approach."""
+    made = made_up_result(32, 24)
+    left = (np.hypot(*np.meshgrid(made.x, made.y)) - 5) * 0.1 * np.spacing(abs(height))
+    made = with_attributes(made, approach=height, periodic_symbol="spectral", problem="given")
+    for times, even in ((1, True), (1e6, False)):
+        h = times * left
+        result = replace(made, undeformed_distance=h, displacement=-h, pressure=0 * h)
+        axes = figures.deformation_figure(result).axes[0]
+        image, (bar,) = axes.images[-1], axes.child_axes
+        assert (np.unique(image.get_array()).tolist() == [0]) == even
+        assert ([text.get_text() for text in bar.get_yticklabels()] == ["0"]) == even
+        assert (curves.spectrum_figure(result) is None) == even
+
+
+def test_constant_negative_displacement_has_its_value_as_tick():
+    result = made_up_result(32, 24)
+    u = np.full_like(result.displacement, -2.6e-3)
+    axes = figures.deformation_figure(replace(result, displacement=u)).axes[0]
+    image, (bar,) = axes.images[-1], axes.child_axes
+    assert image.get_clim() == pytest.approx((-2.86, -2.34))
+    assert [text.get_text() for text in bar.get_yticklabels()] == ["−2.6"]

@@ -1,0 +1,35 @@
+"""Style: reproducible files, readable logarithmic axes, distinct lines."""
+
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from app.plots import figures, style
+
+from .drawn import overlaps
+
+
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_equal_results_give_equal_files(result, tmp_path, kind):
+    for name in ("a", "b"):
+        style.save_figure(figures.history_figure(result), tmp_path / f"{name}.{kind}", dpi=40)
+    assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"b.{kind}").read_bytes()
+
+
+@pytest.mark.parametrize("values", [[3.0, 3.1], [1.0], [0.9, 4.0], [1e-9, 1e5], [1.1, 95.0], [0.2, 40.0]])
+def test_logarithmic_axes_have_two_labels_that_do_not_overlap(values):
+    axes = style.new_figure(4, 3).subplots()
+    axes.plot(values, values, "o")
+    style.set_log_axes(axes)
+    low, high = axes.get_xlim()
+    FigureCanvasAgg(axes.figure).draw()
+    told = set()
+    for minor in (False, True):
+        labels = zip(axes.get_xticks(minor=minor), axes.get_xticklabels(minor=minor), strict=True)
+        told |= {tick for tick, label in labels if label.get_text() and low <= tick <= high}
+    assert len(told) >= 2
+    assert not overlaps(axes.get_xticklabels(), axes.figure.canvas.get_renderer())
+
+
+def test_twelve_lines_have_different_styles():
+    drawn = [{name: str(value) for name, value in style.series_style(number).items()} for number in range(12)]
+    assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
