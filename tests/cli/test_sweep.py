@@ -1,4 +1,4 @@
-"""Sweeps: which combinations are run, what a row says, what survives an interrupt, and bad input."""
+"""Sweeps as commands: rows, resume, bad input."""
 
 import csv
 import json
@@ -6,10 +6,8 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
-from unittest import mock
 
 import h5py
 import numpy as np
@@ -17,21 +15,26 @@ import pytest
 from processes import TESTS
 from results import full_disk
 
-from app.base.errors import InputError
 from app.cli.sweep import SUFFIXES, main
 from app.contact.grid_errors import GridErrors
 from app.io.result import read_result
-from app.parameter_study import batch, processes
+from app.parameter_study import batch
 from app.parameter_study.batch import make_rows, run_all
 from app.parameter_study.journal import Journal
-from app.parameter_study.processes import perform, run_command
+from app.parameter_study.processes import perform
 from app.parameter_study.run import CHECKS, Run
 from app.parameter_study.sweep_file import read_sweep
 from app.plots.sweeps import sweep_figure
 
 ROOT = TESTS.parent
+
+
 HERTZ = ROOT / "petsc_options/hertz.opts"
+
+
 NORM = ROOT / "petsc_options/norm.opts"
+
+
 FMG = ROOT / "petsc_options/fmg_v11.opts"
 
 
@@ -39,74 +42,6 @@ def write(tmp_path, text):
     path = tmp_path / "sweep.yml"
     path.write_text(text)
     return path
-
-
-def combinations(tmp_path, text):
-    return [dict(run.options) for run in read_sweep(write(tmp_path, text))]
-
-
-# -- which combinations --------------------------------------------------------------------------------------
-
-
-def test_product_in_order_with_values_as_on_a_command_line(tmp_path):
-    runs = read_sweep(
-        write(tmp_path, "options: {grid: [8, '16,8'], approach: -0.110, lcp_rtol: [1e-6, 1.0e-7]}")
-    )
-    assert [run.arguments() for run in runs] == [
-        ["-grid", grid, "-approach", "-0.110", "-lcp_rtol", rtol]
-        for grid in ("8", "16,8")
-        for rtol in ("1e-6", "1.0e-7")
-    ]
-    assert [dict(run.labels) for run in runs] == [
-        {"grid": grid, "lcp_rtol": rtol} for grid in (8, "16,8") for rtol in (1e-6, 1e-7)
-    ]
-
-
-def test_names_with_underscores_between_digits_are_no_numbers(tmp_path):
-    runs = read_sweep(write(tmp_path, "options: {surface_file: [2024_01, 2024_02, 2025]}"))
-    assert [run.labels["surface_file"] for run in runs] == ["2024_01", "2024_02", 2025]
-
-
-def test_zip_varies_together_and_a_tilde_leaves_out(tmp_path):
-    text = "options: {grid: [8, 16]}\nzip:\n- {ksp_type: [cg, gmres], ksp_gmres_restart: [~, 5]}"
-    cg, gmres = {"ksp_type": "cg"}, {"ksp_type": "gmres", "ksp_gmres_restart": "5"}
-    assert combinations(tmp_path, text) == [{"grid": n} | pair for n in ("8", "16") for pair in (cg, gmres)]
-    assert read_sweep(tmp_path / "sweep.yml")[0].labels["ksp_gmres_restart"] is None
-
-
-def test_exclude_needs_all_values_and_compares_numbers(tmp_path):
-    text = "options: {grid: [8, 16, 32], lcp_beta: [0, 0.003]}\nexclude: [{grid: [16, 32], lcp_beta: 0.0030}]"
-    found = combinations(tmp_path, text)
-    assert len(found) == 4
-    assert {(c["grid"], c["lcp_beta"]) for c in found if c["lcp_beta"] != "0"} == {("8", "0.003")}
-
-
-def test_empty_value_is_a_bare_option(tmp_path):
-    (run,) = read_sweep(write(tmp_path, "options:\n  grid: 8\n  ksp_converged_reason:\n"))
-    assert run.arguments() == ["-grid", "8", "-ksp_converged_reason"]
-
-
-def test_a_list_in_a_list_is_one_value(tmp_path):
-    text = "options: {young: [[210e3, 210e3], [210e3, 3e3]], grid: [8, [16, 8]]}\n"
-    text += "exclude: [{grid: [[16, 8]], young: '210e3,3e3'}]"
-    assert combinations(tmp_path, text) == [
-        {"young": young, "grid": grid}
-        for young, grid in (("210e3,210e3", "8"), ("210e3,210e3", "16,8"), ("210e3,3e3", "8"))
-    ]
-
-
-def test_the_programs_own_option_files_are_found_from_anywhere(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (run,) = read_sweep(write(tmp_path, "option_files: [fast.opts, hertz]"))
-    assert [Path(file).read_text() for file in run.files] == [
-        (ROOT / f"petsc_options/{name}.opts").read_text() for name in ("fast", "hertz")
-    ]
-
-
-def test_alternative_option_files_are_labelled_and_come_before_the_options(tmp_path):
-    runs = read_sweep(write(tmp_path, f"option_files: [{HERTZ}, [{NORM}, {FMG}]]\noptions: {{grid: 8}}"))
-    assert [run.labels for run in runs] == [{"option_files": "norm"}, {"option_files": "fmg_v11"}]
-    assert runs[1].arguments() == ["-options_file", str(HERTZ), "-options_file", str(FMG), "-grid", "8"]
 
 
 BAD = {
@@ -184,19 +119,6 @@ def test_the_sweep_of_the_docs_is_solved(tmp_path, monkeypatch, cli_here):
     for run in runs:
         done = cli_here(*run.arguments(), cwd=tmp_path)
         assert done.returncode == 0, (run.arguments(), done.stderr)
-
-
-@pytest.mark.parametrize(
-    "path", sorted((ROOT / "petsc_options/sweeps").glob("*.yml")), ids=lambda path: path.stem
-)
-def test_shipped_sweeps_are_read(path, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    runs = read_sweep(path)
-    assert len(runs) > 10
-    assert len({tuple(run.arguments()) for run in runs}) == len(runs)
-
-
-# -- real runs -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -325,9 +247,6 @@ def test_exit_status_is_that_of_the_runs(tmp_path, capsys, monkeypatch, statuses
     assert statuses not in expected or lines[-2:-1] == expected[statuses]
 
 
-# -- without runs --------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def performed(monkeypatch):
     """Replace the program by one that solves at once; return the list of what was run."""
@@ -340,75 +259,6 @@ def performed(monkeypatch):
 
     monkeypatch.setattr(batch, "perform", perform)
     return calls
-
-
-def execute(tmp_path, runs, resume=True, **how):
-    journal = Journal(tmp_path / "journal", resume)
-    try:
-        return run_all(runs, tmp_path / "work", journal, **how)[0]
-    finally:
-        journal.close()
-
-
-def runs_on(*grids, **labels):
-    return [Run((), {"grid": grid}, labels) for grid in grids]
-
-
-def test_resume_does_only_what_is_new_or_has_no_answer(tmp_path, performed):
-    first = execute(tmp_path, runs_on("8", "crash", "refused"))
-    again = execute(tmp_path, runs_on("8", "crash", "refused", "16"))
-    assert [call["grid"] for call in performed] == ["8", "crash", "refused", "crash", "refused", "16"]
-    assert again[0] == first[0]
-    execute(tmp_path, runs_on("8"), resume=False)
-    assert len(performed) == 7
-
-
-def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed):
-    outcomes = execute(tmp_path, [*runs_on("8", a=1), *runs_on("8", b=2)], jobs=2)
-    assert len(performed) == 1 and outcomes[0] == outcomes[1]
-
-
-@pytest.mark.parametrize("option", ["gap_file", "any_option_that_names_a_file"])
-@pytest.mark.parametrize("inside", ["", ":/dataset", ":Name"])
-def test_key_follows_options_and_files_but_not_labels(tmp_path, option, inside):
-    file = tmp_path / "file"
-    file.write_text("before")
-    named = {option: f"{file}{inside}"}
-    run = Run((), named)
-    before = run.key()
-    assert Run((), named, {"a": 1}).key() == before
-    assert Run((), {**named, "grid": "8"}).key() != before
-    file.write_text("after")
-    assert run.key() != before
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"my.opts": "-gap_file gap.npy # heights"},
-        {"my.opts": '-gap_file "gap.npy:/a"'},
-        {"my.opts": '-gap_file "a gap.npy"'},
-        {"my.opts": '-options_file "other one.opts"', "other one.opts": "-gap_file gap.npy"},
-        {"my.yml": "---\ngap_file: a gap.npy"},
-        {".petscrc": "-gap_file gap.npy"},
-        {"petscrc": ""},
-        {"mine.py": ""},
-    ],
-)
-def test_key_follows_what_option_files_name(tmp_path, monkeypatch, options):
-    monkeypatch.chdir(tmp_path)
-    for name, text in options.items():
-        Path(name).write_text(text)
-    files = tuple(name for name in options if name.startswith("my"))
-    run = Run(files, {"problem_type": "mine.Bump"})
-    for changed in {"gap.npy", "a gap.npy", *options}:
-        Path(changed).touch()
-    before = run.key()
-    for changed in ("gap.npy", "a gap.npy"):
-        Path(changed).write_text("after")
-    for name in set(options) & {"petscrc", "mine.py"}:
-        Path(name).write_text("after")
-    assert run.key() != before
 
 
 def test_table_does_not_take_the_place_of_what_an_option_file_names(tmp_path, capsys):
@@ -436,15 +286,6 @@ def test_a_sweep_does_not_take_the_place_of_its_own_file(tmp_path, capsys, monke
     assert sorted(Path().iterdir()) == before and Path(sweep).read_text() == text
 
 
-def test_option_files_of_one_name_are_told_apart(tmp_path):
-    files = [tmp_path / folder / "a.opts" for folder in ("one", "two")]
-    for file in files:
-        file.parent.mkdir()
-        file.touch()
-    runs = read_sweep(write(tmp_path, f"option_files: [['{files[0]}', '{files[1]}', {NORM}]]"))
-    assert [run.labels["option_files"] for run in runs] == [*map(str, files), "norm"]
-
-
 def test_interrupted_before_the_first_run_leaves_an_earlier_table(tmp_path, monkeypatch):
     monkeypatch.setattr("app.cli.sweep.run_all", lambda *how, **more: ([None], True))
     output = tmp_path / "out.csv"
@@ -464,77 +305,6 @@ def test_folder_or_journal_that_cannot_be_written(tmp_path, performed, capsys):
     assert "out.runs.jsonl: cannot be written: File too large" in capsys.readouterr().err
 
 
-def test_key_takes_any_value():
-    assert Run((), {"gap_file": "a" * 5000}).key() != Run((), {"gap_file": "/"}).key()
-
-
-def test_journal_survives_a_line_that_was_cut_off(tmp_path):
-    path = tmp_path / "journal"
-    journal = Journal(path)
-    journal.add("a", {"load": np.float64(1.5), "residual": float("nan")})
-    with pytest.raises(InputError, match="another process"):
-        Journal(path, resume=True)
-    journal.close()
-    with path.open("a") as file:
-        file.write('{"key": "b", "lo')
-    journal = Journal(path, resume=True)
-    journal.add("c", {"load": 2})
-    journal.close()
-    Journal(path).close()  # drops what is there with its first outcome, not before
-    outcomes = Journal(path, resume=True).outcomes
-    assert list(outcomes) == ["a", "c"]
-    assert outcomes["a"]["load"] == 1.5 and np.isnan(outcomes["a"]["residual"])
-    anew = Journal(path)
-    assert not anew.outcomes and list(anew.discarded) == ["a", "c"]
-    anew.add("d", {})
-    anew.close()
-    assert list(Journal(path, resume=True).outcomes) == ["d"]
-
-
-def test_serial_runs_at_a_time_share_no_folder_that_one_of_them_removes(tmp_path, monkeypatch):
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    code = (
-        "import os, sys; from mpi4py import MPI; assert MPI.COMM_WORLD.size == 1; "
-        f"print(*os.listdir({str(tmp_path)!r}), file=sys.stderr)"
-    )
-    status, seen = run_command([sys.executable, "-c", code])
-    assert status == 0 and set(seen.split()) <= {path.name for path in tmp_path.iterdir()}
-
-
-def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
-    slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", timeout=0.1)
-    assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
-    crashed = perform(Run(module="app.absent"), tmp_path / "a.h5")
-    assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
-    status, errors = run_command([sys.executable, "-c", "import os; os.abort()"])
-    assert (status, errors) == (-signal.SIGABRT, "")
-    for number, name in ((signal.SIGABRT, "SIGABRT"), (signal.SIGRTMIN + 6, f"signal {signal.SIGRTMIN + 6}")):
-        with mock.patch.object(processes, "run_command", return_value=(-number, "")):
-            assert perform(Run(), tmp_path / "a.h5")["message"] == f"ended by {name}"
-    stop = threading.Event()
-    stop.set()
-    with pytest.raises(InterruptedError):
-        run_command([sys.executable, "-c", "import time; time.sleep(20)"], stop=stop)
-
-
-def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
-    """As of `app.verify`, which waits for its ranks itself; a sweep's threads hear of no interrupt."""
-    child = tmp_path / "process"
-    interrupts = (
-        "import os, pathlib, signal, sys, time\n"
-        "pathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\n"
-        "os.kill(os.getppid(), signal.SIGINT)\n"
-        "time.sleep(20)"
-    )
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run_command([sys.executable, "-c", interrupts, str(child)])
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert not Path("/proc", child.read_text()).exists()
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_kind_of_table(tmp_path, performed, suffix):
     path = write(tmp_path, "options: {grid: [8, crash], lcp_rtol: [1e-6, 1e-8]}")
@@ -548,11 +318,6 @@ def test_every_kind_of_table(tmp_path, performed, suffix):
         text = output.read_text()
         assert all(name in text for name in ("grid", "lcp_rtol", "exit_status", *CHECKS))
         assert len([line for line in text.splitlines() if "crash" in line]) == 2
-
-
-def test_columns_of_the_outcome_give_way_to_options():
-    (row,) = make_rows([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
-    assert (row["load"], row["result_load"]) == (5, 4.9)
 
 
 def test_what_is_asked_for_has_a_column(tmp_path):

@@ -1,8 +1,11 @@
 """Start of MPI, and the environment."""
 
 import os
+import subprocess
+import sys
 
 import pytest
+from processes import TESTS
 
 from app.base import mpi
 
@@ -47,3 +50,39 @@ def test_a_temporary_environment_is_restored(monkeypatch):
         assert os.environ["CONTACT_NEW"] == "2"
         raise KeyError
     assert dict(os.environ) == before
+
+
+STATE = """
+import os, re, signal, sys
+from app.base import memory
+calls, chosen = [], []
+
+class Finder:
+    def find_spec(name, path=None, target=None):
+        if name == "mpi4py.MPI":
+            chosen.append(os.environ.get("OMPI_MCA_pml"))
+
+sys.meta_path.insert(0, Finder)
+memory.set_malloc_option = lambda *words: calls.append(words)
+
+def state():
+    status = open("/proc/self/status").read()
+    pipe = [int(mask, 16) >> signal.SIGPIPE - 1 & 1 for mask in re.findall("Sig(?:Ign|Cgt):(.*)", status)]
+    return pipe, signal.getsignal(signal.SIGPIPE), sys.excepthook, dict(os.environ), list(calls)
+
+signal.signal(signal.SIGPIPE, getattr(signal, sys.argv[1]))
+before = state()
+import app.api.analytic_values, app.api.load_path, app.api.refinement, app.api.solver, app.cli.subsurface
+from app import *
+assert state() == before, (before, state())
+print(*chosen)
+"""
+
+
+@pytest.mark.parametrize("ignored", ["SIG_IGN", "SIG_DFL"])
+def test_to_import_the_library_changes_nothing_of_the_process(ignored):
+    """Open MPI does not look for networks, as in a command."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("OMPI_", "PMI"))}
+    command = [sys.executable, "-c", STATE, ignored]
+    done = subprocess.run(command, env=plain, cwd=TESTS.parent, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.split()) == (0, ["ob1"]), done.stderr

@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from app.base import memory
 from app.base.errors import InputError
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.options.option_table import OptionReader
 
 from ..problems.from_options import problem_from, rough_problem
 
@@ -108,3 +112,72 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
 def test_wrong_options_of_shapes_are_refused(texts, message):
     with pytest.raises((InputError, ValueError), match=message):
         problem_from(**texts)
+
+
+def made(**texts):
+    given = {"domain": "0,1,0,1", "shear_modulus": "1", "poisson_ratio": "0.3", **texts}
+    return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("grid", ["5000000000", "99999999999999999999"])
+def test_more_cells_than_petsc_can_number(grid):
+    with pytest.raises(InputError, match=f"grid {grid},{grid}: this PETSc can number"):
+        made(problem="cone", cone_angle="1", grid=grid, approach="1")
+
+
+@pytest.fixture
+def sparse(tmp_path):
+    """``sparse("gap.npy", n)``: a file of n x n cells without content, a few kB on the disk."""
+
+    def make(name, n):
+        import h5py
+
+        path = tmp_path / name
+        if name.endswith(".h5"):
+            with h5py.File(path, "w") as file:
+                file.create_dataset("gap", (n, n), "f8", chunks=(1000, 1000))
+        else:
+            with path.open("wb") as file:
+                if name.endswith(".npy"):
+                    header = {"descr": "<f8", "fortran_order": False, "shape": (n, n)}
+                    np.lib.format.write_array_header_1_0(file, header)
+                file.truncate(file.tell() + 8 * n * n)
+        return str(path)
+
+    return make
+
+
+def small_machine(monkeypatch):
+    monkeypatch.setattr(memory, "available_memory", lambda: 1 << 30)
+
+
+@pytest.mark.parametrize("name", ["gap.h5", "gap.npy"])
+def test_sparse_and_huge_gap_file(sparse, name, monkeypatch):
+    small_machine(monkeypatch)
+    with pytest.raises(ValueError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
+        made(problem="file", gap_file=sparse(name, 40_000))
+    with pytest.raises(InputError, match=r"grid 1000000,1000000: this PETSc can number 2147483647 cells"):
+        made(problem="file", gap_file=sparse(name, 1_000_000))
+
+
+def test_grid_beyond_the_machine(monkeypatch):
+    small_machine(monkeypatch)
+    with pytest.raises(ValueError, match="grid 20000,20000: needs about 26.8 GiB"):
+        made(problem="hertz", grid="20000", hertz_rx="1", hertz_ry="1")
+
+
+def test_gap_files_have_no_unit(tmp_path):
+    np.savetxt(tmp_path / "gap.txt", np.zeros((4, 4)))
+    with pytest.raises(InputError, match="-surface_unit um: has no effect here; gap files are in mm"):
+        made(problem="file", gap_file=str(tmp_path / "gap.txt"), surface_unit="µm")
+
+
+@pytest.mark.parametrize("kind", ["load", "approach"])
+def test_default_patch_is_that_of_the_largest_step(kind):
+    def patch(**loading):
+        given = {"problem": "sphere", "sphere_radius": "10", "contact_modulus": "1e5", **loading}
+        return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)[0].grid
+
+    assert patch(**{f"{kind}_path": "0.01,1,0.1"}) == patch(**{kind: "1"}) != patch(**{kind: "0.1"})
+    with pytest.raises(InputError, match="-domain is missing: without contact"):
+        patch(**{f"{kind}_path": "0,0"})

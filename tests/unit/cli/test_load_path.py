@@ -1,6 +1,13 @@
 """Load paths of the command."""
 
-from app.cli.load_path import merge_notes
+import tracemalloc
+from types import SimpleNamespace
+
+import pytest
+from mpi4py import MPI
+
+from app.cli.load_path import hash_inputs, merge_notes
+from app.parameter_study.run import Run
 
 
 def test_merged_notes_keep_the_signs_of_numbers():
@@ -10,3 +17,24 @@ def test_merged_notes_keep_the_signs_of_numbers():
         ["from 0.2 mm on, as in a-2.txt"],
     ]
     assert merge_notes(notes) == ["all steps: from -0.5 to 0.2 mm on, as in a-2.txt"]
+
+
+@pytest.mark.parametrize("of", ["path", "sweep"])
+def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
+    """Measured surfaces are large, and rank 0 of a path has work arrays beside them."""
+    size, file = 32 << 20, tmp_path / "surface.npy"
+    with file.open("wb") as large:
+        large.truncate(size)
+    path = SimpleNamespace(
+        inputs=[file, tmp_path / "absent"], relevant_options="", kind="load", numbers=(1.0,)
+    )
+    keys, run = [], Run(options={"surface_file": str(file)})
+    for end in b"", b"\1":
+        with file.open("ab") as large:
+            large.write(end)
+        tracemalloc.start()
+        keys.append(hash_inputs(path, SimpleNamespace(comm=MPI.COMM_SELF)) if of == "path" else run.key())
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < size / 4
+    assert keys[0] != keys[1]

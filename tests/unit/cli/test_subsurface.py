@@ -1,13 +1,21 @@
 """Stresses of a solution, and wrong questions for them."""
 
+import re
+from dataclasses import replace
+
+import h5py
 import numpy as np
 import pytest
+from mpi4py import MPI
+from results import MAX_PRESSURE, made_up_result, with_attributes, write
 
 import app.subsurface
-from app import ContactProblem, Grid, Material, Sphere, solve
+from app import ContactProblem, Grid, Material, Sphere, read_result, solve
 from app.base.errors import InputError
+from app.cli import subsurface
 from app.cli.subsurface import stress
-from app.halfspace.stress.subsurface import SubsurfaceStress
+from app.halfspace.stress.subsurface import SubsurfaceStress, von_mises
+from app.parallel.slabs import Slabs
 
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
 BALL = ContactProblem(GRID, Material.from_contact_modulus(1e5), Sphere(10))
@@ -35,3 +43,94 @@ def test_wrong_questions_are_refused_in_one_line(message, call):
 
 def test_stress_is_part_of_the_documented_module():
     assert app.subsurface.stress is stress
+
+
+@pytest.fixture(scope="module")
+def made():
+    return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
+
+
+@pytest.fixture
+def path(made, tmp_path):
+    write(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(48), made)
+    return tmp_path / "result.h5"
+
+
+def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys):
+    result = path.rename(tmp_path / "subsurface.h5")
+    assert subsurface.main([str(result), "-o", str(tmp_path)]) == 2
+    assert "is the input" in capsys.readouterr().err
+    assert read_result(result).load
+
+
+@pytest.mark.parametrize("name", ["subsurface.h5", "subsurface.png"])
+def test_subsurface_writes_nothing_where_one_of_its_files_cannot_be(path, tmp_path, capsys, name):
+    folder = tmp_path / "below"
+    (folder / name).mkdir(parents=True)
+    assert subsurface.main([str(path), "-o", str(folder)]) == 2
+    assert f"{name}: exists and is not a regular file" in capsys.readouterr().err
+    assert list(folder.iterdir()) == [folder / name]
+
+
+def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
+    folder = tmp_path / "below"
+    assert subsurface.main([str(path), "-o", str(folder), "--planes", "0.5,2", "--depths", "40"]) == 0
+    said = capsys.readouterr().out
+    assert re.findall("largest (.*) stress .* of the maximum pressure.*\n  at x = .* depth", said) == [
+        "von Mises",
+        "shear",
+    ]
+    assert (folder / "subsurface.png").read_bytes().startswith(b"\x89PNG")
+    with h5py.File(folder / "subsurface.h5") as file:
+        assert 0.55 < file.attrs["max_von_mises"] / MAX_PRESSURE < 0.68
+        assert file["section_x/sigma_xx"].shape == (40, 64) and file["section_y/sigma_xy"].shape == (40, 48)
+        assert file["plane_1"].attrs["depth"] == 2 and file["plane_1/von_mises"].shape == (48, 64)
+        shear, mises = (file[f"plane_1/{name}"][()] for name in ("max_shear", "von_mises"))
+        assert 0.28 < file.attrs["max_shear"] / MAX_PRESSURE < 0.34 and file.attrs["max_shear_depth"] > 0
+        assert (mises / 2 <= shear * 1.0001).all() and (shear <= 1.0001 * mises / 3**0.5).all()
+        assert file["section_x/sigma_zz"].dims[0][0].name == "/depth"
+        depth = file["depth"][()]
+        k = np.argmin(abs(depth - file.attrs["max_von_mises_depth"]))
+        assert file["line/von_mises"][k] == pytest.approx(file.attrs["max_von_mises"], rel=2e-3)
+        row = np.argmin(abs(made.y - file.attrs["y"]))
+        column = np.argmin(abs(made.x - file.attrs["x"]))
+        assert file["section_x/sigma_zz"][:, column] == pytest.approx(file["line/sigma_zz"][()])
+        surface = file["section_x/sigma_zz"][0]
+        assert surface == pytest.approx(-made.pressure[row], abs=1e-6 * MAX_PRESSURE)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 7.0])
+def test_the_same_stress_everywhere_is_at_no_place(made, pressure):
+    """Below a uniform pressure that is repeated for ever no cell is more stressed than others."""
+    even = replace(made, pressure=np.full_like(made.pressure, pressure) * (1 + 1e-14 * np.arange(64)))
+    periodic = with_attributes(even, periodic_symbol="spectral")
+    for result in (periodic, even):  # beside a free patch there is no pressure
+        below = subsurface.stress(result)
+        texts = subsurface.summary(*below.maxima(), result, below.nu)
+        figure = subsurface.draw(result, subsurface.survey(below, depths=9))
+        (told,) = figure.axes[0].get_legend().get_texts()
+        for text in (*texts, told.get_text()):
+            assert ("everywhere" in text) == ("depth" not in text) == (result is periodic or not pressure)
+
+
+def test_stress_of_a_solution_is_that_of_its_file(tmp_path):
+    grid = Grid.from_domain(32, 24, (-1, 1, -0.75, 0.75), periodic=True)
+    problem = ContactProblem(
+        grid, Material.from_contact_modulus(1e5), lambda x, y: 0.01 * np.cos(np.pi * x) + 0 * y, periodic=True
+    )
+    solution = solve(problem, mean_pressure=100)
+    solution.save(tmp_path / "waves.h5")
+    with pytest.raises(InputError, match="Poisson's ratio of the body is not known"):
+        subsurface.stress(solution)
+    one = subsurface.stress(solution, 0.3).plane(0.1)
+    other = subsurface.stress(read_result(tmp_path / "waves.h5"), 0.3).plane(0.1)
+    assert von_mises(one) == pytest.approx(von_mises(other))
+    assert one[2].mean() == pytest.approx(-100)
+
+
+def test_poisson_ratio_is_that_of_the_body_asked_for():
+    facts = {"poisson": np.array([0.3, 0.35]), "young": np.array([np.inf, 3000.0]), "poisson_ratio": 0.2}
+    assert subsurface.find_poisson_ratio(facts) == 0.35  # the other one is rigid
+    assert subsurface.find_poisson_ratio(facts, 1) == 0.3
+    assert subsurface.find_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
+    assert subsurface.find_poisson_ratio({}) is None

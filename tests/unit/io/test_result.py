@@ -1,9 +1,17 @@
 """Result files that cannot be read."""
 
-import pytest
+from dataclasses import replace
 
-from app import read_result
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+from processes import run
+from results import assert_same, made_up_result, with_attributes, write
+
 from app.base.errors import InputError
+from app.io.result import FIELDS, read_result
+from app.parallel.slabs import Slabs
 
 
 @pytest.mark.parametrize(
@@ -17,3 +25,168 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(message, call):
     with pytest.raises(InputError, match=message) as refused:
         call()
     assert "\n" not in str(refused.value)
+
+
+def test_result_file_whose_links_go_in_a_circle(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "loop.h5", "w") as file:
+        file["pressure"] = h5py.SoftLink("/pressure")
+        file["gap"] = [[1.0]]
+    with pytest.raises(ValueError, match=r"loop\.h5: ") as refusal:
+        read_result(tmp_path / "loop.h5")
+    assert "\n" not in str(refusal.value)
+
+
+SELF = MPI.COMM_SELF
+
+
+DATASETS = ["pressure", "gap", "displacement", "undeformed_distance", "contact", "x", "y"]
+
+
+COLUMNS = ["level", "contact_cells", "changed_cells", "residual", "inner_iterations", "work_units"]
+
+
+ATTRIBUTES = (
+    "converged reason active_set_iterations work_units operator_applications inner_iterations residual load "
+    "approach max_pressure contact_cells contact_fraction solve_seconds setup_seconds ranks options "
+    "command_line version"
+).split()
+
+
+@pytest.fixture(scope="module")
+def result():
+    return made_up_result(64, 48, punch_radius=4.5)
+
+
+@pytest.fixture
+def path(result, tmp_path):
+    write(tmp_path / "result.h5", SELF, Slabs(48), result)
+    return tmp_path / "result.h5"
+
+
+def test_round_trip_is_exact(result, tmp_path):
+    odd = replace(result, pressure=result.pressure.copy(), gap=result.gap.copy())
+    odd.pressure[0, :3] = -0.0, 5e-324, np.inf
+    assert np.isnan(odd.gap).any()
+    extra = {name: getattr(odd, name) for name in FIELDS} | {"slip": 2 * odd.displacement}
+    write(tmp_path / "a.hdf5", SELF, Slabs(48), odd, fields=extra)
+    found = read_result(tmp_path / "a.hdf5")
+    assert found.units["slip"] == "1"
+    assert found.extra.pop("slip").shape == (48, 64)
+    assert_same(found, odd)
+
+
+def test_names_types_and_units_are_those_of_the_interface(path):
+    with h5py.File(path) as file:
+        assert sorted(file) == sorted([*DATASETS, "history"])
+        assert sorted(file["history"]) == sorted(COLUMNS)
+        assert file.attrs.keys() >= set(ATTRIBUTES)
+        for name in DATASETS:
+            assert file[name].dtype == ("uint8" if name == "contact" else "float64")
+            assert file[name].shape == {"x": (64,), "y": (48,)}.get(name, (48, 64))
+            assert file[name].attrs["unit"] == {"pressure": "N/mm2", "contact": "1"}.get(name, "mm")
+        assert file.attrs["converged"].dtype == bool
+
+
+@pytest.mark.parametrize("name", [*DATASETS, *(f"history/{c}" for c in COLUMNS), *ATTRIBUTES])
+def test_reading_names_what_is_missing(path, name):
+    with h5py.File(path, "r+") as file:
+        del (file.attrs if name in file.attrs else file)[name]
+    with pytest.raises(ValueError, match=rf"result\.h5: (dataset|attribute) {name} is missing$"):
+        read_result(path)
+
+
+def test_reading_refuses_other_files(path, tmp_path):
+    whole = path.read_bytes()
+    for content, reason in (
+        (b"not HDF5", "not a readable HDF5"),
+        (b"", "not a readable HDF5"),
+        (whole[:5000], ""),
+    ):
+        (tmp_path / "other.h5").write_bytes(content)
+        with pytest.raises(ValueError, match=f"other.h5: .*{reason}") as caught:
+            read_result(tmp_path / "other.h5")
+        assert "\n" not in str(caught.value)
+    for other, reason in ((tmp_path, "not a file"), (tmp_path / "absent.h5", "no such file")):
+        with pytest.raises(ValueError, match=reason):
+            read_result(other)
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["elevation"] = np.zeros((3, 3))
+    with pytest.raises(ValueError, match="no result of app.solve"):
+        read_result(tmp_path / "foreign.h5")
+    with h5py.File(path, "r+") as file:
+        del file["gap"]
+        file["gap"] = np.zeros((48, 63))
+    with pytest.raises(ValueError, match=r"dataset gap: shape \(48, 63\)"):
+        read_result(path)
+    with h5py.File(path, "r+") as file:
+        del file["gap"]
+        file["gap"] = np.zeros((48, 64), dtype="S3")
+    with pytest.raises(ValueError, match=r"dataset gap: type \|S3"):
+        read_result(path)
+
+
+@pytest.mark.parametrize("where", ["attribute", "dataset"])
+def test_reading_refuses_types_that_numpy_has_not(path, where):
+    with h5py.File(path, "r+") as file:
+        if where == "attribute":
+            h5py.h5a.create(file.id, b"when", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
+        else:
+            h5py.h5d.create(file.id, b"when", h5py.h5t.UNIX_D32LE, file["gap"].id.get_space())
+    with pytest.raises(InputError, match="result.h5: No NumPy equivalent"):
+        read_result(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("x", np.linspace(9, -9, 64), "x: needed: finite cell centres"),
+        ("x", np.zeros(64), "x: needed: finite cell centres"),
+        ("x", np.full(64, np.nan), "x: needed: finite cell centres"),
+        ("y", np.geomspace(1, 9, 48), "y: needed: finite cell centres"),
+        ("y", np.linspace(-1e200, 1e200, 48), "y: needed: finite cell centres"),
+        ("contact", np.full((48, 64), 2, np.uint8), "contact: has other values than 0 and 1"),
+        ("path/approach", np.zeros(3), "path: has no loads"),
+        ("path/load", np.zeros(0), "path: has no loads"),
+    ],
+)
+def test_reading_refuses_what_nobody_can_draw(path, name, values, message):
+    with h5py.File(path, "r+") as file:
+        if name in file:
+            del file[name]
+        file[name] = values
+    with pytest.raises(ValueError, match=f"{path.name}: .*{message}"):
+        read_result(path)
+
+
+def test_cell_centres_far_from_zero_are_read(path):
+    """Rounding makes steps of cells that lie far away unequal."""
+    with h5py.File(path, "r+") as file:
+        file["x"][...] = 1e6 + 1e-8 * np.arange(64)
+    assert read_result(path).x[0] == 1e6
+
+
+def test_who_reads_a_result_waits_for_no_solver():
+    """Neither MPI nor PETSc nor the compiler are loaded, nor by who draws it."""
+    slow = "{'mpi4py.MPI', 'petsc4py', 'numba'}"
+    done = run("-c", f"import sys; import app.plot, app.report; print(*{slow} & sys.modules.keys())")
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+
+
+@pytest.fixture(scope="module")
+def made():
+    return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
+
+
+def test_a_load_path_is_read_from_the_file(path):
+    with h5py.File(path, "r+") as file:
+        file["path/load"] = [3.0, 4.0]
+    assert read_result(path).path["load"].tolist() == [3, 4]
+
+
+def test_fields_have_their_coordinates_as_dimension_scales(path):
+    with h5py.File(path) as file:
+        for name in ("pressure", "gap", "displacement", "undeformed_distance", "contact"):
+            assert [dimension[0].name for dimension in file[name].dims] == ["/y", "/x"]
+        assert all(h5py.h5ds.is_scale(file[name].id) for name in ("x", "y"))

@@ -1,23 +1,14 @@
-"""Files that appear whole or not at all: links, inputs, long names, what killed runs leave."""
+"""Atomic files, links, inputs, long names and outdated temporary files."""
 
 import os
 import subprocess
 import sys
 import time
-import tracemalloc
-from types import SimpleNamespace
 
 import pytest
-from mpi4py import MPI
-from results import made_up_result
-from results import write as write_made_up
 
 from app.base.errors import InputError
-from app.cli.load_path import hash_inputs
 from app.io.files import atomic_file, check_output_path, make_temporary_name
-from app.io.result import read_result
-from app.parallel.slabs import Slabs
-from app.parameter_study.run import Run
 
 
 def write(path, text):
@@ -108,44 +99,36 @@ def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
     assert set(tmp_path.iterdir()) == {path, *others}
 
 
-@pytest.mark.parametrize("of", ["path", "sweep"])
-def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
-    """Measured surfaces are large, and rank 0 of a path has work arrays beside them."""
-    size, file = 32 << 20, tmp_path / "surface.npy"
-    with file.open("wb") as large:
-        large.truncate(size)
-    path = SimpleNamespace(
-        inputs=[file, tmp_path / "absent"], relevant_options="", kind="load", numbers=(1.0,)
-    )
-    keys, run = [], Run(options={"surface_file": str(file)})
-    for end in b"", b"\1":
-        with file.open("ab") as large:
-            large.write(end)
-        tracemalloc.start()
-        keys.append(hash_inputs(path, SimpleNamespace(comm=MPI.COMM_SELF)) if of == "path" else run.key())
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        assert peak < size / 4
-    assert keys[0] != keys[1]
-
-
-def test_ctrl_c_while_a_result_is_written_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.io.write.publish", lambda *paths: (_ for _ in ()).throw(KeyboardInterrupt))
-    with pytest.raises(KeyboardInterrupt):
-        write_made_up(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(12), made_up_result(16, 12))
-    assert not list(tmp_path.iterdir())
-
-
 def test_temporary_names_are_all_different(tmp_path):
     assert len({make_temporary_name(tmp_path / name) for name in ("a.h5", "a.h5", "b.h5")}) == 3
 
 
-def test_result_file_whose_links_go_in_a_circle(tmp_path):
-    import h5py
+def test_whole_file_appears_only_when_the_block_succeeds(tmp_path):
+    target = tmp_path / "t.txt"
+    target.write_text("old")
+    with pytest.raises(KeyError), atomic_file(target) as temporary:
+        temporary.write_text("half")
+        raise KeyError
+    assert target.read_text() == "old"
+    with atomic_file(target) as temporary:
+        temporary.write_text("new")
+        assert target.read_text() == "old"
+    assert target.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [target]
 
-    with h5py.File(tmp_path / "loop.h5", "w") as file:
-        file["pressure"] = h5py.SoftLink("/pressure")
-        file["gap"] = [[1.0]]
-    with pytest.raises(ValueError, match=r"loop\.h5: ") as refusal:
-        read_result(tmp_path / "loop.h5")
-    assert "\n" not in str(refusal.value)
+
+def test_output_path_is_checked_early(tmp_path):
+    assert check_output_path(str(tmp_path / "a.H5")) == tmp_path / "a.H5"
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "folder.h5").mkdir()
+    for name, reason in (
+        (tmp_path / "a.txt", r"must end in \.h5 or \.hdf5"),
+        (tmp_path / "a", "must end in"),
+        (tmp_path / "folder.h5", "not a regular file"),
+        (tmp_path / "absent" / "a.h5", "does not exist"),
+        ("/proc/a.h5", "cannot write in /proc"),  # not even root can
+    ):
+        with pytest.raises(ValueError, match=reason) as caught:
+            check_output_path(name)
+        assert str(name) in str(caught.value)
+        assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Where options come from, what overrides what, and what is wrong with files: read by PETSc, told in one line."""
+"""Sources of options: order, files read by PETSc, and one-line errors."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from processes import OPTIONS
 
 from app.base.errors import InputError
 from app.cli import option_sources
-from app.cli.problem_options import read_loading, resolve_alternatives
+from app.cli.problem_options import resolve_alternatives
 
 
 @pytest.fixture
@@ -250,83 +250,6 @@ def test_words_that_are_no_options(line, message, read):
         read(line)
 
 
-# -------------------------------------------------------------------------------------- approach or load
-
-
-@pytest.fixture
-def prescribed(read, files):
-    """What is prescribed by a command line."""
-    files(
-        approach__opts="-approach 0.1 # mm\n",
-        load__opts="# N\n-load 7e3\n",
-        load__yml="lcp:\n  rtol: 1e-6\nload: 7e3\n",
-        both__opts="-load 1\n-approach 2\n",
-        own__opts="-options_file approach.opts\n-Load 8\n",
-        replaced__opts="-options_file both.opts\n-load 8\n",
-    )
-
-    def value(line, **started_with):
-        given = read(re.sub(r"(\w+\.(opts|yml))", r"-options_file \1", line), **started_with)
-        return read_loading(given, resolve_alternatives(given))
-
-    return value
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("approach.opts", ("approach", 0.1)),
-        ("approach.opts -approach 0.2", ("approach", 0.2)),
-        ("approach.opts -load 5", ("load", 5)),
-        ("-load 5 approach.opts", ("load", 5)),  # the command line wins wherever it stands
-        ("-approach 5 load.opts", ("approach", 5)),
-        ("-approach 5 approach.opts", ("approach", 0.1)),  # as in PETSc: a file counts where it stands
-        ("-load 5 approach.opts -load 6", ("load", 6)),
-        ("load.opts -approach -0.2", ("approach", -0.2)),
-        ("approach.opts load.opts", ("load", 7e3)),
-        ("load.opts approach.opts", ("approach", 0.1)),
-        ("approach.opts load.yml", ("load", 7e3)),
-        ("own.opts", ("load", 8)),  # a file comes after those that it includes
-        ("own.opts approach.opts", ("approach", 0.1)),
-        ("both.opts -Approach 3", ("approach", 3)),
-        ("replaced.opts", ("load", 8)),
-    ],
-)
-def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(prescribed, line, expected):
-    assert prescribed(line) == expected
-
-
-def test_the_one_replaced_is_forgotten(read):
-    given = read("-load 5", approach="0.3")
-    assert read_loading(given, resolve_alternatives(given)) == ("load", 5)
-    assert given.texts == {"load": "5"}
-
-
-def test_environment_comes_first(prescribed):
-    assert prescribed("-load 5", approach="0.3") == ("load", 5)
-    assert prescribed("", approach="0.3") == ("approach", 0.3)
-    assert prescribed("load.opts", approach="0.3") == ("load", 7e3)
-
-
-@pytest.mark.parametrize(
-    ("line", "where"),
-    [
-        ("", "neither"),
-        ("-grid 8", "neither"),
-        ("-approach 1 -load 2", "on the command line"),
-        ("both.opts", "in both.opts"),
-        ("approach.opts both.opts", "in both.opts"),
-        (
-            "-approach 1 load.opts -load 2",
-            "on the command line",
-        ),  # one place, however many files stand between
-    ],
-)
-def test_exactly_one_of_approach_and_load(prescribed, line, where):
-    with pytest.raises(InputError, match=where):
-        prescribed(line)
-
-
 def test_what_a_later_file_takes_back_is_told(read, files):
     files(a__opts="-grid 8\n-approach 1\n")
     given = read("-Grid 9 -ksp_rtol 1 -load 5 -options_file a.opts")
@@ -346,41 +269,3 @@ def test_files_and_words_are_told_apart(read, files):
         {"a.opts": {"a": "1", "b": "1", "c": "1"}, "b.opts": {"b": "2", "d": "2"}},
         {"c": "3"},
     )
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("approach.opts -mean_gap 0", ("mean_gap", 0)),
-        ("load.opts -mean_pressure 3", ("mean_pressure", 3)),
-        ("-mean_pressure 3 load.opts", ("mean_pressure", 3)),
-    ],
-)
-def test_mean_pressure_and_mean_gap_are_loadings_too(prescribed, line, expected):
-    assert prescribed(line) == expected
-
-
-@pytest.mark.parametrize(
-    ("line", "left"),
-    [
-        ("-options_file pair.opts", {"shear_modulus": "1", "poisson_ratio": "0.3"}),
-        ("-options_file pair.opts -contact_modulus 5", {"contact_modulus": "5"}),
-        ("-options_file pair.opts -options_file one.opts", {"contact_modulus": "7"}),
-        ("-options_file one.opts -shear_modulus 2", {"shear_modulus": "2"}),
-        ("-options_file pair.opts -shear_modulus 2", {"shear_modulus": "2", "poisson_ratio": "0.3"}),
-        ("-surface_rms_height 1 -grid 8", {"surface_rms_height": "1", "grid": "8"}),
-    ],
-)
-def test_a_later_way_to_give_the_material_replaces_the_other(read, files, line, left):
-    files(pair__opts="-shear_modulus 1\n-poisson_ratio 0.3\n", one__opts="-contact_modulus 7\n")
-    given = read(line)
-    resolve_alternatives(given)
-    assert given.texts == left
-
-
-def test_two_ways_in_one_place_are_refused(read, files):
-    files(both__opts="-contact_modulus 1\n-poisson_ratio 0.3\n")
-    with pytest.raises(
-        InputError, match="both -contact_modulus and -poisson_ratio are given in both.opts: exactly one"
-    ):
-        resolve_alternatives(read("-options_file both.opts"))

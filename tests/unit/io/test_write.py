@@ -1,0 +1,93 @@
+"""Writing of result files."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from mpi4py import MPI
+from processes import TESTS
+from results import full_disk, made_up_result, write
+from results import write as write_made_up
+
+from app.io.result import FIELDS, read_result
+from app.parallel.slabs import Slabs
+
+
+def test_ctrl_c_while_a_result_is_written_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("app.io.write.publish", lambda *paths: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        write_made_up(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(12), made_up_result(16, 12))
+    assert not list(tmp_path.iterdir())
+
+
+SELF = MPI.COMM_SELF
+
+
+COLUMNS = ["level", "contact_cells", "changed_cells", "residual", "inner_iterations", "work_units"]
+
+
+@pytest.fixture(scope="module")
+def result():
+    return made_up_result(64, 48, punch_radius=4.5)
+
+
+@pytest.fixture
+def path(result, tmp_path):
+    write(tmp_path / "result.h5", SELF, Slabs(48), result)
+    return tmp_path / "result.h5"
+
+
+def test_no_outer_iteration_gives_empty_columns(result, tmp_path):
+    write(tmp_path / "a.h5", SELF, Slabs(48), result, history={})
+    assert {
+        name: column.shape for name, column in read_result(tmp_path / "a.h5").history.items()
+    } == dict.fromkeys(COLUMNS, (0,))
+
+
+def as_fields(result):
+    return {name: getattr(result, name) for name in FIELDS}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: {"attributes": r.attributes | {"reason": None}}, "attribute reason: object"),
+        (lambda r: {"fields": as_fields(r) | {"slip": r.gap * 1j}}, "field slip: complex128 is not numeric"),
+        (lambda r: {"steps": {"load": [1.0], "approach": [1.0, 2.0]}}, "steps: column load: shape"),
+    ],
+)
+def test_writing_refuses_what_does_not_fit(result, path, change, message):
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=message):
+        write(path, SELF, Slabs(48), result, **change(result))
+    assert path.read_bytes() == before
+    assert [f.name for f in path.parent.iterdir()] == [path.name]
+
+
+def test_a_mistake_of_the_program_is_raised_as_it_is(result, path):
+    with pytest.raises(AttributeError, match="NoneType"):
+        write(path, SELF, Slabs(48), result, fields=None)
+
+
+def test_full_disk_leaves_the_previous_result(result, path):
+    before = path.read_bytes()
+    with full_disk(), pytest.raises(OSError, match="File too large"):
+        write(path, SELF, Slabs(48), result)
+    assert path.read_bytes() == before
+    assert [f.name for f in path.parent.iterdir()] == [path.name]
+
+
+def test_killed_run_leaves_the_previous_result(path):
+    """The process dies when all is written and only the renaming is left."""
+    before = path.read_bytes()
+    program = (
+        "import os, signal, sys; from mpi4py import MPI; from app.parallel.slabs import Slabs\n"
+        "import results as m\n"
+        "os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "m.write(sys.argv[1], MPI.COMM_SELF, Slabs(96), m.made_up_result())\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS), str(TESTS.parent)])}
+    run = subprocess.run([sys.executable, "-c", program, path], env=environment, timeout=60, check=False)
+    assert run.returncode == -9
+    assert path.read_bytes() == before

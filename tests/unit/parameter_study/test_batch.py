@@ -1,0 +1,54 @@
+"""Simultaneous runs and table rows."""
+
+import numpy as np
+import pytest
+
+from app.parameter_study import batch
+from app.parameter_study.batch import make_rows, run_all
+from app.parameter_study.journal import Journal
+from app.parameter_study.run import Run
+
+
+@pytest.fixture
+def performed(monkeypatch):
+    """Replace the program by one that solves at once; return the list of what was run."""
+    calls = []
+
+    def perform(run, output, processes, ranks=1, timeout=None):
+        calls.append(dict(run.options))
+        status = {"crash": 1, "refused": 2}.get(run.options.get("grid"), 0)
+        return {"exit_status": status, "message": "", "load": np.float64(len(calls))}
+
+    monkeypatch.setattr(batch, "perform", perform)
+    return calls
+
+
+def execute(tmp_path, runs, resume=True, **how):
+    journal = Journal(tmp_path / "journal", resume)
+    try:
+        return run_all(runs, tmp_path / "work", journal, **how)[0]
+    finally:
+        journal.close()
+
+
+def runs_on(*grids, **labels):
+    return [Run((), {"grid": grid}, labels) for grid in grids]
+
+
+def test_resume_does_only_what_is_new_or_has_no_answer(tmp_path, performed):
+    first = execute(tmp_path, runs_on("8", "crash", "refused"))
+    again = execute(tmp_path, runs_on("8", "crash", "refused", "16"))
+    assert [call["grid"] for call in performed] == ["8", "crash", "refused", "crash", "refused", "16"]
+    assert again[0] == first[0]
+    execute(tmp_path, runs_on("8"), resume=False)
+    assert len(performed) == 7
+
+
+def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed):
+    outcomes = execute(tmp_path, [*runs_on("8", a=1), *runs_on("8", b=2)], jobs=2)
+    assert len(performed) == 1 and outcomes[0] == outcomes[1]
+
+
+def test_columns_of_the_outcome_give_way_to_options():
+    (row,) = make_rows([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
+    assert (row["load"], row["result_load"]) == (5, 4.9)
