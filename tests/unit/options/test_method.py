@@ -350,4 +350,4 @@ def test_strategy_of_free_patches_is_refused_on_periodic_ones():
     with pytest.raises(
         InputError, match="-lcp_type fast: .* must be primal, active_set, tao or snesvi on per"
     ):
-        ContactSolver(periodic_rough(16), options={"lcp_type": "fast"})
+        ContactSolver(periodic_rough(32), options={"lcp_type": "fast"})
