@@ -8,7 +8,7 @@ from app.base.errors import InputError, format_exact
 from app.options.option_table import LARGEST
 
 
-def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):
+def real_numbers(label, values, needed="an array of real numbers, or a function of x and y"):
     """Return a copy as float64, NaN for masked entries.
 
     Raises InputError also for texts, complex numbers and None, which numpy would convert.
@@ -19,7 +19,7 @@ def real_numbers(what, values, needed="an array of real numbers, or a function o
             return np.asarray(np.ma.filled(array.astype(float), np.nan))
     except (TypeError, ValueError):
         pass
-    raise InputError(f"{what}: must be {needed}") from None
+    raise InputError(f"{label}: must be {needed}") from None
 
 
 def lattice(x, y, origin):
@@ -31,12 +31,12 @@ def lattice(x, y, origin):
     return x - origin[0], y - origin[1]
 
 
-def check_size(what, values, first_row=0):
+def check_size(label, values, first_row=0):
     """Raise InputError for numbers whose square overflows."""
     large = np.abs(values) > LARGEST
     if large.any():
         j, i = np.argwhere(large)[0]
         raise InputError(
-            f"{what}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; must be numbers "
+            f"{label}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; must be numbers "
             f"up to {LARGEST:g}, and NaN where contact is impossible"
         )

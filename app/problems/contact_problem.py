@@ -26,9 +26,9 @@ class _SampledOrFunction:
 
     name = "given"
 
-    def __init__(self, what, values):
-        self._what, self.sampled = what, not callable(values)
-        self._values = real_numbers(what, values) if self.sampled else values
+    def __init__(self, label, values):
+        self._label, self.sampled = label, not callable(values)
+        self._values = real_numbers(label, values) if self.sampled else values
 
     def check_grid(self, grid):
         """Raise if an array has another shape or too large values."""
@@ -36,23 +36,23 @@ class _SampledOrFunction:
             return
         if self._values.shape != grid.shape:
             raise InputError(
-                f"{self._what}: has shape {self._values.shape}; the grid needs (ny, nx) = {grid.shape}"
+                f"{self._label}: has shape {self._values.shape}; the grid needs (ny, nx) = {grid.shape}"
             )
-        check_size(self._what, self._values)
+        check_size(self._label, self._values)
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
         if self.sampled:
             return np.array(self._values[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
-        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self._call(x, y))
+        shape, values = (y.shape[0], grid.nx), real_numbers(self._label, self._call(x, y))
         try:
             values = np.array(np.broadcast_to(values, shape), order="C")
         except ValueError:
             raise InputError(
-                f"{self._what}: a function that gives an array of shape {values.shape}; must be {shape} here"
+                f"{self._label}: a function that gives an array of shape {values.shape}; must be {shape} here"
             ) from None
-        check_size(self._what, values, rows.start or 0)
+        check_size(self._label, values, rows.start or 0)
         return values
 
     heights_on = shape_on
@@ -63,7 +63,7 @@ class _SampledOrFunction:
         except (TypeError, ValueError) as error:
             if type(error) not in (TypeError, ValueError) or "array" not in str(error):
                 raise
-            advice = f"a {self._what} is called with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
+            advice = f"a {self._label} is called with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
             raise type(error)(f"{error}; {advice}").with_traceback(error.__traceback__) from None
 
     def describe(self):
@@ -130,10 +130,10 @@ class ContactProblem(Problem):
         except TypeError:
             kind = type(self.surfaces).__name__
             raise InputError(f"surfaces: is {kind}; must be a sequence of surfaces, [...]") from None
-        for what, part in (("gap", self.gap), *(("surface", part) for part in surfaces)):
+        for label, part in (("gap", self.gap), *(("surface", part) for part in surfaces)):
             if isinstance(part, type):
                 raise InputError(
-                    f"{what}: is the class {part.__name__}; must be an instance, {part.__name__}(...)"
+                    f"{label}: is the class {part.__name__}; must be an instance, {part.__name__}(...)"
                 )
         if self.gap is None and not surfaces:
             raise InputError("gap: must be an array of numbers, a function of x and y, or a shape")

@@ -12,11 +12,11 @@ from app.problems.surfaces.text_heads import read_gwyddion_head
 class GapFile(StoredArray):
     """Undeformed distance [mm] from a file; NaN: no contact."""
 
-    what = "gap file"
+    label = "gap file"
     name, sampled = "file", True
 
     def __init__(self, file):
-        content = read_array(file, self.what)
+        content = read_array(file, self.label)
         super().__init__(str(file), content.array)
         unit, _ = read_gwyddion_head(content.comments)
         if unit not in (None, "mm"):

@@ -80,11 +80,13 @@ def evaluate_shape(problem, grid, rows):
     expected = len(range(*rows.indices(grid.ny))), grid.nx
     if not expected[0]:
         return np.empty(expected)
-    what = f"problem {problem.name}"
-    shape = real_numbers(what, problem.shape_on(grid, rows), "undeformed distances, an array of real numbers")
+    label = f"problem {problem.name}"
+    shape = real_numbers(
+        label, problem.shape_on(grid, rows), "undeformed distances, an array of real numbers"
+    )
     if shape.shape != expected:
         raise InputError(
-            f"{what}: undeformed distances of shape {shape.shape}; must be (rows, nx) = {expected}"
+            f"{label}: undeformed distances of shape {shape.shape}; must be (rows, nx) = {expected}"
         )
-    check_size(what, shape, rows.start or 0)
+    check_size(label, shape, rows.start or 0)
     return np.ascontiguousarray(shape)

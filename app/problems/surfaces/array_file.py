@@ -38,13 +38,13 @@ class UnknownFormat(InputError):
 class StoredArray:
     """A 2-D array of real numbers, read by rows."""
 
-    what = "array"  # for messages
+    label = "array"  # for messages
 
     def __init__(self, file, array):
         self.file, self._array = file, array
         if array.ndim != 2 or not all(array.shape) or array.dtype.kind not in "fiu":
             raise InputError(
-                f"{self.what} {file}: holds {array.dtype} of shape {array.shape}; "
+                f"{self.label} {file}: holds {array.dtype} of shape {array.shape}; "
                 "must be real numbers of shape (ny, nx)"
             )
 
@@ -59,7 +59,7 @@ class StoredArray:
 
     def rows(self, rows=slice(None)):
         """Return a copy of some rows as float64."""
-        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.what} {self.file}")
+        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.label} {self.file}")
         return np.array(self._array[rows], dtype=np.float64, order="C")
 
 
@@ -73,15 +73,15 @@ class FileContent(NamedTuple):
     is_text: bool
 
 
-def read_array(name, what, skip=0, channel=""):
+def read_array(name, label, skip=0, channel=""):
     """Read ``.npy``, ``.npz``, HDF5, or text.
 
     ``:/dataset`` behind the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read later. Texts
-    may be compressed (``.gz``). `what` is "surface file", which may have heads and marks of missing points, or "gap
+    may be compressed (``.gz``). `label` is "surface file", which may have heads and marks of missing points, or "gap
     file". For `skip` and `channel` see `read_surface`. A text with words at its head, and a file that is no text,
     raise UnknownFormat, other ones that cannot be read InputError.
     """
-    heights = what == "surface file"
+    heights = label == "surface file"
     path, _, dataset = str(name).partition(":/")
     path = Path(path)
     if not path.is_file():
@@ -89,15 +89,15 @@ def read_array(name, what, skip=0, channel=""):
         stem, separator, _ = str(name).rpartition(":")
         if separator and Path(stem).is_file():
             reason = "no such file; a dataset is named as FILE:/DATASET"
-        raise InputError(f"{what} {path}: {reason}")
+        raise InputError(f"{label} {path}: {reason}")
     known = detect_format(path, skip)
     if known.kind in ("instrument", "other"):
         advice = f"; {_CONVERT}" if heights and known.kind == "instrument" else ""
-        raise InputError(f"{what} {name}: is {known.description}{advice}")
+        raise InputError(f"{label} {name}: is {known.description}{advice}")
     is_text = known.kind not in ARRAY_KINDS
     for option, value in (f"{skip} lines to skip", skip), (f"channel {channel}", channel):
         if value and not is_text:
-            raise InputError(f"{what} {path}: {option}: allowed of text, which it is not")
+            raise InputError(f"{label} {path}: {option}: allowed of text, which it is not")
     try:
         if is_text:
             return _read_text(path, skip, channel, heights)
@@ -113,7 +113,7 @@ def read_array(name, what, skip=0, channel=""):
         binary = unknown and not error.is_text
         advice = f"{_CONVERT}; else: " if heights and (binary or known.kind == "unknown") else ""
         refusal = (UnknownFormat if unknown else InputError)(
-            f"{what} {name}: cannot be read: {advice}{format_message(error)}"
+            f"{label} {name}: cannot be read: {advice}{format_message(error)}"
         )
         refusal.is_text = is_text and not binary
         raise refusal from None

@@ -58,7 +58,7 @@ class HeightMap(StoredArray):
         Unit of the values, if it is no length.
     """
 
-    what = "surface file"
+    label = "surface file"
 
     def __init__(self, file, array, orient=(), spacing=None, unit=None, lateral=None, other_unit=None):
         super().__init__(file, array)
@@ -98,50 +98,50 @@ class HeightMap(StoredArray):
         `options` are their names for messages. Raises InputError if a unit is stated nowhere or in two ways, a spacing
         in two ways, or `override` has no effect.
         """
-        (of_unit, of_height, of_spacing, of_override), where = options, f"surface file {self.file}"
-        wanted, mend = height_unit or unit, f"if that is wrong, add {of_override}"
-        allowed = f"it must be one of {ALLOWED}"
+        unit_option, height_option, spacing_option, override_option = options
+        where, mend = f"surface file {self.file}", f"if that is wrong, add {override_option}"
+        wanted_unit, allowed = height_unit or unit, f"it must be one of {ALLOWED}"
         if override:
             stated = self.unit or self.other_unit
-            if not (spacing and self.spacing) and not (wanted and stated):
+            if not (spacing and self.spacing) and not (wanted_unit and stated):
                 raise InputError(
-                    f"{of_override}: has no effect: {where} states no unit or spacing that is given otherwise"
+                    f"{override_option}: has no effect: {where} states no unit or spacing that is given otherwise"
                 )
             if height_unit:
                 self.lateral = self.lateral or self.unit
-            if wanted:
+            if wanted_unit:
                 self.unit = self.other_unit = None
             if spacing:
                 self.spacing = self.lateral = None
         if self.other_unit:
             raise InputError(
                 f"{where}: says {self.other_unit}, which is no length that is known here; if its "
-                f"values are heights all the same, state their unit by {of_unit} and {of_override}; {allowed}"
+                f"values are heights all the same, state their unit by {unit_option} and {override_option}; {allowed}"
             )
-        if not (self.unit or wanted):
+        if not (self.unit or wanted_unit):
             cells = ", nor of its cells of {:g} x {:g}".format(*self.spacing) if self.spacing else ""
             raise InputError(
-                f"{of_unit} is missing: {where} does not say the unit of its heights{cells}; {allowed}"
+                f"{unit_option} is missing: {where} does not say the unit of its heights{cells}; {allowed}"
             )
-        if self.unit and wanted and wanted != self.unit:
+        if self.unit and wanted_unit and wanted_unit != self.unit:
             raise InputError(
-                f"{of_height if height_unit else of_unit} {wanted}: {where} says {self.unit}; {mend}"
+                f"{height_option if height_unit else unit_option} {wanted_unit}: {where} says {self.unit}; {mend}"
             )
         self.lateral = self.lateral or self.unit or unit
-        self.unit = self.unit or wanted
+        self.unit = self.unit or wanted_unit
         if self.spacing and self.lateral is None:
             raise InputError(
-                f"{of_unit} is missing: {where} does not say the unit of its x and y, and {of_height} is of z alone; "
-                f"{allowed}"
+                f"{unit_option} is missing: {where} does not say the unit of its x and y, and {height_option} is of z "
+                f"alone; {allowed}"
             )
         if spacing is None:
             return
         if self.spacing:
             sides = " x ".join(f"{side:.7g}" for side in turn_spacing(self.spacing, self.orient))
-            raise InputError(f"{of_spacing}: {where} says {sides} {self.lateral} itself; {mend}")
+            raise InputError(f"{spacing_option}: {where} says {sides} {self.lateral} itself; {mend}")
         sides = _positive_pair(spacing)
         if sides is None:
-            raise InputError(f"{of_spacing} {spacing!r}: must be two positive numbers dx, dy [mm]")
+            raise InputError(f"{spacing_option} {spacing!r}: must be two positive numbers dx, dy [mm]")
         self.spacing, self.lateral = turn_spacing(sides, self.orient), "mm"
 
     @property
