@@ -39,7 +39,7 @@ class Problem:
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
     def fits(self, other):
-        """Return whether grid and material are another problem's."""
+        """Return whether another problem has the same grid and material."""
         return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
 
     @property

@@ -168,7 +168,7 @@ class Cylinder(Shape):
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Raise for a strip, or without cells under it."""
+        """Raise for a strip, or a patch without cells under the cylinder."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
@@ -221,7 +221,7 @@ class FlatPunch(Shape):
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
     def check_grid(self, grid):
-        """Raise for a patch without cells under it."""
+        """Raise for a patch without cells under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {format_exact(self.diameter)}: no cell centre of the patch lies under the punch"

@@ -134,7 +134,7 @@ class Westergaard(WavyContact):
 
     @property
     def approach(self):
-        """Approach [mm], from the mean displacement; 0 without contact."""
+        """Approach [mm], for displacements of mean 0; 0 without contact."""
         return self.amplitude - self.mean_gap
 
     def _sines(self, x, y):

@@ -30,7 +30,7 @@ _CONVERT = "python -m app.convert FILE -o surface.h5 reads what instruments writ
 
 
 class UnknownFormat(InputError):
-    """A file that an instrument may have written."""
+    """A file in no known format; an instrument's reader may know it."""
 
     is_text = True
 

@@ -51,7 +51,7 @@ class HeightMap(StoredArray):
     Attributes
     ----------
     spacing : pair of float or None
-        dx, dy; after the turns, but before them as an argument.
+        dx, dy after the turns; the argument is that before them.
     unit, lateral : str or None
         Of the heights, and of the spacing if that differs.
     other_unit : str or None
@@ -88,7 +88,7 @@ class HeightMap(StoredArray):
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
     def crop(self, crop):
-        """Keep a part only."""
+        """Crop the map in place."""
         i0, i1, j0, j1 = self.check_crop(crop)
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
@@ -236,7 +236,7 @@ def _positive_pair(values):
 
 
 def _check_heights(where, array, kind, orient):
-    """Raise if numbers are a list or coordinates."""
+    """Raise if the numbers of a text are no heights."""
     lines, numbers = array.shape
     ny, nx = lines, numbers
     if orient.count("transpose") % 2:
@@ -264,7 +264,8 @@ def _check_heights(where, array, kind, orient):
 def _begins_with_coordinates(rows):
     """Return whether the first row has coordinates.
 
-    Rows where nearly all points are missing are left out.
+    Except for the corner their steps are equal, those of heights are not, or other ones. Rows where nearly all points
+    are missing are left out.
     """
     if rows.shape[1] < MIN_COORDINATES:
         return False

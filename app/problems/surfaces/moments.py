@@ -106,12 +106,12 @@ class Moments:
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
     def tilt(self):
-        """Return rise and rms deviation of the best plane."""
+        """Return the rise of the best plane and rms height about it."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
     def slopes(self):
-        """Return the best plane without the constant."""
+        """Return the slopes of the best plane."""
         return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
 
     def unmeasured(self):
@@ -202,7 +202,7 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Update extremes and numbers of rows or columns."""
+    """Update the lowest, the highest and the number of heights."""
     low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)

@@ -79,7 +79,7 @@ class ResampledSurface:
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return mean heights in some rows of cells [mm]."""
+        """Return mean heights in some rows of cells [mm]; NaN: missing."""
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
@@ -95,7 +95,7 @@ class ResampledSurface:
         return np.where(known > ROUNDING, means, np.nan)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return shares of filled area, or None."""
+        """Return the share of filled area in each cell, or None."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T

@@ -72,7 +72,7 @@ def select_channel(lines, wanted, advice):
 
 
 def read_gwyddion_head(comments):
-    """Return unit and sides in Gwyddion's head, or None.
+    """Return unit and sides [mm] in Gwyddion's head, each or None.
 
     Examples
     --------

@@ -36,7 +36,7 @@ MIN_SIGNED_INTEGERS = 8
 
 
 class UnknownText(ValueError):
-    """A file that an instrument may have written; no text unless `is_text`."""
+    """A text in no known format; without `is_text`, no text."""
 
     def __init__(self, message, is_text=True):
         super().__init__(message)
