@@ -79,7 +79,8 @@ class LoadPath:
         self._rank = solver.comm.rank  # the table may be saved after the solver is closed
         self.numbers = call_collectively(solver.comm, _as_numbers, kind, numbers)
         check_equal_on_ranks(solver.comm, (self.numbers, stiffness), "path")
-        solver.check_all([{kind: number} for number in self.numbers])
+        for number in self.numbers:
+            solver.check(**{kind: number})
         self.resume_after(rows)
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()

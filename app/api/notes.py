@@ -114,8 +114,8 @@ def notes_on(state, problem, contact, roughness):
 
 def note_doubtful_moduli(material):
     """Return notes on moduli that no solid has."""
-    known = zip(*((material.bodies or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
-    elastic = [body for body in known if np.isfinite(body[0])]
+    bodies = zip(*((material.bodies or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
+    elastic = [body for body in bodies if np.isfinite(body[0])]
     young = [value for value, _ in elastic]
     what, values = (
         ("Young's modulus", young) if young else ("the contact modulus E*", [material.contact_modulus])

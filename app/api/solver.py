@@ -65,12 +65,8 @@ def solve(
         Load over the area of the patch [N/mm2].
     mean_gap : float, optional
         Of a periodic patch without holes [mm].
-    method : str or mapping, optional
-        Name of a method file, such as "fmg_v11".
-    options : mapping, optional
-        Names, without dash, to values: {"lcp_rtol": 1e-8}.
-    comm : communicator of mpi4py or petsc4py, optional
-        Ranks that share the grid; default: all.
+    method, options, comm : optional
+        As of `ContactSolver`.
     start : Solution, optional
         Of a similar loading, to start from.
 
@@ -311,17 +307,12 @@ class ContactSolver:
         [(kind, numbers)] = call_collectively(self.comm, check_one_kind, loadings).items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
+    @synchronized
     def check(self, **loading):
         """Check a loading, without solving."""
-        self.check_all([loading])
-
-    @synchronized
-    def check_all(self, loadings):
-        """Check loadings, dicts of keywords of `solve`."""
         self._check_open()
-        check_equal_on_ranks(self.comm, loadings, "loading")
-        for values in loadings:
-            self._make_loading(values)
+        check_equal_on_ranks(self.comm, loading, "loading")
+        self._make_loading(loading)
 
     @synchronized
     def update(self, problem):

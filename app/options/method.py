@@ -189,9 +189,9 @@ def make_settings(method=None, options=None, periodic=False):
         del texts[name]
     reader = OptionReader(METHOD_OPTIONS, texts)
     if (strategy := reader["lcp_type"]) == other:
-        works, here = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
+        works, this = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
         raise InputError(
-            f"-lcp_type {strategy}: works on {works}; must be {default}, active_set, tao or snesvi on {here} ones"
+            f"-lcp_type {strategy}: works on {works}; must be {default}, active_set, tao or snesvi on {this} ones"
         )
     _check_solvers(strategy, texts)
     values = {name.removeprefix("lcp_"): reader[name] for name in _TABLE}
