@@ -30,7 +30,7 @@ _CONVERT = "python -m app.convert FILE -o surface.h5 reads what instruments writ
 
 
 class UnknownFormat(InputError):
-    """A file in no known format; an instrument's reader may know it."""
+    """A file in no format that is read here."""
 
     is_text = True
 

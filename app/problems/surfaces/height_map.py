@@ -264,8 +264,8 @@ def _check_heights(where, array, kind, orient):
 def _begins_with_coordinates(rows):
     """Return whether the first row has coordinates.
 
-    Except for the corner their steps are equal, those of heights are not, or other ones. Rows where nearly all points
-    are missing are left out.
+    Except for the corner their steps are equal, those of heights are not, or other ones. Rows without heights do not
+    count.
     """
     if rows.shape[1] < MIN_COORDINATES:
         return False

@@ -44,7 +44,7 @@ class UnknownText(ValueError):
 
 
 def is_comment(line):
-    """Return whether a line begins with # or %, unless it is an error value."""
+    """Return whether a line begins with # or %, except error values."""
     return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
 
@@ -156,7 +156,7 @@ def _unquote(lines):
 
 
 def _first_word(line, heights):
-    """Return the first entry that is no number in any layout, or None."""
+    """Return the first entry that no layout makes a number, or None."""
     if _NUMBER_CHARACTERS.issuperset(line):
         return None
     for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
