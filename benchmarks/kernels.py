@@ -47,6 +47,7 @@ def main():
             print(name, shortest, flush=True)
 
     shared = compliance, slabs, comm if comm.size > 1 else None
+    product = InfluenceOperator(grid, *shared).product  # imports
     tracemalloc.start()
     product = InfluenceOperator(grid, *shared).product
     if comm.size == 1:
