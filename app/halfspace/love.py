@@ -62,7 +62,7 @@ def _edge(distance, i, length):
 
 @njit(makes_arrays=True, error_model="numpy", fastmath={"contract"})
 def _fill(quadrant, offsets, sides, squares, series, near, far):
-    """Compute rows of the quadrant, (2.4) under unit pressure.
+    """Compute rows of the quadrant under unit pressure.
 
     It is `near` times the integral of 1/rho, or `far` times the mean. The integral is a sum over the edges: signed
     distance times integral of 1/rho, since 1/rho = div(r / rho).
@@ -80,6 +80,7 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
         while i < columns and x_squared[i] + y_squared < _MAX_CLOSED_FORM_DISTANCE**2:
             x = (i + 0.5) * dx
             east = x * _edge(x, j, dy)
+            # (2.4)
             row[i] = near * (east - west + north * _edge(north, i, dx) - south * _edge(south, i, dx))
             west = east
             i += 1

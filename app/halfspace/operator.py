@@ -266,7 +266,8 @@ class InfluenceOperator(MatMethods):
     # -- numpy side --------------------------------------------------------------------------------------
 
     def displacement(self, p, u):
-        """Compute u = A p, (2.6) and (2.7), on all cells. Collective."""
+        """Compute u = A p on all cells. Collective."""
+        # (2.7)
         apply_logged(_mult_event, self.product, p, u)
 
     def exact_displacement(self, p, u):
@@ -286,14 +287,12 @@ class InfluenceOperator(MatMethods):
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = (a C A C + s I) x.
-
-        It is the left side of (2.11). PCMG computes the defect of Sec. 4.2, 2 from it.
-        """
+        """Compute y = (a C A C + s I) x, from which PCMG computes the defect."""
         self.products += 1
         a, s = scale_and_shift(mat)
         with y as out:
             p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
+            # (2.11), Sec. 4.2, 2
             apply_logged(_mult_event, self.product, p, out, self.mask)
             if (a, s) != (1.0, 0.0):
                 out *= a
@@ -308,7 +307,7 @@ class InfluenceOperator(MatMethods):
             values[...] = a * self.diagonal + s
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
-        """Sweep by damped lexicographic Gauss-Seidel on C, Sec. 4.2, 1.
+        """Sweep by damped lexicographic Gauss-Seidel on C.
 
         It is the sequential sweep on any number of ranks. With processor-local sweeps, PETSc's default, the multigrid
         method would diverge, so requests for local sweeps are treated as global ones.
@@ -336,6 +335,7 @@ class InfluenceOperator(MatMethods):
                     self.product.apply(p, r, self.mask)
                     np.subtract(right, r, out=r)
                     r *= self.mask
+                # Sec. 4.2, 1
                 relaxation.sweep(r, self.mask, omega, d, backward=backward)
                 PETSc.Log.logFlops(relaxation.products_per_sweep * self.product.flops)
                 p += d

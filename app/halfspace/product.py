@@ -31,7 +31,7 @@ _NODES = {_SINGLE: (6, 10), _DOUBLE: (14, 32)}
 
 
 class Convolution(EvenMultiplier):
-    """Product (2.6) by FFT on a grid of twice the size.
+    """Product by FFT on a grid of twice the size.
 
     Collective over the layout's ranks.
 
@@ -40,12 +40,13 @@ class Convolution(EvenMultiplier):
 
     def __init__(self, quadrant_rows, shape, layout=SERIAL):
         ny, nx = shape
+        # (2.6)
         super().__init__(shape, (transform_length(ny), transform_length(nx)), layout)
         self.load_or_make(shape, partial(self.set_kernel, quadrant_rows, ny, nx))
 
 
 class BoxProduct(EvenMultiplier):
-    """Product (2.6) in a periodic box, less the influence of images.
+    """Product in a periodic box, less the influence of images.
 
     Collective over the layout's ranks.
     """
