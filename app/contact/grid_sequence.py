@@ -49,7 +49,7 @@ class GridSequence:
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of idle ranks, or None."""
+        """Return the communicator of rank 0 and idle ranks."""
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def broadcast_to_next(self, state, extra=None):
