@@ -1,1 +1,1 @@
-"""The paper's tables and figures, and studies beyond them, from real runs: what ``python -m app.reproduce`` does."""
+"""The paper's tables and figures from real runs."""

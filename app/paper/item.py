@@ -1,4 +1,4 @@
-"""What can be reproduced: an item plans runs and makes numbers or a picture from what they find."""
+"""Tables, studies and figures of the reproduction, with their runs."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], 
 
 @dataclass(frozen=True)
 class Limits:
-    """How much to do: side of the largest grid, number of other random surfaces."""
+    """Side of the largest grid, and number of other random surfaces."""
 
     largest: int = 256
     seeds: int = 10
 
     def sizes(self, *sizes):
-        """Return those of the sizes that are not too large."""
+        """Return the sizes up to the largest grid."""
         return [n for n in sizes if n <= self.largest]
 
 
@@ -33,19 +33,18 @@ class Item:
     Parameters
     ----------
     name : str
-        On the command line, and of its files.
+        Name on the command line and of the files.
     kind : str
         "table", "study" or "figure".
     title : str
     plan : callable
-        (Limits, folder for input files) -> mapping of a tuple that names the case to its Run.
+        (Limits, folder for input files) -> mapping of cases (tuples of str) to their Run.
     evaluate : callable
-        Mapping of those tuples to the outcomes of the runs -> data of JSON types for tables and studies, or a
-        Figure.
+        Mapping of cases to outcomes of their runs -> data of JSON types, or a Figure.
     note : str
-        What a reader should know about it.
+        Remark for the reader.
     why : str
-        Why our numbers differ noticeably from the paper's, if they do.
+        Reason why our numbers differ noticeably from the paper's.
     """
 
     name: str
@@ -58,10 +57,13 @@ class Item:
 
 
 def solver_run(problem, method, n, **options):
-    """Run of a problem file with a method file on n x n cells; None among the options leaves one out."""
+    """Return the run of a problem file with a method file on n x n cells.
+
+    Options that are None are left out.
+    """
     files = [str(FILES / f"{name}.opts") for name in (problem, method) if name]
-    given = {name: str(value) for name, value in options.items() if value is not None}
-    return Run(tuple(files), {"grid": str(n), **given})
+    texts = {name: str(value) for name, value in options.items() if value is not None}
+    return Run(tuple(files), {"grid": str(n), **texts})
 
 
 def nest(flat):

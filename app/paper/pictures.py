@@ -1,4 +1,4 @@
-"""Figures 2, 5, 6, 7, 8, 10, 11, 12 of the paper in content, and work against grid size."""
+"""Figures of the paper, and work against grid size."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _figure5(outcomes):
     matrix = smoother_analysis.LineContact().matrix()
     jacobi = np.sort(smoother_analysis.modes(smoother_analysis.jacobi(matrix)).values.real)
     values = smoother_analysis.modes(smoother_analysis.gauss_seidel(matrix)).values
-    order = [smoother_analysis.paper_mode(j, 32) for j in range(1, 33)]
+    order = [smoother_analysis.paper_mode_index(j, 32) for j in range(1, 33)]
     figure = new_figure(12.0, 4.2)
     first, second, third = figure.subplots(1, 3)
     number = np.arange(1, 33)
@@ -99,7 +99,7 @@ def _figure6(outcomes):
     contact = smoother_analysis.LineContact()
     iteration = smoother_analysis.gauss_seidel(contact.matrix())
     history = smoother_analysis.sweep_history(iteration, contact.pressure())
-    order = [smoother_analysis.paper_mode(j, contact.cells) for j in range(1, contact.cells + 1)]
+    order = [smoother_analysis.paper_mode_index(j, contact.cells) for j in range(1, contact.cells + 1)]
     figure = new_figure(11.0, 4.4)
     left, right = figure.subplots(1, 2)
     for i, error, c, (colour, marker, line) in zip(
@@ -111,7 +111,7 @@ def _figure6(outcomes):
         right.plot(np.arange(1, contact.cells + 1), np.abs(c[order]), **style)
     left.set(xlabel="x  [mm]", ylabel=r"error $|p - p^i|\ /\ \max\,p$", ylim=(0, 1.9))
     left.legend(loc="upper right")
-    # The mode that the first sweep removes would flatten all others.
+    # The first sweep removes mode 1, which would make all others look flat.
     first = np.abs(history.coefficients[0, order[0]])
     right.set(xlabel="mode j", ylabel=r"coefficient $|c_j|$", ylim=(0, 1.6))
     arrow = {"arrowprops": {"arrowstyle": "->"}, "va": "center"}
@@ -127,15 +127,15 @@ def _figure7(outcomes):
     panels = figure.subplots(2, 3).ravel()
     for letter, axes, pair in zip("abcdef", panels, smoother_analysis.compare_grids(), strict=True):
         axes.plot(pair.vector.real, pair.vector.imag, "o", color=ORANGE, label="32 cells")
-        told = f"|λ| = {abs(pair.value):.2f}"
+        title = f"|λ| = {abs(pair.value):.2f}"
         if pair.coarse_vector is not None:
             coarse = pair.coarse_vector
             circles = {"color": BLUE, "markersize": 10, "markerfacecolor": "none", "label": "16 cells"}
             axes.plot(coarse.real, coarse.imag, "o", **circles)
-            told += f", {abs(pair.coarse_value):.2f} on 16 cells"
+            title += f", {abs(pair.coarse_value):.2f} on 16 cells"
         reach = 1.15 * np.abs(pair.vector).max()
         axes.set(xlabel="Re v", ylabel="Im v", xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-        axes.set_title(f"({letter}) mode {pair.number}\n{told}", loc="left")
+        axes.set_title(f"({letter}) mode {pair.number}\n{title}", loc="left")
     panels[0].legend(loc="upper right")
     return figure
 
@@ -150,7 +150,7 @@ def _contact_panel(axes, fields, which):
     shown = np.where(admissible == 0, 2, contact)
     edges_x, edges_y = np.append(x - dx / 2, x[-1] + dx / 2), np.append(y - dy / 2, y[-1] + dy / 2)
     colours = ListedColormap(["white", BLUE, GREY])
-    # Thin lines between the cells: on a coarse grid one wants to count them.
+    # Thin lines between the cells, so that cells can be counted.
     axes.pcolormesh(
         edges_x, edges_y, shown, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="0.85", linewidth=0.3
     )
@@ -178,7 +178,10 @@ def _plan_contact(problem, cases):
 
 @with_style
 def _contact_figure(cases, height, outcomes):
-    """Contact areas of some cases, a row each; `cases`: number -> approach [mm], or None of the only one."""
+    """Draw contact areas, one case per row.
+
+    `cases` maps numbers to approaches [mm]; the approach of a single case is None.
+    """
     figure = new_figure(11.0, height)
     panels = figure.subplots(len(cases), 3, sharex=True, sharey=True, squeeze=False)
     for number, (row, (case, approach)) in enumerate(zip(panels, cases.items(), strict=True)):
@@ -189,10 +192,10 @@ def _contact_figure(cases, height, outcomes):
             _contact_panel(axes, fields, which)
             contact = np.array(fields[which])
             different = int((contact != last).sum())
-            told = f"{int(contact.sum())} cells" + (
+            count = f"{int(contact.sum())} cells" + (
                 f", {different} unlike the last" if which == "first" else wrong
             )
-            axes.set_title(f"{title}\n{told}" if number == 0 else told, loc="left")
+            axes.set_title(f"{title}\n{count}" if number == 0 else count, loc="left")
         name = f"case {case} ({approach.replace('-', '−')} mm)\n" if approach else ""
         row[0].set_ylabel(f"{name}y  [mm]")
     for axes in panels[-1]:
@@ -280,7 +283,7 @@ def _figure_work(outcomes):
     figure = new_figure(11.5, 4.4)
     panels = figure.subplots(1, len(_WORK), sharey=True)
     for axes, (title, (table, *_)) in zip(panels, _WORK.items(), strict=True):
-        data = evaluate_methods({case[1:]: found for case, found in outcomes.items() if case[0] == title})
+        data = evaluate_methods({case[1:]: outcome for case, outcome in outcomes.items() if case[0] == title})
         sizes = [int(n) for n in data]
         for name, (colour, marker, line) in zip(_WORK_METHODS, _MARKERS, strict=False):
             ours = [row[name][1] if row[name] else np.nan for row in data.values()]

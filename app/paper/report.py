@@ -1,4 +1,4 @@
-"""Side by side: the paper's numbers and ours, for the terminal and as a page in Markdown."""
+"""Tables of the paper's numbers and ours, as text and Markdown."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from app.io.table import format_markdown, format_text
 from app.paper.tables import HEADINGS, PAPER
 
-# What counts as a noticeable difference: iterations or cycles, share of the work or error, convergence factor.
-ITERATIONS, SHARE, FACTOR = 2, 0.1, 0.03
-_NAMED = 5  # differences that are named one by one
-_STUDY_HEADINGS = {"cg_iterations": "CG iterations", "contact": "contact share"}  # of the others: their names
+# Least noticeable differences: in iterations or cycles; relative, in work or error; in the convergence factor.
+NOTICEABLE_ITERATIONS, NOTICEABLE_FRACTION, NOTICEABLE_FACTOR = 2, 0.1, 0.03
+_MAX_LISTED = 5  # Largest number of differences that are listed one by one.
+_STUDY_HEADINGS = {"cg_iterations": "CG iterations", "contact": "contact share"}
 _TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One number of a table, or pair of numbers, by the paper and by us; None: diverged."""
+    """Entry of a table, the paper's and ours: a number, a pair, or None if diverged."""
 
     row: str
     column: str
@@ -27,16 +27,18 @@ class Entry:
 
     @property
     def noticeable(self):
-        """Whether the two differ by more than the last digit or the last iteration."""
+        """True if the two differ by more than a last digit."""
         if self.paper is None or self.ours is None:
             return (self.paper is None) != (self.ours is None)
         if not isinstance(self.paper, list):
-            return abs(self.ours / self.paper - 1) > SHARE
+            return abs(self.ours / self.paper - 1) > NOTICEABLE_FRACTION
         (p, q), (r, s) = self.paper, self.ours
-        return abs(p - r) >= ITERATIONS or (abs(q - s) > FACTOR if q < 1 else abs(s / q - 1) > SHARE)
+        return abs(p - r) >= NOTICEABLE_ITERATIONS or (
+            abs(q - s) > NOTICEABLE_FACTOR if q < 1 else abs(s / q - 1) > NOTICEABLE_FRACTION
+        )
 
     def difference(self):
-        """Ours minus the paper's in words of a table cell."""
+        """Format ours minus the paper's for a table cell."""
         if self.paper is None or self.ours is None:
             return "" if self.paper is self.ours else "one diverged"
         if not isinstance(self.paper, list):
@@ -45,8 +47,8 @@ class Entry:
         return f"{r - p:+d} ({s - q:+.2f})" if q < 1 else f"{r - p:+d} ({s / q - 1:+.0%})"
 
 
-def show(value):
-    """Write an entry as the paper does."""
+def format_entry(value):
+    """Format an entry as the paper does."""
     if value is None:
         return "diverged"
     if not isinstance(value, list):
@@ -55,8 +57,8 @@ def show(value):
     return f"{first} ({second:.2f})" if 0 < second < 1 else f"{first} ({second:.0f})"
 
 
-def entries(name, ours):
-    """Pair the paper's table with ours, on the sizes that we have: list of Entry."""
+def pair_entries(name, ours):
+    """Pair the entries of the paper's table with ours."""
     paired = []
     for size, row in ours.items():
         grid = f"{size} × {size}"
@@ -79,29 +81,29 @@ def _column(name, column):
     return {**HEADINGS, "discrete": "discretisation"}[column]
 
 
-def verdict(found):
-    """One sentence on how far the two are apart."""
-    noticeable = [entry for entry in found if entry.noticeable]
-    same = sum(show(entry.paper) == show(entry.ours) for entry in found)
-    told = f"{len(found)} entries, {same} of them equal in all digits printed"
+def summarize(pairs):
+    """Summarise in a sentence how much the entries differ."""
+    noticeable = [entry for entry in pairs if entry.noticeable]
+    same = sum(format_entry(entry.paper) == format_entry(entry.ours) for entry in pairs)
+    counts = f"{len(pairs)} entries, {same} of them equal in all digits printed"
     if not noticeable:
-        return f"{told}; no noticeable difference."
-    if len(noticeable) > _NAMED:
-        return f"{told}; {len(noticeable)} noticeably different."
+        return f"{counts}; no noticeable difference."
+    if len(noticeable) > _MAX_LISTED:
+        return f"{counts}; {len(noticeable)} noticeably different."
     names = ", ".join(f"{entry.row} {entry.column}" for entry in noticeable)
-    return f"{told}; noticeably different: {names}."
+    return f"{counts}; noticeably different: {names}."
 
 
-def _long_rows(found):
+def _long_rows(pairs):
     return [
         {
             "grid": entry.row,
             "": entry.column,
-            "paper": show(entry.paper),
-            "ours": show(entry.ours),
+            "paper": format_entry(entry.paper),
+            "ours": format_entry(entry.ours),
             "difference": entry.difference(),
         }
-        for entry in found
+        for entry in pairs
     ]
 
 
@@ -143,7 +145,7 @@ def _check_rows(checks):
 _HEAD = f"""# A full multigrid method for elastic contact: tables and figures from real runs
 
 The numbers of {PAPER["source"]} beside those of this program, each from a run of its own. In brackets: work units.
-A difference is called noticeable from {ITERATIONS} iterations, or {SHARE:.0%}, on.
+A difference is called noticeable from {NOTICEABLE_ITERATIONS} iterations, or {NOTICEABLE_FRACTION:.0%}, on.
 """
 _CHECKS_NOTE = (
     "Worst values over all converged runs of an item: gap e < 0 [mm], pressure p < 0 [N/mm²], and "
@@ -153,12 +155,12 @@ _CHECKS_NOTE = (
 
 @dataclass(frozen=True)
 class Section:
-    """What the report has to say about an item.
+    """Section of the report, one for each item.
 
     Parameters
     ----------
     name, title : str
-        Of the item.
+        Name and title of the item.
     rows : sequence of mapping
         Table, heading -> text.
     picture : str
@@ -173,11 +175,11 @@ class Section:
     note: str = ""
 
     def text(self):
-        """Table for the terminal."""
+        """Format the table for the terminal."""
         return f"{self.name}  {self.title}\n{format_text(self.rows)}"
 
     def markdown(self):
-        """Heading, picture or table, and note in Markdown."""
+        """Format heading, picture or table, and note in Markdown."""
         kind, number = re.fullmatch(r"(table|fig|)(.*)", self.name).groups()
         label = {"table": f"Table {number}: ", "fig": f"Figure {number}: "}.get(kind, "")
         content = f"![{self.title}]({self.picture})\n" if self.picture else format_markdown(self.rows)
@@ -185,21 +187,21 @@ class Section:
 
 
 def table_section(item, ours):
-    """Section of a table: `ours` as in ``tables.json``."""
-    found = entries(item.name, ours)
-    why = item.why if any(entry.noticeable for entry in found) else ""
-    return Section(item.name, item.title, _long_rows(found), note=_joined(item.note, verdict(found), why))
+    """Return the section of a table, with `ours` as in ``tables.json``."""
+    pairs = pair_entries(item.name, ours)
+    why = item.why if any(entry.noticeable for entry in pairs) else ""
+    return Section(item.name, item.title, _long_rows(pairs), note=_join(item.note, summarize(pairs), why))
 
 
 def study_section(item, data):
-    """Section of a study: `data` as in ``report.json``."""
+    """Return the section of a study, with `data` as in ``report.json``."""
     triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
-    note = _joined(item.note, _TRIPLES if triples else "")
+    note = _join(item.note, _TRIPLES if triples else "")
     return Section(item.name, item.title, _study_rows(data), note=note)
 
 
-def page(items, tables, studies, pictures, checks, facts):
-    """Write all that has a result as one page in Markdown.
+def format_page(items, tables, studies, pictures, checks, facts):
+    """Format all items with results as one page in Markdown.
 
     Parameters
     ----------
@@ -212,7 +214,7 @@ def page(items, tables, studies, pictures, checks, facts):
     checks : mapping
         Item name -> worst values of the complementarity conditions.
     facts : sequence of str
-        How the page was made.
+        Version, date and the like.
 
     Returns
     -------
@@ -232,5 +234,5 @@ def page(items, tables, studies, pictures, checks, facts):
     return "\n".join([_HEAD, f"{' · '.join(facts)}\n", *(section.markdown() for section in sections)])
 
 
-def _joined(*sentences):
+def _join(*sentences):
     return " ".join(filter(None, sentences))

@@ -1,14 +1,14 @@
-"""The paper's tables and figures from real runs: ``python -m app.reproduce [table1 fig8 ...|all] -o DIR``.
+"""Reproduce the paper's tables and figures: ``python -m app.reproduce [table1 fig8 ...|all] -o DIR``.
 
 Items: table1 .. table8, the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12, work, and the studies seeds and
 inexact; `tables`, `figures`, `studies` and `all` (default) name several. In DIR:
 
-- ``tables.json``: our numbers under the keys of the paper's; ``report.json``: the studies, and the checks;
-- ``report.md``: the paper's numbers beside ours, with the pictures ``fig8.png`` ...;
-- ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: what is done, so that a second call goes on.
+- ``tables.json``: our numbers, under the paper's keys; ``report.json``: the studies and the checks;
+- ``report.md``: the paper's numbers and ours, with the pictures ``fig8.png`` ...;
+- ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: finished runs, which a second call skips.
 
-A call adds its items to what is there already. Exit status: 0 done; 1 a run crashed or was refused, and its item is
-left out; 2 bad input; 130 interrupted, items that are complete are there.
+A call adds its items to those in DIR. Exit status: 0 all items done; 1 a run crashed or was refused, and its item is
+left out; 2 bad input; 130 interrupted, with the complete items written.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def main(argv):
     add("--quick", action="store_true", help="small grids and few surfaces only")
     add("--fresh", action="store_true", help="do all runs again")
     arguments = parser.parse_args(argv)
-    items = select(arguments.items or ["all"])
+    items = select_items(arguments.items or ["all"])
     folder = arguments.output
     check_folder(folder)
     folder.mkdir(exist_ok=True)
@@ -81,7 +81,7 @@ def main(argv):
         if outcome and not _usable(outcome):
             failures.setdefault(name, f"{' '.join(case)}: {outcome['message']}")
     for name, message in failures.items():
-        # What an earlier call found says nothing about this program any more.
+        # Results of an earlier call are out of date.
         for data in (tables, *rest.values()):
             data.pop(name, None)
         for stale in folder / f"{name}.png", folder / "runs" / f"{name}.csv":
@@ -93,17 +93,17 @@ def main(argv):
 
 
 def _usable(outcome):
-    """Whether a run came to a result, converged or not: anything else must not pass for divergence."""
+    """Return whether a run has a result, converged or not."""
     return outcome is not None and outcome["exit_status"] in (0, 3)
 
 
-def select(names):
-    """Return the items of these names and groups, in the order of the report, each once.
+def select_items(names):
+    """Return items by names and groups, in the order of the report.
 
     Raises
     ------
     InputError
-        If a name is none.
+        If a name is unknown.
     """
     chosen = set()
     for name in names:
@@ -114,7 +114,7 @@ def select(names):
 
 
 def _write(folder, tables, rest, items, plans, found, quick, seconds):
-    """Add the items to what is in the folder, and tell the terminal."""
+    """Add the items to the folder, and print them."""
     studies, checks, made = (rest.setdefault(name, {}) for name in ("studies", "checks", "made"))
     tables["source"] = f"app.reproduce {__version__}, after {PAPER['source']}"
     (folder / "runs").mkdir(exist_ok=True)
@@ -134,7 +134,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
         if item.kind == "figure":
             continue  # its runs are those of a table or study, or traces
-        worst = check(outcomes.values())
+        worst = worst_conditions(outcomes.values())
         if worst:
             checks[item.name] = worst
         if outcomes:
@@ -154,13 +154,13 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     facts = [f"version {__version__}", today]
     if any(entry["quick"] for entry in made.values()):
         facts.append("some items were made with --quick, on small grids only")
-    page = report.page(_reading_order(), numbers, studies, pictures, checks, facts)
+    page = report.format_page(_reading_order(), numbers, studies, pictures, checks, facts)
     write_text(folder / "report.md", page)
     streams.print_output(f"report: {folder / 'report.md'} ({seconds:.0f} s)")
 
 
-def check(outcomes):
-    """Worst complementarity conditions of some runs of app.solve; None if there are none."""
+def worst_conditions(outcomes):
+    """Return the worst complementarity conditions of some runs; None without runs."""
     solved = [outcome for outcome in outcomes if all(name in outcome for name in CHECKS)]
     if not solved:
         return None
@@ -171,7 +171,7 @@ def check(outcomes):
 
 
 def _reading_order():
-    """Tables with the figures that belong to them."""
+    """Return the tables, each followed by its figures and studies."""
     behind = {"table1": ["fig2", "fig5", "fig6", "fig7"], "table3": ["fig8"], "table4": ["fig12", "fig10"],
               "table8": ["fig11", "work", "seeds", "inexact"]}  # fmt: skip
     return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]

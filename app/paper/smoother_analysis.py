@@ -1,4 +1,4 @@
-"""Jacobi and Gauss-Seidel as smoothers of a line contact, Sec. 4.4 of the paper.
+"""Jacobi and Gauss-Seidel as smoothers of a line contact (Sec. 4.4).
 
 A long cylinder touches a plane on the strip [-2.56, 2.56] x [-500, 500] mm, cut into 32 x 1 cells. The matrix
 A is dense, symmetric and Toeplitz; with A = L + D + L^T a sweep maps the error e = p - p^i to S e.
@@ -11,12 +11,12 @@ p                          ``LineContact.pressure()``      (n,), relative to its
 iteration matrix           ``jacobi``, ``gauss_seidel``    (n, n), 1
 eigenvalues, v^j           ``Modes.values``, ``vectors``   (n,), (n, n), 1
 e^i, c                     ``SweepHistory``                (sweeps, n), as p
-v_h^j beside v_H^j         ``ModePair``                    (n,), (n/2,), 1
+v_h^j and v_H^j            ``ModePair``                    (n,), (n/2,), 1
 =========================  ==============================  ============================
 
 Modes are sorted by decreasing modulus of their eigenvalue. The paper's figures fit if its mode 1 is the
 eigenvalue 0, which undamped Gauss-Seidel always has, and the others follow by decreasing modulus: see
-`paper_mode`.
+`paper_mode_index`.
 """
 
 from __future__ import annotations
@@ -56,22 +56,22 @@ class LineContact:
 
     @property
     def grid(self):
-        """The n x 1 cells."""
+        """Grid of n x 1 cells."""
         domain = (-self.half_width, self.half_width, -self.half_length, self.half_length)
         return Grid.from_domain(self.cells, 1, domain)
 
     def matrix(self):
-        """Influence matrix A, shape (n, n) [mm / (N/mm2)]. Not collective."""
+        """Return the influence matrix A, shape (n, n) [mm / (N/mm2)]."""
         return dense_matrix(self.grid, self.material.compliance)
 
     def pressure(self):
-        """Pressure of the cylinder, sqrt(1 - (x/a)^2) of its maximum, shape (n,). Not collective."""
+        """Return the pressure over its maximum, sqrt(1 - (x/a)^2), shape (n,)."""
         return np.sqrt(1 - (self.grid.x() / self.half_width) ** 2)
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Eigenvalues and eigenvectors of an iteration matrix, by decreasing modulus of the eigenvalue.
+    """Eigenvalues and eigenvectors of an iteration matrix, by decreasing modulus.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Modes:
     vectors: np.ndarray
 
     def coefficients(self, error):
-        """Coefficients c of ``error = sum_j c_j v^j``, last axis n. Not collective."""
+        """Return the coefficients c of ``error = sum_j c_j v^j``; the last axis is n."""
         return np.linalg.solve(self.vectors, np.asarray(error, dtype=complex).T).T
 
 
@@ -110,7 +110,9 @@ class SweepHistory:
 
 @dataclass(frozen=True)
 class ModePair:
-    """A mode on the fine grid and, for smooth ones, its partner on the coarse grid, Fig. 7.
+    """Mode on two grids, Fig. 7.
+
+    Only smooth modes have a partner.
 
     Attributes
     ----------
@@ -130,9 +132,7 @@ class ModePair:
 
 
 def jacobi(matrix, omega=1.0):
-    """Iteration matrix of Jacobi, Fig. 5(a), ``I - omega D^-1 A``.
-
-    Not collective.
+    """Return the iteration matrix of Jacobi, ``I - omega D^-1 A`` (Fig. 5(a)).
 
     Parameters
     ----------
@@ -148,18 +148,16 @@ def jacobi(matrix, omega=1.0):
 
 
 def gauss_seidel(matrix, omega=1.0):
-    """Iteration matrix of lexicographic Gauss-Seidel, Fig. 5(b), ``I - (D / omega + L)^-1 A``.
+    """Return the iteration matrix of Gauss-Seidel, ``I - (D / omega + L)^-1 A`` (Fig. 5(b)).
 
-    Not collective. Parameters and result as in `jacobi`.
+    The order is lexicographic. Parameters and result are those of `jacobi`.
     """
     lower = np.tril(matrix, -1) + np.diag(np.diag(matrix) / omega)
     return np.eye(len(matrix)) - solve_triangular(lower, matrix, lower=True)
 
 
 def modes(iteration_matrix):
-    """Eigenvalues and eigenvectors of an iteration matrix.
-
-    Not collective.
+    """Compute eigenvalues and eigenvectors of an iteration matrix.
 
     Parameters
     ----------
@@ -178,17 +176,17 @@ def modes(iteration_matrix):
     return Modes(values, vectors * np.sqrt(len(values)))
 
 
-def paper_mode(number, n):
-    """Position in `Modes` of the paper's mode `number`, 1 .. n: its first is the last here."""
+def paper_mode_index(number, n):
+    """Return the index in `Modes` of a mode of the paper, 1 to n."""
     if not 1 <= number <= n:
         raise ValueError(f"mode {number}: must be from 1 to {n}")
-    return (number - 2) % n
+    return (number - 2) % n  # the paper's first mode is the last in `Modes`
 
 
 def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
-    """Errors of a stationary iteration that starts from zero, Fig. 6.
+    """Compute the errors of a stationary iteration from zero, Fig. 6.
 
-    Not collective. The right-hand side does not matter but for its exact solution: p - p^i = S^i p.
+    They depend on the exact solution alone: p - p^i = S^i p.
 
     Parameters
     ----------
@@ -207,9 +205,9 @@ def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
 
 
 def compare_grids(contact=None):
-    """Undamped Gauss-Seidel modes on a grid and on the one with half as many cells, Fig. 7: `PAPER_MODES`.
+    """Compute Gauss-Seidel modes on two grids, Fig. 7.
 
-    Not collective. A smooth mode, of `SMOOTH_MODES`, has its partner at the same place in the order of moduli.
+    The coarse grid has half as many cells. The partner of a smooth mode has the same place in the order of moduli.
 
     Parameters
     ----------
@@ -232,11 +230,11 @@ def compare_grids(contact=None):
     fine, coarse = (modes(gauss_seidel(c.matrix())) for c in (contact, half))
     pairs = []
     for number in PAPER_MODES:
-        j = paper_mode(number, contact.cells)
+        j = paper_mode_index(number, contact.cells)
         v = fine.vectors[:, j]
         partner = {}
         if number in SMOOTH_MODES:
-            j_coarse = paper_mode(number, half.cells)
+            j_coarse = paper_mode_index(number, half.cells)
             w = coarse.vectors[:, j_coarse]
             overlap = np.vdot(w, v.reshape(-1, 2).mean(axis=1))
             partner = {

@@ -9,13 +9,13 @@ import numpy as np
 from app.paper.item import CASES, Item, solver_run
 from app.paper.tables import counts, inexact_counts
 
-SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # 7 is the one of the tables
+SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # The tables use 7.
 SEED_SIZES = (64, 256)
 INEXACT = (5, 4, 3, 2)  # CG iterations
 
 
-def spread(values):
-    """``[min, median, max]`` of some numbers, None among them left out; None if there are none."""
+def quantiles(values):
+    """Return ``[min, median, max]`` of the numbers; None without numbers."""
     values = [value for value in values if value is not None]
     return [round(float(f(values)), 4) for f in (min, np.median, max)] if values else None
 
@@ -36,18 +36,18 @@ def _plan_seeds(limits, scratch):
 def _evaluate_seeds(outcomes):
     rows = []
     for (case, n, method), group in itertools.groupby(outcomes.items(), key=lambda item: item[0][:3]):
-        found = [outcome for _, outcome in group]
-        pairs = [counts(o, "inner_iterations" if method == "norm_cg" else "work_units") for o in found]
+        runs = [outcome for _, outcome in group]
+        pairs = [counts(o, "inner_iterations" if method == "norm_cg" else "work_units") for o in runs]
         solved = [pair for pair in pairs if pair]
         rows.append({
             "case": int(case),
             "grid": int(n),
             "method": method,
-            "surfaces": len(found),
-            "not_solved": len(found) - len(solved),
-            "contact": spread([outcome["contact_fraction"] for outcome in found]),
-            "iterations": spread([pair[0] for pair in solved]),
-            "work_units": spread([pair[1] for pair in solved]),
+            "surfaces": len(runs),
+            "not_solved": len(runs) - len(solved),
+            "contact": quantiles([outcome["contact_fraction"] for outcome in runs]),
+            "iterations": quantiles([pair[0] for pair in solved]),
+            "work_units": quantiles([pair[1] for pair in solved]),
         })  # fmt: skip
     return {"rows": rows}
 
@@ -72,8 +72,8 @@ def _evaluate_inexact(outcomes):
             "cg_iterations": int(k),
             "surfaces": len(pairs),
             "not_solved": len(pairs) - len(solved),
-            "iterations": spread([pair[0] for pair in solved]),
-            "work_units": spread([pair[1] for pair in solved]),
+            "iterations": quantiles([pair[0] for pair in solved]),
+            "work_units": quantiles([pair[1] for pair in solved]),
         })  # fmt: skip
     return {"rows": rows}
 

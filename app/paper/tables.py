@@ -1,4 +1,4 @@
-"""Tables 1 to 8: which runs they are made of, and how the paper counts."""
+"""Tables 1 to 8: their runs, and the paper's counts."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _C0_SYSTEM = {
 
 
 def traced(problem, method, n, collect, **options):
-    """Like `solver_run`, with every iteration written down."""
+    """Return a run as `solver_run` does, with every iteration recorded."""
     run = solver_run(problem, method, n, **options)
     return Run(run.files, run.options, module=trace.__name__, collect=collect)
 
 
 def converged(outcome):
-    """Whether a run converged, a trace too; it came to a result in any case."""
+    """Return whether a run or a trace converged."""
     return outcome["exit_status"] == 0
 
 
 def counts(outcome, work="work_units"):
-    """``[active set iterations, work units]``; None if the run did not converge."""
+    """Return ``[active set iterations, work units]``; None if not converged."""
     if not converged(outcome):
         return None
     return [outcome["active_set_iterations"], round(outcome[work], 1)]
@@ -64,7 +64,7 @@ def _evaluate_table1(outcomes):
 
 
 def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256), **options):
-    """Runs of the three cycles, and of NORM if `norm`, on all sizes: (size, method) -> Run."""
+    """Plan runs of the three cycles, and of NORM if `norm`."""
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
     return {
         (str(n), name): solver_run(problem, method, n, **options)
@@ -74,7 +74,7 @@ def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256
 
 
 def evaluate_methods(outcomes):
-    """Counts of `plan_methods`; for NORM the paper's work units are its CG iterations."""
+    """Return the counts of `plan_methods`; CG iterations are NORM's work units."""
     return nest({
         case: counts(outcome, "inner_iterations" if case[1] == "norm_cg" else "work_units")
         for case, outcome in outcomes.items()
@@ -95,8 +95,8 @@ def _evaluate_table4(outcomes):
     data = {}
     for (size, what), outcome in outcomes.items():
         errors = [round(error, 2) for error in outcome["errors"]]
-        found = errors[-1] if what == "discrete" else errors
-        data[size, what] = found if converged(outcome) else None
+        numbers = errors[-1] if what == "discrete" else errors
+        data[size, what] = numbers if converged(outcome) else None
     return nest(data)
 
 
@@ -109,9 +109,12 @@ def _plan_table8(limits, scratch):
 
 
 def inexact_counts(outcome, k):
-    """Counts of Table 8: k CG iterations, the defect and the displacement in every active set iteration."""
-    found = counts(outcome)
-    return found and [found[0], found[0] * (k + 2)]
+    """Return the counts of Table 8.
+
+    An active set iteration costs k CG iterations, the defect and the displacement.
+    """
+    pair = counts(outcome)
+    return pair and [pair[0], pair[0] * (k + 2)]
 
 
 def _evaluate_table8(outcomes):

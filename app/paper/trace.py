@@ -1,4 +1,6 @@
-"""app.solve that writes down every active set iteration on the target grid, for Tables 1 and 4 and Figures 8 and 11.
+"""Solve and record every active set iteration.
+
+Tables 1 and 4 and Figures 8 and 11 need it.
 
 ``python -m app.paper.trace [options of app.solve] -output TRACE.h5``, on one rank. The file:
 
@@ -24,7 +26,7 @@ from app.contact.history import Listener
 
 
 class Recorder(Listener):
-    """Keeps pressure and contact set of the last grid before and after every iteration, and the last linear solve."""
+    """Recorder of the iterations on the last grid, and of its last linear solve."""
 
     def __init__(self):
         self.pressure, self.contact, self.linear_residuals = [], [], []
@@ -51,7 +53,7 @@ class Recorder(Listener):
 
 def main(given):
     """Solve and write; return the exit status."""
-    # Not before the session has started: PETSc starts when it is imported.
+    # After the start of the session: importing PETSc starts it.
     from app.api.solver import ContactSolver
     from app.base.errors import InputError, call_collectively
     from app.base.mpi import MPI
@@ -75,7 +77,7 @@ def main(given):
 
 
 def write(path, recorder, solution, exact):
-    """Write the file; `exact`: analytic solution, or None. Not collective."""
+    """Write the file. `exact` is the analytic solution, or None."""
     from app.io.files import atomic_hdf5
 
     with atomic_hdf5(path) as file:
@@ -89,13 +91,13 @@ def write(path, recorder, solution, exact):
 
 
 def collect_cycles(path):
-    """Norms of the defect in the last linear system [mm]: ``{"linear_residuals": [...]}``."""
+    """Read the norms of the defect in the last linear system [mm]."""
     with h5py.File(path) as file:
         return {"linear_residuals": file["linear_residuals"][()].tolist()}
 
 
 def collect_errors(path):
-    """Root mean square of p minus the analytic pressure over the cells of the last contact set, Table 4.
+    """Compute the rms pressure error over the last contact set, Table 4.
 
     Returns
     -------
@@ -110,7 +112,7 @@ def collect_errors(path):
 
 
 def collect_contact(path):
-    """First and last contact set, and where contact is possible, as rows of 0 and 1; cell centres."""
+    """Read first and last contact set, admissible cells and cell centres."""
     with h5py.File(path) as file:
         fields = {
             "first": file["contact"][0],

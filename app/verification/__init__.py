@@ -1,4 +1,5 @@
-"""What the program is trusted for, checked: each check is a small function that measures figures with limits.
+"""Checks of the program against known solutions and laws.
 
-`app.verify` makes a document of all of them; the test suite runs each on its small cases.
+A check is a function that measures figures, most of them with limits. ``python -m app.verify`` writes a document of all
+checks. The test suite runs each on small cases.
 """

@@ -1,4 +1,4 @@
-"""Analytic solutions, and the orders with which the answers converge to them as the cells become smaller."""
+"""Comparisons with analytic solutions, and observed orders of convergence."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ from app.verification.solving import difference, solved
 E_STAR = 1000.0  # [N/mm2]
 MATERIAL = Material.from_contact_modulus(E_STAR)
 _TIGHT = {"lcp_rtol": 1e-8}
-_SIZES = 16, 24, 32, 48, 64, 96, 128, 192, 256  # the rim of contact moves by cells: orders need several
+_SIZES = 16, 24, 32, 48, 64, 96, 128, 192, 256  # Many, because the contact edge moves by whole cells.
 
 
-def pressed(contact, nx, ny, half_x, half_y):
-    """Solution at the approach of a reference solution on a patch about the origin, its grid, the exact pressure."""
+def solve_at_approach(contact, nx, ny, half_x, half_y):
+    """Solve at the approach of a reference solution.
+
+    Returns solution, grid and exact pressure.
+    """
     grid = Grid.from_domain(nx, ny, (-half_x, half_x, -half_y, half_y))
     problem = ContactProblem(grid, MATERIAL, contact.undeformed_distance)
     found = solved(problem, options=_TIGHT, approach=contact.approach)
@@ -30,10 +33,10 @@ def pressed(contact, nx, ny, half_x, half_y):
 
 
 def _ellipse(contact, sizes, label=""):
-    """Figures of Hertz's contacts."""
+    """Return figures of Hertz's contacts."""
     loads, pressures, peaks = [], [], []
     for n in sizes:
-        found, _, exact = pressed(contact, n, n, 1.5 * contact.a, 1.5 * contact.b)
+        found, _, exact = solve_at_approach(contact, n, n, 1.5 * contact.a, 1.5 * contact.b)
         loads.append(abs(found.load / contact.load - 1))
         pressures.append(np.sqrt(np.mean((found.pressure - exact) ** 2)) / contact.max_pressure)
         peaks.append(abs(found.max_pressure / contact.max_pressure - 1))
@@ -47,12 +50,12 @@ def _ellipse(contact, sizes, label=""):
 
 
 def sphere(quick):
-    """Hertz 1882."""
+    """Compare with Hertz (1882)."""
     return _ellipse(Sphere.from_approach(5.0, E_STAR, 0.2), _SIZES[: 5 if quick else None])
 
 
 def ellipses(quick):
-    """Hertz's ellipses, the paper's among them."""
+    """Compare with Hertz's ellipses, the paper's among them."""
     sizes, ratios = _SIZES[: 5 if quick else None], (300 / 163, 30) if quick else (300 / 163, 4, 30, 1000)
     figures = []
     for ratio in ratios:
@@ -62,11 +65,11 @@ def ellipses(quick):
 
 
 def cone(quick):
-    """Sneddon 1965; an odd number of cells has one on the tip."""
+    """Compare with Sneddon (1965); grids have a cell on the tip."""
     contact, sizes = Cone.from_approach(0.05, E_STAR, 0.05), (17, 33, 65) if quick else (17, 33, 65, 129, 257)
     loads, areas = [], []
     for n in sizes:
-        found, _, _ = pressed(contact, n, n, 1.0, 1.0)
+        found, _, _ = solve_at_approach(contact, n, n, 1.0, 1.0)
         loads.append(abs(found.load / contact.load - 1))
         areas.append(abs(found.contact_area / contact.contact_area - 1))
     return [
@@ -77,14 +80,14 @@ def cone(quick):
 
 
 def punch(quick):
-    """A circle of cells is a staircase: it is compared with the punch of the same area."""
+    """Compare with the flat circular punch of the same area."""
     contact, sizes = (
         FlatCircularPunch.from_approach(1.0, E_STAR, 0.01),
         (16, 32, 64, 128, 256)[: 3 if quick else 5],
     )
     loads, wrong = [], 0
     for n in sizes:
-        found, grid, exact = pressed(contact, n, n, 1.0, 1.0)
+        found, grid, exact = solve_at_approach(contact, n, n, 1.0, 1.0)
         r = np.hypot(grid.x(), grid.y()[:, None])
         wrong += int((found.contact != (r <= 1)).sum())
         radius = np.sqrt(found.contact_area / np.pi)
@@ -92,13 +95,13 @@ def punch(quick):
         middle = abs(found.pressure / np.where(r < 0.8, exact, 1.0) - 1)[r < 0.8].max()
     return [
         order_figure("the load", sizes, loads, 0.8, 1.2),
-        Figure("cells in contact beside the punch, or not in contact under it", wrong, 0, 0),
+        Figure("cells in contact outside the punch, or not in contact under it", wrong, 0, 0),
         Figure(f"error of the pressure on {sizes[-1]}², r < 0.8 a", middle, most=1.3 / sizes[-1]),
     ]
 
 
 def power_laws(quick):
-    """Galin's and Sneddon's bodies of revolution z = c r^n: a, load and approach in closed form."""
+    """Compare with Galin's and Sneddon's bodies of revolution z = c r^n."""
     sizes, figures = ((17, 33, 65) if quick else (33, 65, 129, 257)), []
     for n in (1.5, 4) if quick else (1.5, 3, 4, 8):
         # approach = k c a^n, load = 2 E* a approach n / (n + 1), p(0) = E* approach n / (pi a (n - 1))
@@ -129,13 +132,13 @@ _AMPLITUDE, _LENGTH = 0.02, 1.7
 
 
 def _waves(contact, nx, ny, symbol):
-    """The problem of a wavy surface on one period, of any length along the crests."""
+    """Return the problem of a wavy surface on one period."""
     grid = Grid.from_domain(nx, ny, (0.0, _LENGTH, 0.0, _LENGTH * min(ny / nx, 1)))
     return ContactProblem(grid, MATERIAL, contact.undeformed_distance, periodic=symbol)
 
 
 def westergaard(quick):
-    """Waves in one direction."""
+    """Compare with Westergaard's waves in one direction."""
     sizes = (32, 48, 64, 96, 128) if quick else (32, 48, 64, 96, 128, 192, 256, 384, 512)
     c = Westergaard(_AMPLITUDE, _LENGTH, E_STAR, 0.3 * np.pi * E_STAR * _AMPLITUDE / _LENGTH)
     figures = []
@@ -164,7 +167,10 @@ def westergaard(quick):
 
 
 def bisinusoidal(quick):
-    """Johnson, Greenwood and Higginson 1985: both ends are known, Hertz on every summit, cracks about every hollow."""
+    """Compare with Johnson, Greenwood and Higginson (1985).
+
+    Both limits are known: Hertz on every summit, and cracks around every valley.
+    """
     n, figures = 128 if quick else 512, []
 
     def at(share, n=n):
@@ -195,7 +201,7 @@ def bisinusoidal(quick):
 
 
 def full_contact(quick):
-    """Any surface, flattened: p_q = -E* |q| h_q / 2."""
+    """Compare with a flattened surface, p_q = -E* |q| h_q / 2."""
     n, figures = 40 if quick else 256, []
     for nx, ny in ((n, n), (n, n + 8)):
         grid = Grid.from_domain(nx, ny, (0.0, 1.5, 0.0, 0.8))
@@ -214,7 +220,7 @@ def full_contact(quick):
 
 
 def line_contact(quick):
-    """A cylinder on a periodic patch one cell wide, which is plane strain."""
+    """Compare with a cylinder on a periodic patch one cell wide."""
     sizes = (256, 384, 512, 768, 1024) if quick else (256, 384, 512, 768, 1024, 1536, 2048)
     width, load, radius = 0.25, 2.0, 10.0
     half = np.sqrt(4 * load * radius / (np.pi * E_STAR))

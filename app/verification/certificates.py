@@ -1,4 +1,4 @@
-"""The certificate against the true error: it must bound it, always, and not by much more than it is."""
+"""Checks of the certificate: a bound of the true error, and sharp."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem
 from app.verification.solving import PATCHES, random_problem, solved
 
-_SHARES = 0.2, 0.7, 0.95  # of the way from first touch to the mean gap
+_DEPTHS = 0.2, 0.7, 0.95  # Approaches between first touch and the mean gap, as shares of this way.
 _TOLERANCES = 1e-2, 1e-4, 1e-6, 1e-9, 1e-12, 1e-15
 _METHODS = None, "norm", "fmg_v11"
-_SHARP = 0.1  # error over bound at least, where rounding is nothing beside the error
+_MIN_RATIO = 0.1  # Least ratio of error to bound where rounding is negligible.
 
 
 def errors_of_answers(quick):
-    """True relative errors of answers in the energy norm, and their bounds, by tolerance, for each kind of patch."""
+    """Yield true relative errors in the energy norm and their bounds.
+
+    One pair (kind of patch, {tolerance: errors and bounds}) for each kind of patch.
+    """
     rng = np.random.default_rng(5)
     for periodic in PATCHES[: 2 if quick else 3]:
         pairs = {rtol: [] for rtol in _TOLERANCES}
         for k in range(1 if quick else 8):
             problem = random_problem(rng, *rng.choice([10, 12, 16], 2), periodic)
             dense, least = DenseProblem(problem), np.nanmin(problem.gap)
-            approach = least + _SHARES[k % 3] * (np.nanmean(problem.gap) - least)
+            approach = least + _DEPTHS[k % 3] * (np.nanmean(problem.gap) - least)
             exact = dense.at(approach)
             load = problem.grid.cell_area * float(exact.sum())
             for rtol in _TOLERANCES:
@@ -60,7 +63,7 @@ def of_answers(quick):
 
 
 def of_anything(quick):
-    """Pressures that no solver has made: solutions disturbed by noise, from nothing to ten times their size."""
+    """Disturb solutions by noise up to ten times their size."""
     figures, rng = [], np.random.default_rng(6)
     for periodic in PATCHES[: 2 if quick else 3]:
         true, bounds = [], []
@@ -87,13 +90,16 @@ def of_anything(quick):
 
 
 def _ratios(kind, things, true, bounds, large):
-    """Figures of errors over their bounds: none above 1, none of errors above `large` far below."""
+    """Return figures of errors over bounds.
+
+    All must be at most 1, and those of errors above `large` sharp.
+    """
     ratios = true / bounds
     sharp = ratios[true > large]
     largest, smallest = "largest error over its bound", f"smallest one of an error above {large:g}"
     return [
         Figure(f"{largest}, {kind}, {ratios.size} {things}", ratios.max(), 0, 1, (true, bounds)),
-        Figure(f"{smallest}, {kind}, {sharp.size} {things}", sharp.min(), _SHARP),
+        Figure(f"{smallest}, {kind}, {sharp.size} {things}", sharp.min(), _MIN_RATIO),
     ]
 
 

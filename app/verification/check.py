@@ -1,4 +1,4 @@
-"""A check measures figures; a figure knows its limits."""
+"""Check, and Figure: a measured number with its limits."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from app.base.errors import format_distinct
 
 @dataclass(frozen=True)
 class Figure:
-    """A number that was measured, and where it has to lie.
+    """Measured number with its limits.
 
     Parameters
     ----------
     what : str
     value : float
     least, most : float
-        Limits, both allowed; without them the number is only told.
+        Limits, themselves allowed. A figure without limits is information.
     points : pair of sequences of float
-        What it was made from, for a picture.
+        Data behind the number, for a picture.
     """
 
     what: str
@@ -32,22 +32,22 @@ class Figure:
 
     @property
     def judged(self):
-        """Whether it has a limit."""
+        """True if it has a limit."""
         return self.least > -np.inf or self.most < np.inf
 
     @property
     def passed(self):
-        """Whether it keeps its limits; NaN does not."""
+        """True if it is within its limits; NaN is not."""
         return not self.judged or bool(self.least <= self.value <= self.most)
 
     @property
     def shown(self):
-        """The value, with digits enough to tell it from its limits."""
+        """Value with enough digits to distinguish it from its limits."""
         return max((format_distinct(self.value, bound) for bound in (self.least, self.most)), key=len)
 
     @property
     def limit(self):
-        """The limits in words."""
+        """Limits as text."""
         low, high = (f"{bound:.3g}" for bound in (self.least, self.most))
         if self.least == self.most:
             return low
@@ -63,10 +63,10 @@ class Check:
     Parameters
     ----------
     name : str
-        On the command line.
+        Name on the command line.
     title : str
     law : str
-        What has to hold, for the reader.
+        Law that is checked, for the reader.
     measure : callable
         ``measure(quick) -> sequence of Figure``; `quick`: small cases only.
     """
@@ -77,11 +77,11 @@ class Check:
     measure: Callable[[bool], Sequence[Figure]]
 
 
-def order(sizes, errors):
-    """Order in the cell size that errors on grids of so many cells fall with: slope of the fitted line."""
+def fit_order(sizes, errors):
+    """Fit the order in the cell size with which errors decrease."""
     return float(-np.polyfit(np.log2(sizes), np.log2(errors), 1)[0])
 
 
 def order_figure(what, sizes, errors, least, most=np.inf):
-    """Figure of an observed order."""
-    return Figure(f"order of {what}", order(sizes, errors), least, most, (tuple(sizes), tuple(errors)))
+    """Return the figure of an observed order."""
+    return Figure(f"order of {what}", fit_order(sizes, errors), least, most, (tuple(sizes), tuple(errors)))

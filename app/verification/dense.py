@@ -1,8 +1,7 @@
-"""Contact problems small enough for their matrix: solved by pivoting, which shares nothing with the solvers but A.
+"""Exact solutions of small contact problems by pivoting on the dense matrix.
 
-`by_lemke` is exact, in rational numbers, for a handful of cells. `DenseProblem` finds the contact set by block
-principal pivoting and refines its pressures in extended precision: the truth to which answers and certificates are
-compared.
+They share only A with the solvers. `solve_by_lemke` is exact, in rational numbers, for a few cells. `DenseProblem`
+finds the contact set by block principal pivoting, and refines pressures in extended precision.
 
 References
 ----------
@@ -23,11 +22,13 @@ from scipy.linalg import lu_factor, lu_solve
 from app.halfspace.influence import dense_matrix
 from app.halfspace.periodic_symbol import fold_offsets, influence_symbol
 
-_PATIENCE = 3
+_PATIENCE = 3  # block pivots without fewer wrong cells before single pivots
 
 
-def by_lemke(matrix, h):
-    """The p of ``h + A p >= 0, p >= 0, p (h + A p) = 0`` by Lemke's complementary pivoting, without any rounding.
+def solve_by_lemke(matrix, h):
+    """Solve the LCP by Lemke's pivoting, without rounding.
+
+    The LCP is ``h + A p >= 0, p >= 0, p (h + A p) = 0``.
 
     Parameters
     ----------
@@ -94,12 +95,12 @@ def long_matrix(grid, compliance):
 
 
 class DenseProblem:
-    """A problem whose gap is an array, with its matrix.
+    """Contact problem with its dense matrix.
 
     Parameters
     ----------
     problem : ContactProblem
-        Its gap is an array.
+        Problem whose gap is an array.
 
     Attributes
     ----------
@@ -124,7 +125,7 @@ class DenseProblem:
         self._contact = None  # the last set, a good guess of the next
 
     def at(self, approach):
-        """Pressure at an approach, shape (ny, nx) [N/mm2]."""
+        """Return the pressure at an approach, shape (ny, nx) [N/mm2]."""
         depth = np.longdouble(approach) - self._least
         mean = self._gap.mean()
         rounding = 4 * ulp(max(abs(approach), abs(float(self._least))))  # see docs/periodic.md
@@ -133,7 +134,10 @@ class DenseProblem:
         return self._field(self._pivot(depth))
 
     def with_mean_gap(self, mean_gap):
-        """Pressure with a mean gap of a periodic patch without holes, shape (ny, nx) [N/mm2]."""
+        """Return the pressure at a mean gap of a periodic patch [N/mm2].
+
+        The patch has no holes.
+        """
         # Near first touch extended precision has too few digits of the mean.
         mean = sum(Fraction(float(h)) for h in self._heights) / self._heights.size
         depth = mean - Fraction(float(self._least)) - Fraction(float(mean_gap))
@@ -142,19 +146,22 @@ class DenseProblem:
         return self._field(self._pivot(depth) if mean_gap > 0 else self._full())
 
     def under(self, load, approach):
-        """Pressure under a load [N], shape (ny, nx) [N/mm2], and its approach [mm]; given one to begin with."""
+        """Return the pressure under a load [N/mm2] and its approach [mm].
+
+        `approach` is the first guess [mm].
+        """
         sum_p, full = np.longdouble(load) / self.grid.cell_area, self._full() if self._singular else None
         if load == 0:
             return self._field(np.zeros(self._gap.size)), float(self._least)
         if full is not None and sum_p >= full.sum():
             return self._field(full + (sum_p - full.sum()) / full.size), float(self._least + self._gap.mean())
-        # The load is convex and piecewise linear: Newton's method, within what is known to hold the answer
+        # The load is convex and piecewise linear: Newton's method within a bracket.
         low, high = np.longdouble(0), self._gap.mean() if self._singular else np.longdouble(np.inf)
         depth = np.longdouble(approach) - self._least
         for _ in range(300):
             if not low < depth < high:
-                beside = low + sum_p * self._a[0, 0] if low == 0 else 2 * low
-                depth = (low + high) / 2 if np.isfinite(high) else beside
+                guess = low + sum_p * self._a[0, 0] if low == 0 else 2 * low
+                depth = (low + high) / 2 if np.isfinite(high) else guess
             p = self._pivot(depth)
             off = sum_p - p.sum()
             low, high = (depth, high) if off > 0 else (low, depth)
@@ -165,7 +172,7 @@ class DenseProblem:
         return self._field(p), float(self._least + depth)
 
     def energy(self, pressure):
-        """||p||_A, a seminorm on periodic patches. The pressure may be given in extended precision."""
+        """Return ||p||_A, a seminorm on periodic patches."""
         p = np.asarray(pressure, np.longdouble).ravel()
         return float(np.sqrt(max(p @ (self._matrix @ p), 0.0)))
 
@@ -175,7 +182,7 @@ class DenseProblem:
         return whole.reshape(self.grid.shape)
 
     def _full(self):
-        """Least pressure in full contact of a periodic patch: A p = mean(h) - h."""
+        """Return the least pressure of full contact, A p = mean(h) - h."""
         right = self._gap.mean() - self._gap
         inverse = np.linalg.pinv(self._a, rcond=1e-13, hermitian=True)
         p = np.zeros(right.size, np.longdouble)
@@ -184,7 +191,7 @@ class DenseProblem:
         return p - p.min()
 
     def _linear(self, contact, right):
-        """A_CC p = right on C, p = 0 beside it, refined in extended precision."""
+        """Solve A_CC p = right on C; p = 0 outside C."""
         p = np.zeros(contact.size, np.longdouble)
         members = np.flatnonzero(contact)
         if not members.size:

@@ -1,4 +1,4 @@
-"""The document: a table of figures for every check, what was not kept, two pictures. Not collective."""
+"""Tables and pictures of the verification document."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ The test suite runs all checks on small cases (`--quick`).
 
 @dataclass(frozen=True)
 class Result:
-    """What a check has measured, in how many seconds."""
+    """Figures of a check, and the seconds that it took."""
 
     check: Check
     figures: tuple[Figure, ...]
@@ -53,7 +53,7 @@ class Result:
 
     @property
     def failed(self):
-        """Figures beyond their limits."""
+        """List of the figures beyond their limits."""
         return [figure for figure in self.figures if not figure.passed]
 
     @property
@@ -63,20 +63,20 @@ class Result:
 
     @property
     def verdict(self):
-        """In a word."""
+        """Either "pass" or "FAIL"."""
         return "FAIL" if self.failed else "pass"
 
 
-def document(results, arguments, pictures):
-    """Write the document.
+def format_document(results, arguments, pictures):
+    """Format the document.
 
     Parameters
     ----------
     results : sequence of Result
     arguments : str
-        More of the command line, to be told.
+        Further arguments of the command line.
     pictures : collection of str
-        Names of the picture files that lie beside it.
+        Names of the picture files in the same folder.
 
     Returns
     -------
@@ -155,8 +155,8 @@ def _software():
 
 
 @with_style
-def orders_picture(results):
-    """Errors against cells for every observed order: a panel for each check; None if there is none."""
+def draw_orders(results):
+    """Draw errors against cells; None without observed orders."""
     shown = [(r, [f for f in r.figures if f.points and f.what.startswith("order of")]) for r in results]
     shown = [(result, figures) for result, figures in shown if figures]
     if not shown:
@@ -168,7 +168,7 @@ def orders_picture(results):
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
     for panel, (result, lines) in zip(panels, shown, strict=False):
-        kinds = {}  # what converges -> its lines
+        kinds = {}  # converging quantity -> its lines
         for line in lines:
             kinds.setdefault(line.what.removeprefix("order of the ").split(",")[0], []).append(line)
         for (kind, alike), (colour, marker, style) in zip(kinds.items(), SERIES, strict=False):
@@ -191,8 +191,8 @@ def orders_picture(results):
 
 
 @with_style
-def sharpness_picture(results):
-    """True errors against their bounds; None if they were not measured."""
+def draw_sharpness(results):
+    """Draw true errors against their bounds; None if not measured."""
     shown = [
         figure for r in results for figure in r.figures if figure.points and "over its bound" in figure.what
     ]

@@ -1,4 +1,4 @@
-"""What no physics can depend on: where the bodies are, how they are turned, in which units their sizes are told."""
+"""Checks of invariance under translation, rotation and changes of units."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
 _APPROACH = 0.05
 _TIGHT = {"lcp_rtol": 1e-12}
 _METHODS = {"norm": _TIGHT, None: _TIGHT | {"lcp_precision": "double"}}
-_MOST_DIFFERENCE = 1e-9  # of the largest pressure
+_MAX_DIFFERENCE = 1e-9  # Limit on differences of pressures, over the largest.
 
 
 def bumps(x, y):
-    """A gap without any symmetry, with several contacts [mm]."""
+    """Return a gap without any symmetry, with several contacts [mm]."""
     waves = 0.05 * (np.sin(2 * x + 1) + np.cos(3.1 * y + 0.4 * x))
     return waves + 0.02 * (x - 0.3) ** 2 + 0.03 * (y + 0.2) ** 2
 
@@ -33,7 +33,7 @@ def _problem(periodic, grid=_GRID, gap=None, material=UNIT):
 def _each(change):
     """Make a check of ``change(problem, approach, pressure)``.
 
-    It gives other problems, their loadings, and what their pressures have to be.
+    `change` yields other problems, their loadings and their expected pressures.
     """
 
     def measure(quick):
@@ -52,7 +52,7 @@ def _each(change):
                     Figure(
                         f"difference of pressures, {kind}",
                         worst if not off else np.nan,
-                        most=_MOST_DIFFERENCE,
+                        most=_MAX_DIFFERENCE,
                     )
                 )
         return figures
@@ -131,14 +131,14 @@ def larger_patch(quick):
         wide = Grid(50, 40, _GRID.dx, _GRID.dy)
         expected = np.zeros(wide.shape)
         expected[4:35, 7:47] = before.pressure
-        for name, beside in (("far away", 10.0), ("impossible", np.nan)):
-            gap = np.full(wide.shape, beside)
+        for name, outside in (("far away", 10.0), ("impossible", np.nan)):
+            gap = np.full(wide.shape, outside)
             gap[4:35, 7:47] = _problem("").gap
             after = solved(
                 _problem("", wide, gap), method, options=options | {"lcp_rtol": 1e-13}, approach=_APPROACH
             )
             what = f"difference of pressures, cells beside it {name}, {method or 'default'}"
-            figures.append(Figure(what, difference(after.pressure, expected), most=_MOST_DIFFERENCE))
+            figures.append(Figure(what, difference(after.pressure, expected), most=_MAX_DIFFERENCE))
     return figures
 
 

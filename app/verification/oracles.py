@@ -1,18 +1,18 @@
-"""Solvers that share nothing with ours but the influence coefficients, or only the product."""
+"""Comparisons with independent solvers: they share only the coefficients or the product."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from app.verification.check import Check, Figure
-from app.verification.dense import DenseProblem, by_lemke
+from app.verification.dense import DenseProblem, solve_by_lemke
 from app.verification.solving import PATCHES, difference, methods, random_problem, solved
 
 _TIGHT = {"lcp_rtol": 1e-12}
 
 
 def _approach(problem, share):
-    """Between first touch and the mean gap, in which periodic patches are in full contact [mm]."""
+    """Return an approach between first touch and the mean gap [mm]."""
     least = np.nanmin(problem.gap)
     return least + share * (np.nanmean(problem.gap) - least)
 
@@ -29,7 +29,7 @@ def lemke(quick):
             inside = dense.inside
             h = (problem.gap.ravel() - approach)[inside]
             exact = np.zeros(inside.size)
-            exact[inside] = by_lemke(dense.matrix[np.ix_(inside, inside)], h)
+            exact[inside] = solve_by_lemke(dense.matrix[np.ix_(inside, inside)], h)
             for method in worst:
                 found = solved(problem, method, options=_TIGHT, approach=approach)
                 off = difference(found.pressure.ravel(), exact)

@@ -1,4 +1,7 @@
-"""One answer on any number of ranks; ``mpiexec -n 2 python -m app.verification.ranks OUT.npz`` makes those of two."""
+"""Check that any number of ranks gives the same answer.
+
+``mpiexec -n 2 python -m app.verification.ranks OUT.npz`` writes the answers of two ranks.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from app.verification.check import Check, Figure
 from app.verification.solving import difference, solved
 
 _STEEL = Material.combined(82000.0, 0.28)
-_SINGLE = 2e-4  # of the largest pressure: what the tolerance of 1e-6 allows answers to differ by
+_SINGLE = 2e-4  # Difference that the tolerance of 1e-6 allows, over the largest pressure.
 _WAYS = {
     "fast": ("fast", {}, _SINGLE),
     "fast, -lcp_precision double": ("fast", {"lcp_precision": "double"}, 1e-9),
@@ -45,29 +48,29 @@ def _problems(quick, periodic):
     return problems
 
 
-def answers(quick, comm):
-    """Pressures and contact sets of all cases, on rank 0: a mapping of names to arrays. Collective over `comm`."""
-    found = {}
+def solve_all(quick, comm):
+    """Return pressures and contact sets by case, on rank 0. Collective over `comm`."""
+    arrays = {}
     for way, (method, options, _) in _WAYS.items():
         if quick and "rtol" in way:
             continue
         for name, (problem, mean_pressure) in _problems(quick, method == "primal").items():
             # Few cells on a rank, so that several grids are shared
-            given = {"lcp_cells_per_rank": 64, **options}
-            by_load = solved(problem, method, comm, options=given, mean_pressure=mean_pressure)
-            by_approach = solved(problem, method, comm, options=given, approach=by_load.approach)
+            more = {"lcp_cells_per_rank": 64, **options}
+            by_load = solved(problem, method, comm, options=more, mean_pressure=mean_pressure)
+            by_approach = solved(problem, method, comm, options=more, approach=by_load.approach)
             for loading, solution in (("load", by_load), ("approach", by_approach)):
                 whole = solution.gather()
                 if whole is not None:
                     case = f"{way}|{name}, by {loading}"
-                    found[f"{case}|pressure"], found[f"{case}|contact"] = whole.pressure, whole.contact
-                    found[f"{case}|facts"] = np.array([solution.converged, solution.iterations])
-    return found
+                    arrays[f"{case}|pressure"], arrays[f"{case}|contact"] = whole.pressure, whole.contact
+                    arrays[f"{case}|facts"] = np.array([solution.converged, solution.iterations])
+    return arrays
 
 
 def on_ranks(quick):
     """Compare two and three ranks with one."""
-    found = {1: answers(quick, MPI.COMM_SELF)}
+    answers = {1: solve_all(quick, MPI.COMM_SELF)}
     with tempfile.TemporaryDirectory() as folder:
         for ranks in (2,) if quick else (2, 3):
             target = Path(folder) / f"{ranks}.npz"
@@ -76,13 +79,13 @@ def on_ranks(quick):
             if status:
                 return [Figure(f"exit status of {ranks} ranks: {errors.strip()[-300:]}", status, 0, 0)]
             with np.load(target) as data:
-                found[ranks] = dict(data)
-    return compared(found)
+                answers[ranks] = dict(data)
+    return compare(answers)
 
 
-def compared(found):
-    """Figures of the answers of several numbers of ranks, 1 among them. Not collective."""
-    one, several, figures = found[1], [of for ranks, of in found.items() if ranks > 1], []
+def compare(answers):
+    """Compare the answers of other numbers of ranks with those of one."""
+    one, several, figures = answers[1], [of for ranks, of in answers.items() if ranks > 1], []
     for way, (*_, limit) in _WAYS.items():
         cases = {name.rpartition("|")[0] for name in one if name.startswith(f"{way}|")}
         if not cases:
@@ -93,7 +96,7 @@ def compared(found):
         cells = max(
             int((other[f"{c}|contact"] != one[f"{c}|contact"]).sum()) for c in cases for other in several
         )
-        solved_all = all(of[f"{c}|facts"][0] for c in cases for of in found.values())
+        solved_all = all(of[f"{c}|facts"][0] for c in cases for of in answers.values())
         its = max(abs(other[f"{c}|facts"][1] - one[f"{c}|facts"][1]) for c in cases for other in several)
         figures += [
             Figure(f"difference of pressures, {way}", off if solved_all else np.nan, most=limit),
@@ -109,6 +112,6 @@ default, pressures agree within the tolerance (`-lcp_rtol` 1e-6): to some 1e-5 o
 CHECKS = (Check("ranks", "One, two and three ranks", _LAW, on_ranks),)
 
 if __name__ == "__main__":
-    made = answers("quick" in sys.argv[2:], MPI.COMM_WORLD)
+    made = solve_all("quick" in sys.argv[2:], MPI.COMM_WORLD)
     if MPI.COMM_WORLD.rank == 0:
         np.savez(sys.argv[1], **made)

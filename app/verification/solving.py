@@ -17,7 +17,7 @@ PATCHES = "", "spectral", "love"  # free, and periodic with either symbol
 
 
 def solved(problem, method=None, comm=None, start=None, options=None, **loading):
-    """Solve; whether it converges is for the check to see. Collective over `comm`."""
+    """Solve without a warning if it does not converge. Collective over `comm`."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
         with ContactSolver(problem, method, options, comm) as solver:
@@ -25,12 +25,15 @@ def solved(problem, method=None, comm=None, start=None, options=None, **loading)
 
 
 def methods(periodic):
-    """Names of all method files that work on a kind of patch."""
+    """Return the names of the method files that work on a kind of patch."""
     return [name for name in list_methods() if name != ("fast" if periodic else "primal")]
 
 
 def random_problem(rng, nx, ny, periodic="", holes=True):
-    """Waves, noise, or terraces; half of them with holes; cells up to four times longer than wide."""
+    """Return a problem of waves, noise or terraces.
+
+    Half of the problems have holes. Cells are up to four times longer than wide.
+    """
     x, y = 2 * np.pi * (np.arange(nx) + 0.5) / nx, 2 * np.pi * (np.arange(ny)[:, None] + 0.5) / ny
     waves = np.cos(x + rng.uniform(0, 6)) + np.cos(2 * y + rng.uniform(0, 6)) + np.cos(3 * x - y)
     noise = rng.normal(size=(ny, nx))
@@ -43,5 +46,5 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
 
 
 def difference(found, expected):
-    """Largest difference of two fields over the largest of the second."""
+    """Return the largest difference over the largest expected value."""
     return float(abs(found - expected).max() / (abs(expected).max() or 1.0))

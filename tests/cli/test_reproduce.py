@@ -139,20 +139,20 @@ def test_bad_input_is_one_line(tmp_path, capsys, monkeypatch, arguments, message
 
 
 def test_all_is_everything_once_and_in_the_order_of_the_report():
-    names = [item.name for item in reproduce.select(["all"])]
+    names = [item.name for item in reproduce.select_items(["all"])]
     assert names[:8] == [f"table{k}" for k in range(1, 9)]
     assert {"fig2", "fig5", "fig6", "fig7", "fig8", "fig10", "fig11", "fig12", "seeds", "inexact"} < set(
         names
     )
     assert len(names) == len(set(names))
-    assert [item.name for item in reproduce.select(["fig7", "table2", "fig7"])] == ["table2", "fig7"]
+    assert [item.name for item in reproduce.select_items(["fig7", "table2", "fig7"])] == ["table2", "fig7"]
     placed = [item.name for item in reproduce._reading_order()]
     assert sorted(placed) == sorted(reproduce.ITEMS)
 
 
 @pytest.mark.parametrize("name", [f"table{k}" for k in range(1, 9)])
 def test_plans_cover_the_whole_table_of_the_paper(tmp_path, name):
-    (item,) = reproduce.select([name])
+    (item,) = reproduce.select_items([name])
     expected = {(size, column) for size, row in tables.PAPER[name].items() for column in row}
     assert item.plan(FULL, tmp_path).keys() == expected
     quick = item.plan(QUICK, tmp_path)

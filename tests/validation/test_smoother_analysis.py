@@ -11,7 +11,7 @@ from app.paper.smoother_analysis import (
     gauss_seidel,
     jacobi,
     modes,
-    paper_mode,
+    paper_mode_index,
     sweep_history,
 )
 
@@ -24,7 +24,7 @@ def matrix():
 def paper_order(coefficients):
     """Moduli of the coefficients in the paper's numbering, entry 0 being mode 1."""
     n = coefficients.shape[-1]
-    return np.abs(coefficients)[..., [paper_mode(j, n) for j in range(1, n + 1)]]
+    return np.abs(coefficients)[..., [paper_mode_index(j, n) for j in range(1, n + 1)]]
 
 
 def test_matrix_is_symmetric_positive_definite_toeplitz(matrix):
@@ -187,4 +187,4 @@ def test_bad_input():
     with pytest.raises(ValueError, match="even number"):
         compare_grids(LineContact(15))
     with pytest.raises(ValueError, match="from 1 to 32"):
-        paper_mode(33, 32)
+        paper_mode_index(33, 32)

@@ -11,8 +11,8 @@ from app import ContactProblem, Grid, Material
 from app.api import solver
 from app.contact.certificate import certify
 from app.verification import certificates, document, oracles, verify
-from app.verification.check import Check, Figure, order
-from app.verification.dense import DenseProblem, by_lemke
+from app.verification.check import Check, Figure, fit_order
+from app.verification.dense import DenseProblem, solve_by_lemke
 
 
 @pytest.mark.parametrize(
@@ -30,8 +30,8 @@ def test_a_figure_keeps_its_limits_or_not(value, least, most, passed, limit):
     assert (figure.passed, figure.limit) == (passed, limit)
 
 
-def test_order():
-    assert order([10, 20, 40], [3.0, 3.0 / 8, 3.0 / 64]) == pytest.approx(3)
+def test_fitted_order_is_the_slope_of_errors():
+    assert fit_order([10, 20, 40], [3.0, 3.0 / 8, 3.0 / 64]) == pytest.approx(3)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -42,7 +42,7 @@ def test_lemke_and_pivoting_meet_all_conditions(seed):
     gap = rng.integers(0, 4, (2, 3)).astype(float)
     problem = ContactProblem(Grid(3, 2, 1.0, 0.5), Material.combined(1.0, 0.0), gap, periodic=periodic)
     dense, approach = DenseProblem(problem), 0.9 * gap.mean()
-    p = by_lemke(dense.matrix, gap.ravel() - approach)
+    p = solve_by_lemke(dense.matrix, gap.ravel() - approach)
     e = gap.ravel() - approach + dense.matrix @ p
     assert (p >= 0).all() and e.min() >= -1e-14 and abs(p * e).max() <= 1e-13
     np.testing.assert_allclose(dense.at(approach).ravel().astype(float), p, rtol=0, atol=1e-14 * p.max())
@@ -128,7 +128,7 @@ def test_the_document_has_every_figure_and_the_command_fails_with_one(checks, tm
     assert verify.main(["-o", str(tmp_path)]) == 1
     text = (tmp_path / "verification.md").read_text()
     assert "1 of 2 limits are not kept" in text and "**FAIL**" in text and "--only bad" in text
-    assert "error: 1, has to be ≤ 0.5" in capsys.readouterr().out
+    assert "error: 1, must be ≤ 0.5" in capsys.readouterr().out
     assert (tmp_path / document.ORDERS).is_file() and document.ORDERS in text
     assert not (tmp_path / document.SHARPNESS).exists()
 

@@ -23,13 +23,13 @@ def test_what_does_not_converge_is_no_number_of_the_paper():
     """Status 3 has a result, of which no table and no study prints a digit."""
     trace = {"errors": [9.004, 45.286], "exit_status": 0}
     stopped = {**trace, "exit_status": 3}
-    (table4,) = reproduce.select(["table4"])
+    (table4,) = reproduce.select_items(["table4"])
     for outcome, discrete, errors in (trace, 45.29, [9.0, 45.29]), (stopped, None, None):
         data = table4.evaluate({("8", "errors"): outcome, ("8", "discrete"): outcome})
         assert data == {"8": {"errors": errors, "discrete": discrete}}
-    assert {report.show(entry.ours) for entry in report.entries("table4", data)} == {"diverged"}
+    assert {report.format_entry(entry.ours) for entry in report.pair_entries("table4", data)} == {"diverged"}
     solve = {"active_set_iterations": 77, "work_units": 77.0, "exit_status": 3}
-    (inexact,) = reproduce.select(["inexact"])
+    (inexact,) = reproduce.select_items(["inexact"])
     section = report.study_section(inexact, inexact.evaluate({("4", "1"): solve}))
     assert "77" not in section.text() and "not solved" in section.text()
 
@@ -56,28 +56,28 @@ def test_differences(paper, ours, difference, noticeable):
 def test_verdict_names_what_differs():
     same, other = Entry("a", "b", [9, 35], [9, 35.4]), Entry("c", "d", [9, 35], [5, 35])
     assert (
-        report.verdict([same])
+        report.summarize([same])
         == "1 entries, 1 of them equal in all digits printed; no noticeable difference."
     )
-    assert report.verdict([same, other]).endswith("noticeably different: c d.")
+    assert report.summarize([same, other]).endswith("noticeably different: c d.")
 
 
 def test_numbers_are_written_as_in_the_paper():
-    assert [report.show(v) for v in ([9, 0.194], [9, 35.4375], [5, 110], 45.286, None)] == [
+    assert [report.format_entry(v) for v in ([9, 0.194], [9, 35.4375], [5, 110], 45.286, None)] == [
         "9 (0.19)", "9 (35)", "5 (110)", "45.29", "diverged",
     ]  # fmt: skip
 
 
 def test_spread():
-    assert studies.spread([3, None, 1, 2, 10]) == [1, 2.5, 10]
-    assert studies.spread([None]) is None
+    assert studies.quantiles([3, None, 1, 2, 10]) == [1, 2.5, 10]
+    assert studies.quantiles([None]) is None
 
 
 # -- pictures ------------------------------------------------------------------------------------------------
 
 
 def drawn(name, outcomes=None):
-    (item,) = reproduce.select([name])
+    (item,) = reproduce.select_items([name])
     return item.evaluate(outcomes or {})
 
 
