@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.base import memory
 from app.base.errors import InputError
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.options.option_table import OptionReader
@@ -125,43 +124,15 @@ def test_more_cells_than_petsc_can_number(grid):
         made(problem="cone", cone_angle="1", grid=grid, approach="1")
 
 
-@pytest.fixture
-def sparse(tmp_path):
-    """``sparse("gap.npy", n)``: a file of n x n cells without content, a few kB on the disk."""
-
-    def make(name, n):
-        import h5py
-
-        path = tmp_path / name
-        if name.endswith(".h5"):
-            with h5py.File(path, "w") as file:
-                file.create_dataset("gap", (n, n), "f8", chunks=(1000, 1000))
-        else:
-            with path.open("wb") as file:
-                if name.endswith(".npy"):
-                    header = {"descr": "<f8", "fortran_order": False, "shape": (n, n)}
-                    np.lib.format.write_array_header_1_0(file, header)
-                file.truncate(file.tell() + 8 * n * n)
-        return str(path)
-
-    return make
-
-
-def small_machine(monkeypatch):
-    monkeypatch.setattr(memory, "available_memory", lambda: 1 << 30)
-
-
 @pytest.mark.parametrize("name", ["gap.h5", "gap.npy"])
-def test_sparse_and_huge_gap_file(sparse, name, monkeypatch):
-    small_machine(monkeypatch)
+def test_sparse_and_huge_gap_file(sparse, name, small_machine):
     with pytest.raises(ValueError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
         made(problem="file", gap_file=sparse(name, 40_000))
     with pytest.raises(InputError, match=r"grid 1000000,1000000: this PETSc can number 2147483647 cells"):
         made(problem="file", gap_file=sparse(name, 1_000_000))
 
 
-def test_grid_beyond_the_machine(monkeypatch):
-    small_machine(monkeypatch)
+def test_grid_beyond_the_machine(small_machine):
     with pytest.raises(ValueError, match="grid 20000,20000: needs about 26.8 GiB"):
         made(problem="hertz", grid="20000", hertz_rx="1", hertz_ry="1")
 

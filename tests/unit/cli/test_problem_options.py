@@ -3,10 +3,8 @@
 import re
 
 import pytest
-from petsc4py import PETSc
 
 from app.base.errors import InputError
-from app.cli import option_sources
 from app.cli.option_sources import ParsedOptions
 from app.cli.problem_options import (
     list_input_files,
@@ -14,37 +12,6 @@ from app.cli.problem_options import (
     resolve_alternatives,
     suggest_names,
 )
-
-
-@pytest.fixture
-def read(tmp_path, monkeypatch):
-    """``read("-grid 8", load="5")``: read a command line in an empty folder; PETSc has started with a load."""
-    monkeypatch.chdir(tmp_path)
-
-    def read_line(line="", **started_with):
-        database = PETSc.Options()
-        for name, text in started_with.items():
-            database.setValue(name, text)
-        try:
-            return option_sources.parse_options(["solve.py", *line.split()])
-        finally:
-            for name in started_with:
-                database.delValue(name)
-            assert not database.getAll()  # reading leaves nothing there
-
-    return read_line
-
-
-@pytest.fixture
-def files(tmp_path):
-    """Write files of these contents into the folder."""
-
-    def write(**contents):
-        for name, content in contents.items():
-            path = tmp_path / name.replace("__", ".")
-            path.write_bytes(content) if isinstance(content, bytes) else path.write_text(content)
-
-    return write
 
 
 @pytest.fixture

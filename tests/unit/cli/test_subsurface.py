@@ -6,8 +6,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from mpi4py import MPI
-from results import MAX_PRESSURE, made_up_result, with_attributes, write
+from results import MAX_PRESSURE, with_attributes
 
 import app.subsurface
 from app import ContactProblem, Grid, Material, Sphere, read_result, solve
@@ -15,7 +14,6 @@ from app.base.errors import InputError
 from app.cli import subsurface
 from app.cli.subsurface import stress
 from app.halfspace.stress.subsurface import SubsurfaceStress, von_mises
-from app.parallel.slabs import Slabs
 
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
 BALL = ContactProblem(GRID, Material.from_contact_modulus(1e5), Sphere(10))
@@ -43,17 +41,6 @@ def test_wrong_questions_are_refused_in_one_line(message, call):
 
 def test_stress_is_part_of_the_documented_module():
     assert app.subsurface.stress is stress
-
-
-@pytest.fixture(scope="module")
-def made():
-    return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
-
-
-@pytest.fixture
-def path(made, tmp_path):
-    write(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(48), made)
-    return tmp_path / "result.h5"
 
 
 def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys):

@@ -13,17 +13,6 @@ from app.cli import xdmf
 from app.parallel.slabs import Slabs
 
 
-@pytest.fixture(scope="module")
-def made():
-    return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
-
-
-@pytest.fixture
-def path(made, tmp_path):
-    write(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(48), made)
-    return tmp_path / "result.h5"
-
-
 def items(path):
     """The tree, and arrays of all data items by attribute name."""
     root = ElementTree.parse(path).getroot()

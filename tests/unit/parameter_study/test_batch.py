@@ -1,26 +1,8 @@
 """Simultaneous runs and table rows."""
 
-import numpy as np
-import pytest
-
-from app.parameter_study import batch
 from app.parameter_study.batch import make_rows, run_all
 from app.parameter_study.journal import Journal
 from app.parameter_study.run import Run
-
-
-@pytest.fixture
-def performed(monkeypatch):
-    """Replace the program by one that solves at once; return the list of what was run."""
-    calls = []
-
-    def perform(run, output, processes, ranks=1, timeout=None):
-        calls.append(dict(run.options))
-        status = {"crash": 1, "refused": 2}.get(run.options.get("grid"), 0)
-        return {"exit_status": status, "message": "", "load": np.float64(len(calls))}
-
-    monkeypatch.setattr(batch, "perform", perform)
-    return calls
 
 
 def execute(tmp_path, runs, resume=True, **how):

@@ -8,7 +8,6 @@ from cases import APPROACH, hertz
 from running import solve
 
 from app import ContactProblem
-from app.base import memory
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.problems.gap_file import GapFile
@@ -67,34 +66,7 @@ def test_marks_of_missing_points_are_no_gap(tmp_path):
         GapFile(tmp_path / "gap.txt")
 
 
-@pytest.fixture
-def sparse(tmp_path):
-    """``sparse("gap.npy", n)``: a file of n x n cells without content, a few kB on the disk."""
-
-    def make(name, n):
-        import h5py
-
-        path = tmp_path / name
-        if name.endswith(".h5"):
-            with h5py.File(path, "w") as file:
-                file.create_dataset("gap", (n, n), "f8", chunks=(1000, 1000))
-        else:
-            with path.open("wb") as file:
-                if name.endswith(".npy"):
-                    header = {"descr": "<f8", "fortran_order": False, "shape": (n, n)}
-                    np.lib.format.write_array_header_1_0(file, header)
-                file.truncate(file.tell() + 8 * n * n)
-        return str(path)
-
-    return make
-
-
-def small_machine(monkeypatch):
-    monkeypatch.setattr(memory, "available_memory", lambda: 1 << 30)
-
-
-def test_sparse_and_huge_text(sparse, monkeypatch):
-    small_machine(monkeypatch)
+def test_sparse_and_huge_text(sparse, small_machine):
     with pytest.raises(ValueError, match=r"needs 477 GiB of memory; 1 GiB are free"):
         GapFile(sparse("gap.txt", 40_000))
 
