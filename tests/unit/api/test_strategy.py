@@ -1,7 +1,5 @@
 """Strategies: starting from a solution, and what a method can solve for."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import running
@@ -11,26 +9,7 @@ from running import assert_proved_equal, assert_solves_lcp
 from app import ContactProblem, ContactSolver, Grid, Material, solve
 from app.base.errors import InputError
 
-METHODS = {
-    "fast": (None, {}),
-    "norm": ("norm", {}),
-    "mg": ("mg_v11", {}),
-    "fmg": ("fmg_v11", {}),
-    "tao": (None, {"lcp_type": "tao"}),
-    "snesvi": (None, {"lcp_type": "snesvi"}),
-    "primal": (None, {}),
-}
-
-
-def problem_of(method, problem=None):
-    """That problem, or a punch; of the primal form on a periodic patch."""
-    problem = problem or punch(24)
-    return problem.on(replace(problem.grid, periodic="spectral")) if method == "primal" else problem
-
-
-def solver_of(method, problem=None, **options):
-    name, own = METHODS[method]
-    return ContactSolver(problem_of(method, problem), name, own | options)
+from .solvers import punch_on, solver_of
 
 
 @pytest.mark.parametrize("loading", [{"approach": -1.0}, {"load": 0.0}, {"approach": 0.1}])
@@ -76,10 +55,6 @@ def test_any_solution_on_the_grid_is_a_start():
                 assert_solves_lcp(found, 1e-9)
                 assert found.load == pytest.approx(expected.load, rel=1e-7)
                 np.testing.assert_array_equal(found.contact, expected.contact)
-
-
-def punch_on(grid):
-    return ContactProblem(grid, hertz(8).material, lambda x, y: np.where(x**2 + y**2 < 9, 0 * x * y, np.nan))
 
 
 def test_reference_solvers_refuse_a_load():

@@ -8,21 +8,12 @@ import numpy as np
 import pytest
 import running
 from cases import APPROACH, hertz, periodic_rough, punch
-from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material, Sphere, solve
 from app.base.errors import InputError
 from app.options.method import METHOD_OPTIONS, read_method_file
 
-
-def communicators():
-    """Return the largest number of 20 new communicators, which get the smallest free ones."""
-    comms = [MPI.COMM_SELF.Dup() for _ in range(20)]
-    number = max(comm.py2f() for comm in comms)
-    for comm in comms:
-        comm.Free()
-    return number
-
+from ..api.solvers import communicators
 
 OPTIONS = {
     "unknown method": ({"method": "faster"}, "method 'faster': must be one of .*fmg_v11"),

@@ -102,11 +102,13 @@ def test_a_prefix_must_be_a_word():
 
 def test_options_of_the_user_under_the_prefix_override_and_must_be_used(database, capfd):
     database.setValue("mine_ksp_rtol", "0.25")
+    database.setValue("mine_lcp_rtol", "1e-7")
+    before = database.getAll()
     for prefix in ("mine_", "Mine_"):
-        with ContactSolver(PROBLEM, "norm", {"ksp_rtol": 0.5}, prefix=prefix) as solver:
-            assert solver.ksp.getTolerances()[0] == 0.25
+        with ContactSolver(PROBLEM, "norm", {"ksp_rtol": 0.5, "lcp_rtol": 1e-3}, prefix=prefix) as solver:
+            assert (solver.ksp.getTolerances()[0], solver.settings.rtol) == (0.25, 1e-7)
             solver.solve(approach=0.1)
-        assert database.getAll() == {"mine_ksp_rtol": "0.25"}
+        assert database.getAll() == before
     database.setValue("mine_ksp_rtoll", "0.25")
     with pytest.raises(
         InputError, match=r"^unknown or unused option: -ksp_rtoll \(did you mean -ksp_rtol\?\)$"
