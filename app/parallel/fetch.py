@@ -44,8 +44,8 @@ class Fetch:
         """Plan messages for rows ``first <= j < last`` per rank."""
         ny, rank = self.have.ny, self.have.rank
         starts, ends = self.have.bounds(len(first))
-        some = last > first
-        low, high = (first[some].min(), last[some].max()) if some.any() else (0, 0)
+        nonempty = last > first
+        low, high = (first[nonempty].min(), last[nonempty].max()) if nonempty.any() else (0, 0)
         for shift in range(low // ny * ny, high, ny):  # one period after the other
             offset = shift + starts[rank]
             for other, a, b in _overlaps(first, last, offset, ends[rank] + shift):

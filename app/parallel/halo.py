@@ -36,8 +36,10 @@ class Halo(_GhostRows):
         low, high = first - width, last + width
         if not periodic:
             low, high = np.maximum(low, 0), np.minimum(high, slabs.ny)
-        some = last > first
-        super().__init__(slabs, (np.where(some, low, first), first), (last, np.where(some, high, last)), comm)
+        nonempty = last > first
+        super().__init__(
+            slabs, (np.where(nonempty, low, first), first), (last, np.where(nonempty, high, last)), comm
+        )
 
 
 class CoarseHalo(_GhostRows):
@@ -54,8 +56,10 @@ class CoarseHalo(_GhostRows):
         (first, last), (begin, end) = slabs.bounds(size), coarse.bounds(size)
         low, high = first // 2 - periodic, (last - 1) // 2 + 3 - periodic
         high = high if periodic else np.minimum(high, coarse.ny)
-        some = last > first
-        super().__init__(coarse, (np.where(some, low, begin), begin), (end, np.where(some, high, end)), comm)
+        nonempty = last > first
+        super().__init__(
+            coarse, (np.where(nonempty, low, begin), begin), (end, np.where(nonempty, high, end)), comm
+        )
         self.first = int(low[rank]) + periodic
 
 

@@ -220,7 +220,9 @@ class EvenMultiplier:
         self._set_scaled(spectrum)
 
     def _frequencies(self):
-        columns = np.concatenate([np.arange(group.mine.start, group.mine.stop) for group in self._groups])
+        columns = np.concatenate(
+            [np.arange(group.columns.start, group.columns.stop) for group in self._groups]
+        )
         return columns, np.arange(self.periods[0] // 2 + 1)
 
     def _set_scaled(self, spectrum):

@@ -290,7 +290,7 @@ def _copy_columns(own, received, places, heights, rank, count, first, last, colu
 @njit()
 def convolve_columns(
     own, received, places, heights, rank, length, columns, transforms, parts, spectrum, scale,
-    fftw, there, back, few_there, few_back,
+    fftw, forward, backward, few_forward, few_backward,
 ):  # fmt: skip
     """Convolve columns in y, in place, one strip at a time.
 
@@ -304,7 +304,7 @@ def convolve_columns(
         Work arrays for a strip of columns of this `length`, its transforms, and the latter as reals; may be longer.
     spectrum : ndarray, shape (columns, half a period and one)
         Factors; if `scale` is not 0, divide by them and multiply by it.
-    fftw, there, back, few_there, few_back : int
+    fftw, forward, backward, few_forward, few_backward : int
         Addresses of FFTW's ``execute``, and of the plans of a whole strip, and of the last one.
     """
     count = spectrum.shape[0]
@@ -312,12 +312,12 @@ def convolve_columns(
         last = min(first + STRIP, count)
         ny = _copy_columns(own, received, places, heights, rank, count, first, last, columns, True)
         columns[: last - first, ny:] = 0
-        execute(fftw, there if last - first == STRIP else few_there)
+        execute(fftw, forward if last - first == STRIP else few_forward)
         for c in range(last - first):
             if scale:
                 _divide(transforms[c, :length], spectrum[first + c], scale)
             else:
                 _scale_first_half(parts[c], spectrum[first + c])
                 _scale_second_half(parts[c, : 2 * length], spectrum[first + c])
-        execute(fftw, back if last - first == STRIP else few_back)
+        execute(fftw, backward if last - first == STRIP else few_backward)
         _copy_columns(own, received, places, heights, rank, count, first, last, columns, False)

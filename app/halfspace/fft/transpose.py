@@ -39,7 +39,7 @@ class ColumnGroup:
     def __init__(self, start, stop, size, rank, row_counts):
         per_rank = [(stop - start) // size + (r < (stop - start) % size) for r in range(size)]
         self.edges = [int(edge) for edge in start + np.concatenate([[0], np.cumsum(per_rank)])]
-        self.mine = slice(self.edges[rank], self.edges[rank + 1])  # columns of this rank
+        self.columns = slice(self.edges[rank], self.edges[rank + 1])  # columns of this rank
         self.count = per_rank[rank]
         row_edges = np.concatenate([[0], np.cumsum(row_counts)])
         self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
@@ -58,7 +58,7 @@ class ColumnGroup:
 
     def own(self, part):
         """Return the rows of this rank in its own columns."""
-        first = self._rows * (self.mine.start - self.edges[0])
+        first = self._rows * (self.columns.start - self.edges[0])
         return part[first : first + self._rows * self.count]
 
     def pieces(self, transformed):
@@ -109,7 +109,7 @@ class Exchange:
             own = group.own(part)
             others, places = own if comm is None else self._received, group.places
             if shared:
-                others, places = storage.all.view(own.dtype), starts + group.heights * group.mine.start
+                others, places = storage.all.view(own.dtype), starts + group.heights * group.columns.start
             self._columns.append((own, others, places, group.heights, group.rank))
 
     def each(self):

@@ -48,10 +48,10 @@ class KernelInX:
         self._lags = [ny * q // size for q in range(size + 1)]
         first, last = self._lags[rank], self._lags[rank + 1]
         least = rounding * np.abs(self.rows(0, 1)).max()
-        self._here, reach = np.empty((last - first, self.frequencies)), np.zeros(self.frequencies, np.int64)
+        self._local, reach = np.empty((last - first, self.frequencies)), np.zeros(self.frequencies, np.int64)
         for start in range(first, last, _BLOCK_ROWS):
             stop = min(start + _BLOCK_ROWS, last)
-            block = self._here[start - first : stop - first]
+            block = self._local[start - first : stop - first]
             block[...] = self.rows(start, stop)
             np.maximum(reach, ((np.abs(block) > least).T * np.arange(start, stop)).max(axis=1), out=reach)
         if comm is not None:
@@ -78,15 +78,15 @@ class KernelInX:
 
         The shape is (last - first, ny).
         """
-        here = self._here[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
-        del self._here
+        local = self._local[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
+        del self._local
         first, last = edges[0 if self._comm is None else self._comm.rank]
         if self._comm is None:
-            return here[first:last]
+            return local[first:last]
         counts = np.diff(self._lags)
-        sent = [(b - a) * here.shape[1] for a, b in edges], [a * here.shape[1] for a, _ in edges]
+        sent = [(b - a) * local.shape[1] for a, b in edges], [a * local.shape[1] for a, _ in edges]
         received = np.empty((last - first) * self._ny)
-        self._comm.Alltoallv([here, sent], [received, list((last - first) * counts)])
+        self._comm.Alltoallv([local, sent], [received, list((last - first) * counts)])
         kernel = np.empty((last - first, self._ny))
         for a, b in itertools.pairwise(self._lags):
             kernel[:, a:b] = received[(last - first) * a : (last - first) * b].reshape(last - first, b - a)

@@ -75,11 +75,11 @@ class SweepMessages:
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
         r = np.empty((leaf.stop - leaf.start, self._r.shape[1]))
-        for owner, rows, here in self._parts(leaf, r):
+        for owner, rows, part in self._parts(leaf, r):
             if owner:
-                self._comm.Recv(here, owner, _DEFECT)
+                self._comm.Recv(part, owner, _DEFECT)
             else:
-                here[...] = self._r[rows]
+                part[...] = self._r[rows]
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
@@ -87,11 +87,11 @@ class SweepMessages:
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
-        for owner, rows, here in self._parts(leaf, d):
+        for owner, rows, part in self._parts(leaf, d):
             if owner:
-                self._sent.append((self._comm.Isend(here, owner, _CORRECTION), d))
+                self._sent.append((self._comm.Isend(part, owner, _CORRECTION), d))
             else:
-                self._d[rows] = here
+                self._d[rows] = part
 
     def collect(self, block):
         """Receive the effects on a leaf, in all chunks."""

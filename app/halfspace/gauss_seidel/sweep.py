@@ -126,15 +126,15 @@ class GaussSeidel:
     def _prepare(self, mask):
         """Return occupied rows, contact cells and columns of the tables. Collective."""
         ny, nx = self.shape
-        here = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
-        here[-3:] = find_contact_extent(mask, here[:-3])
+        local = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
+        local[-3:] = find_contact_extent(mask, local[:-3])
         if self.comm is None:
-            parts = [here]
+            parts = [local]
         else:
             sizes = [count + 3 for count in self.slabs.counts]
-            everywhere = np.empty(sum(sizes), np.int64)
-            self.comm.Allgatherv(here, [everywhere, sizes])
-            parts = np.split(everywhere, np.cumsum(sizes)[:-1])
+            gathered = np.empty(sum(sizes), np.int64)
+            self.comm.Allgatherv(local, [gathered, sizes])
+            parts = np.split(gathered, np.cumsum(sizes)[:-1])
         first, last, cells = (f(part[k] for part in parts) for f, k in ((min, -3), (max, -2), (sum, -1)))
         width = int(last - first)
         if width > self._width:
