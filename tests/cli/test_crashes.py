@@ -45,7 +45,7 @@ def test_exception_on_one_rank_ends_the_job_with_its_traceback(cli, ranks, tmp_p
         (2, signal.SIGINT),
     ],
 )
-def test_run_ended_by_a_signal_leaves_the_earlier_result_whole(cli, ranks, word, tmp_path):
+def test_signal_keeps_the_previous_result(cli, ranks, word, tmp_path):
     """Ctrl-C on one rank is below."""
     path, begun = tmp_path / RESULT, tmp_path / "begun"
     assert cli("-grid", 16, "-output", path, methods=["hertz", "norm"]).returncode == 0
@@ -74,7 +74,7 @@ def test_run_ended_by_a_signal_leaves_the_earlier_result_whole(cli, ranks, word,
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_reader_may_go_away(tmp_path):
+def test_closed_pipe_does_not_stop_a_run(tmp_path):
     """A closed pipe is no crash, and what was asked for is still written."""
     out = tmp_path / "out.h5"
     command = shlex.join([sys.executable, *COMMAND, "-output", str(out)])
@@ -88,7 +88,7 @@ def test_a_reader_may_go_away(tmp_path):
     assert read_result(out).attributes["converged"]
 
 
-def test_interrupted(tmp_path):
+def test_interrupted_run_has_status_130(tmp_path):
     """Ctrl-C: one line, status 130, no file."""
     out = tmp_path / "out.h5"
     slow = "-grid 512 -lcp_rtol 1e-14 -lcp_max_it 100000 -ksp_rtol 1e-15 -lcp_monitor".split()

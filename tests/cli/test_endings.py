@@ -40,7 +40,7 @@ def assert_ended(done, message, status=2):
 
 
 @RANKS
-def test_option_file_that_includes_itself(solve, tmp_path, ranks):
+def test_option_file_including_itself_is_refused(solve, tmp_path, ranks):
     (tmp_path / "a.opts").write_text("-grid 8\n-options_file a.opts\n")
     assert_ended(solve(*HERTZ, "-options_file", "a.opts", ranks=ranks), "a.opts: includes itself")
 
@@ -54,17 +54,17 @@ def test_option_file_that_includes_itself(solve, tmp_path, ranks):
         (None, "-malloc_debug maybe", "PETSc does not start: Invalid argument: Unknown logical value: maybe"),
     ],
 )
-def test_environment_that_makes_no_sense(solve, words, message, ranks):
+def test_nonsense_in_petsc_options_is_refused(solve, words, message, ranks):
     assert_ended(solve(*HERTZ, ranks=ranks, PETSC_OPTIONS=words), message)
 
 
-def test_start_file_that_makes_no_sense(solve, tmp_path):
+def test_nonsense_in_petscrc_is_refused(solve, tmp_path):
     (tmp_path / ".petscrc").write_text("grid 8\n")
     assert_ended(solve(*HERTZ, ranks=2), ".petscrc line 1: grid")
 
 
 @RANKS
-def test_full_disk(solve, tmp_path, ranks):
+def test_full_disk_is_an_error_and_keeps_the_result(solve, tmp_path, ranks):
     """By the default method on this grid PETSc's finalisation once waited for ever."""
     arguments = [*solve_arguments("hertz")[2:], "-grid", 128, "-output", "out.h5"]
     done = solve(*arguments, ranks=ranks, program=(TESTS / "troubled.py", "full_disk", 0))
@@ -74,13 +74,13 @@ def test_full_disk(solve, tmp_path, ranks):
 
 
 @RANKS
-def test_journal_on_a_full_disk(solve, ranks):
+def test_journal_on_a_full_disk_is_an_error(solve, ranks):
     words = (*HERTZ[:-2], "-grid", 8, "-load_path", "10,20", "-path_csv", "a.csv")
     done = solve(*words, ranks=ranks, program=(TESTS / "troubled.py", "full_disk", 0))
     assert_ended(done, "a.path.jsonl: cannot be written: No space left on device")
 
 
-def test_folder_that_vanishes_while_solving(solve, tmp_path):
+def test_folder_removed_while_solving_is_an_error(solve, tmp_path):
     folder = tmp_path / "results"
     folder.mkdir()
     faulty = "-pc_type", "python", "-pc_python_type", "faults.RemovesFolder"
@@ -88,14 +88,14 @@ def test_folder_that_vanishes_while_solving(solve, tmp_path):
     assert_ended(done, "results does not exist")
 
 
-def test_longest_name_that_the_folder_takes(solve, tmp_path):
+def test_longest_possible_name_is_solved(solve, tmp_path):
     name = "a" * (os.pathconf(tmp_path, "PC_NAME_MAX") - 3) + ".h5"
     done = solve(*HERTZ, "-output", name, ranks=2)
     assert (done.returncode, done.stderr) == (0, "")
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_one_host_has_less_memory(solve):
+def test_host_without_memory_is_named(solve):
     done = solve(*HERTZ, "-grid", 16, ranks=2, program=(TESTS / "troubled.py", "little_memory", 1))
     assert_ended(done, "grid 16,16: needs about ")
 
@@ -108,7 +108,7 @@ def test_one_host_has_less_memory(solve):
         (2, "HasNoMemoryOnLastRank", "error: rank 1: not enough memory: only this rank"),
     ],
 )
-def test_refusal_that_the_other_ranks_never_hear_of(solve, fault, message, ranks, tmp_path):
+def test_error_on_one_rank_aborts_the_others(solve, fault, message, ranks, tmp_path):
     faulty = "-pc_type", "python", "-pc_python_type", f"faults.{fault}"
     assert_ended(solve(*HERTZ, *faulty, "-output", "out.h5", ranks=ranks), message)
     assert list(tmp_path.iterdir()) == []
@@ -145,7 +145,7 @@ def test_measurement_is_not_overwritten(solve, tmp_path, ranks):
     assert (tmp_path / "gap.txt").read_bytes() == before
 
 
-def test_what_a_problem_of_the_users_reads_is_not_overwritten(solve, tmp_path):
+def test_files_of_a_user_defined_problem_are_not_overwritten(solve, tmp_path):
     (tmp_path / "own.py").write_text(
         "import numpy as np\n"
         "from app.options.option_table import Option, word\n"
@@ -181,7 +181,7 @@ def test_result_is_written_through_a_link(solve, tmp_path):
     assert [path.name for path in (tmp_path / "there").iterdir()] == ["result"]
 
 
-def test_python_without_mpi(solve):
+def test_missing_mpi4py_is_reported(solve):
     """As on a host that the environment of run/env has not come to."""
     done = solve("-S", "-m", "app.solve", program=(), PYTHONPATH=str(TESTS.parent))
     assert_ended(done, f"{sys.executable} has no mpi4py")
@@ -194,7 +194,7 @@ def test_python_without_mpi(solve):
         ("undefined symbol", "{}/petsc4py does not load: undefined symbol. Debian: "),
     ],
 )
-def test_petsc4py_of_another_python_or_numpy(solve, tmp_path, error, message):
+def test_incompatible_petsc4py_is_refused_in_one_line(solve, tmp_path, error, message):
     """As Debian's is in an environment with a newer numpy: the line says where it is and what is wrong with it."""
     folder = tmp_path / "petsc4py"
     folder.mkdir()
@@ -213,24 +213,24 @@ def shell(line, tmp_path):
     )
 
 
-def test_closed_streams(tmp_path):
+def test_closed_streams_do_not_stop_a_run(tmp_path):
     assert shell("-output out.h5 <&- >&- 2>&-", tmp_path).returncode == 0
     assert read_result(tmp_path / "out.h5").attributes["converged"]
     refused = shell("-bogus 2>&-", tmp_path)
     assert (refused.returncode, refused.stdout) == (2, "")
 
 
-def test_full_standard_output(tmp_path):
+def test_full_standard_output_gives_a_warning(tmp_path):
     done = shell("-lcp_max_it 1 -output out.h5 >/dev/full", tmp_path)
     assert (done.returncode, done.stderr) == (3, "warning: standard output: No space left on device\n")
     assert read_result(tmp_path / "out.h5").attributes["converged"] is False
 
 
-def test_full_standard_error(tmp_path):
+def test_full_standard_error_keeps_the_status(tmp_path):
     assert shell("-bogus 2>/dev/full", tmp_path).returncode == 2
 
 
-def test_pictures_do_not_need_standard_output(solve, tmp_path):
+def test_figures_are_written_without_standard_output(solve, tmp_path):
     assert solve(*HERTZ, "-output", "out.h5").returncode == 0
     command = (
         f"{sys.executable} -m app.plot out.h5 -o pictures --dpi 20 --only pressure --only contact >/dev/full"
@@ -242,7 +242,7 @@ def test_pictures_do_not_need_standard_output(solve, tmp_path):
     assert {"pressure.png", "contact.png"} == {file.name for file in (tmp_path / "pictures").iterdir()}
 
 
-def test_removed_folder(tmp_path):
+def test_removed_current_folder_is_reported(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()
     command = f"rmdir {gone}; {sys.executable} -m app.solve {' '.join(HERTZ)}"
@@ -257,7 +257,7 @@ def test_removed_folder(tmp_path):
 # ---------------------------------------------------------------------------------------------- the rest
 
 
-def test_logging_may_be_asked_for_in_a_file(solve, tmp_path):
+def test_log_view_in_a_file_has_events_and_stages(solve, tmp_path):
     (tmp_path / "log.opts").write_text("-log_view\n")
     done = solve(*HERTZ, "-options_file", "log.opts", ranks=2)
     assert done.returncode == 0
@@ -267,7 +267,7 @@ def test_logging_may_be_asked_for_in_a_file(solve, tmp_path):
 
 
 @pytest.mark.parametrize(("option", "ranks"), [("-log_view :", 2), ("-citations ", None)])
-def test_a_log_that_cannot_be_written_is_an_error(solve, tmp_path, option, ranks):
+def test_unwritable_log_is_an_error(solve, tmp_path, option, ranks):
     done = solve(*HERTZ, *f"{option}/dev/full".split(), ranks=ranks)
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert done.returncode == 2
@@ -278,7 +278,7 @@ def test_a_log_that_cannot_be_written_is_an_error(solve, tmp_path, option, ranks
     assert "PETSc" in log and "/proc/" not in log
 
 
-def test_own_problem(solve, tmp_path):
+def test_user_defined_problem_is_solved(solve, tmp_path):
     (tmp_path / "mine.py").write_text("def bowl(x, y):\n    return (x**2 + y**2) / 40\n")
     problem = (
         "-problem python -grid 8 -domain -1,1,-1,1 -shear_modulus 80000 -poisson_ratio 0.3 -load 300".split()
@@ -291,7 +291,7 @@ def test_own_problem(solve, tmp_path):
 
 
 @RANKS
-def test_own_problem_that_ends_the_program_has_not_solved_it(solve, tmp_path, ranks):
+def test_user_defined_problem_that_exits_gives_status_1(solve, tmp_path, ranks):
     """Its status 0 was that of the command: from the third call on, which the check before has not seen."""
     (tmp_path / "mine.py").write_text(
         "import sys\nseen = []\n"

@@ -64,7 +64,7 @@ def kill(*processes):
         os.waitpid(process, 0)
 
 
-def test_killed_while_writing(path_of_two, tmp_path):
+def test_kill_while_writing_leaves_the_old_or_new_file(path_of_two, tmp_path):
     """Old or new, never half; what dead runs leave is gone a day later."""
     path, solutions = path_of_two
     dice, halves = random.Random(1), 0
@@ -88,7 +88,7 @@ def test_killed_while_writing(path_of_two, tmp_path):
     assert set(tmp_path.iterdir()) == {result, table}
 
 
-def test_two_runs_to_one_output(path_of_two, tmp_path):
+def test_last_of_two_runs_wins_with_a_whole_file(path_of_two, tmp_path):
     """The last whole one stays; none touches what the other is writing."""
     path, solutions = path_of_two
     processes = [start_writing(tmp_path, path, [solution]) for solution in solutions]
@@ -110,7 +110,7 @@ def _running(result):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_run_killed_at_a_hundred_moments(tmp_path):
+def test_hundred_kills_leave_a_valid_result(tmp_path):
     """By ``run/test --slow tests/cli/test_faults.py -k hundred``: over an existing result, on one rank and two."""
     result, dice = tmp_path / "result.h5", random.Random(2)
     command = [sys.executable, *solve_arguments("hertz"), "-grid", "64", "-output", str(result)]
@@ -166,7 +166,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_full_disk_leaves_what_was_there(name, given, tmp_path, capsys):
+def test_full_disk_keeps_existing_files(name, given, tmp_path, capsys):
     command, source, target, words = WRITERS[name]
     folder = given if name == "xdmf" else tmp_path / "out"
     folder.mkdir(exist_ok=True)
@@ -183,7 +183,7 @@ def test_full_disk_leaves_what_was_there(name, given, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "xdmf"])
-def test_folder_that_nobody_may_write_in(name, given, capsys):
+def test_read_only_folder_is_refused(name, given, capsys):
     command, source, target, words = WRITERS[name]
     assert command.main([str(given / source), *words, f"/proc/{target}"]) == 2  # not even root may
     errors = capsys.readouterr().err
@@ -195,7 +195,7 @@ def test_folder_that_nobody_may_write_in(name, given, capsys):
 
 
 @pytest.mark.parametrize("second", [None, pytest.param((9, 9), marks=pytest.mark.slow), "other values"])
-def test_input_that_hosts_see_differently(second, tmp_path):
+def test_inputs_that_differ_between_hosts_are_refused(second, tmp_path):
     folders = tmp_path / "first", tmp_path / "second"
     gap = np.random.default_rng(1).random((8, 8))
     for folder in folders:
@@ -211,7 +211,7 @@ def test_input_that_hosts_see_differently(second, tmp_path):
     assert not (tmp_path / "out.h5").exists()
 
 
-def test_files_up_to_4_mib_are_compared_as_a_whole(tmp_path):
+def test_files_up_to_4_mib_are_compared_completely(tmp_path):
     path, size = tmp_path / "large", 1 << 22
     path.write_bytes(bytes(size))
     first = hash_samples(path)
@@ -226,7 +226,7 @@ def test_files_up_to_4_mib_are_compared_as_a_whole(tmp_path):
 
 
 @pytest.mark.parametrize("most", [640_000, 720_000, 800_000])
-def test_a_rank_that_is_short_of_address_space_does_not_let_the_other_wait(most):
+def test_rank_without_address_space_does_not_deadlock_the_other(most):
     """OpenBLAS tries for ever to allocate what it may not have."""
     script = f'if [ "$OMPI_COMM_WORLD_RANK" = 1 ]; then ulimit -v {most}; fi; exec "$@"'
     done = run(
@@ -281,7 +281,7 @@ BOMB = {"shape": (1 << 20, 1 << 20), "dtype": "f8", "chunks": (1024, 1024), "com
         ("@young", "steel", "attribute young: 'steel'"),
     ],
 )
-def test_result_of_other_types_is_refused(hostile, name, values, message, capsys):
+def test_result_with_wrong_types_is_refused(hostile, name, values, message, capsys):
     path = hostile(name, values)
     with pytest.raises(ValueError, match=r"result\.h5: ") as refusal:
         read_result(path)
@@ -292,7 +292,7 @@ def test_result_of_other_types_is_refused(hostile, name, values, message, capsys
 
 @pytest.mark.parametrize("command", [convert, plot, report, subsurface, xdmf])
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
-def test_neither_pipe_nor_folder_is_read(command, make, tmp_path, capsys):
+def test_pipes_and_folders_are_not_read(command, make, tmp_path, capsys):
     path = tmp_path / "strange.h5"
     make(path)
     target = tmp_path / ("out.xdmf" if command is xdmf else "out.html" if command is report else "out.h5")
@@ -302,7 +302,7 @@ def test_neither_pipe_nor_folder_is_read(command, make, tmp_path, capsys):
     assert len(errors.splitlines()) == 1
 
 
-def test_pipe_as_gap_or_result(tmp_path):
+def test_pipe_as_gap_or_result_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.h5")
     for words in ([*HERTZ, "-output", "pipe.h5"], [*GAP, "-gap_file", "pipe.h5"]):
         done = run(
@@ -312,7 +312,7 @@ def test_pipe_as_gap_or_result(tmp_path):
         assert "not a" in done.stderr
 
 
-def test_journal_with_junk_in_it(tmp_path):
+def test_journal_skips_invalid_lines(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_bytes(
         b'{"key": "a", "n": 1}\n{"n": 2}\n[3]\n4\n\xff\xfe\nnull\n{"key": ["b"]}\n{"key": "c", "n"'

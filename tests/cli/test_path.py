@@ -27,7 +27,7 @@ def table(path):
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def test_each_step_tells_first_what_is_prescribed(cli_here):
+def test_each_step_prints_the_prescribed_quantity_first(cli_here):
     for kind, said in (
         ("mean_pressure", "mean pressure 10 N/mm2, load 2400 N, "),
         ("load", "load 10 N, approach "),
@@ -73,7 +73,7 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_pa
     assert one.attributes["contact_patches"] == 1
 
 
-def test_path_whose_result_finds_no_space_goes_on_after_all_its_steps(cli_here, tmp_path, monkeypatch):
+def test_resume_after_a_full_disk_keeps_all_steps(cli_here, tmp_path, monkeypatch):
     def refuse(*arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -103,7 +103,7 @@ def test_notes_come_back_with_resumed_steps(cli_here, tmp_path):
     assert read_result(broken).attributes["notes"] == read_result(whole).attributes["notes"]
 
 
-def test_a_note_tells_all_of_its_numbers(cli_here, tmp_path):
+def test_merged_notes_have_ranges_of_numbers(cli_here, tmp_path):
     """Two surfaces, whose names differ in a number only, have notes of their own."""
     x = np.linspace(0, 1, 32)
     for number in (1, 2):
@@ -120,7 +120,7 @@ def test_a_note_tells_all_of_its_numbers(cli_here, tmp_path):
     assert 0.2 < low < 1 < high
 
 
-def test_notes_of_one_and_of_many_are_one(cli_here):
+def test_singular_and_plural_notes_are_merged(cli_here):
     """A cell at first, cells later; said in the plural."""
     words = "-problem sphere -sphere_radius 10 -contact_modulus 1e3 -domain -1,1,-1,1 -grid 63"
     done = cli_here(*words.split(), "-load_path", "1e-5,2e-5,2e-2")
@@ -128,7 +128,7 @@ def test_notes_of_one_and_of_many_are_one(cli_here):
     assert re.search(r": contact is 1 to \d cells only: ", note)
 
 
-def test_a_step_without_the_file_asked_for_is_not_done(cli_here, tmp_path):
+def test_resume_repeats_steps_without_their_file(cli_here, tmp_path):
     (tmp_path / "a_0003.h5").mkdir()
     assert cli_here(*PATH, "-path_fields", "-output", tmp_path / "a.h5").returncode == 2
     for file in ("a_0002.h5", "a_0003.h5"):
@@ -140,7 +140,7 @@ def test_a_step_without_the_file_asked_for_is_not_done(cli_here, tmp_path):
     assert len(list(tmp_path.glob("a_*.h5"))) == 4
 
 
-def test_a_path_does_not_go_on_with_another_module(cli, tmp_path):
+def test_resume_refuses_another_module(cli, tmp_path):
     """Its steps would be of two problems."""
     module = tmp_path / "mine.py"
     module.write_text("def bump(x, y):\n    return (x**2 + y**2) / 40\n")
@@ -155,7 +155,7 @@ def test_a_path_does_not_go_on_with_another_module(cli, tmp_path):
 
 
 @pytest.mark.ranks(2)
-def test_path_on_ranks_writes_its_table_alone(cli, tmp_path, ranks):
+def test_rank_0_writes_the_table_of_a_path(cli, tmp_path, ranks):
     done = cli(*PATH, "-path_csv", tmp_path / "a.csv", "-stiffness", ranks=ranks)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("step ") == 4
@@ -167,7 +167,7 @@ def test_path_on_ranks_writes_its_table_alone(cli, tmp_path, ranks):
     )
 
 
-def test_a_step_that_is_not_solved_is_status_3(cli_here, tmp_path):
+def test_unsolved_step_gives_status_3(cli_here, tmp_path):
     options = ("-options_file", OPTIONS / "norm.opts", "-lcp_max_it", 1)
     failed = cli_here(*HERTZ, *options, "-approach_path", "0.1,-1", "-output", tmp_path / "a.h5")
     assert failed.returncode == 3
@@ -175,7 +175,7 @@ def test_a_step_that_is_not_solved_is_status_3(cli_here, tmp_path):
     assert list(read_result(tmp_path / "a.h5").path["converged"]) == [0, 1]
 
 
-def test_what_is_kept_needs_a_place(cli_here):
+def test_resume_and_step_files_need_an_output(cli_here):
     for option in ("-resume", "-path_fields"):
         refused = cli_here(*PATH, option)
         assert refused.returncode == 2
@@ -191,7 +191,7 @@ def test_what_is_kept_needs_a_place(cli_here):
         ("a_0003.h5:/gap", ("-path_fields",)),
     ],
 )
-def test_files_of_a_path_do_not_take_the_place_of_what_it_reads(tmp_path, monkeypatch, gap, options):
+def test_files_of_a_path_do_not_overwrite_its_inputs(tmp_path, monkeypatch, gap, options):
     monkeypatch.chdir(tmp_path)
     file = Path(gap.partition(":")[0])
     if file.suffix == ".csv":
@@ -205,14 +205,14 @@ def test_files_of_a_path_do_not_take_the_place_of_what_it_reads(tmp_path, monkey
         Request(given, MPI.COMM_SELF)
 
 
-def test_a_misspelt_loading_is_named(cli_here):
+def test_misspelt_loading_is_named(cli_here):
     refused = cli_here("-options_file", OPTIONS / "rough.opts", "-grid", 32, "-laod", 10)
     assert refused.returncode == 2 and refused.stderr.startswith(
         "error: unknown option: -laod (did you mean -load?)"
     )
 
 
-def test_refine_until(cli_here, tmp_path):
+def test_refinement_stops_below_the_error(cli_here, tmp_path):
     fine = cli_here(*HERTZ, "-refine_until", "0.02", "-stiffness", "-output", tmp_path / "a.h5")
     assert fine.returncode == 0, fine.stderr
     assert "is below 0.02" in fine.stdout

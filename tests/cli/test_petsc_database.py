@@ -15,7 +15,7 @@ def table(text):
     return {name: value for name, _, value in rows}
 
 
-def test_a_run_can_be_repeated_from_the_options_that_petsc_shows(tmp_path):
+def test_run_can_be_repeated_from_options_view(tmp_path):
     """They are all there: those of the files, and of the default method, and none is unused."""
     done = run(*HERTZ, "-load", 5000, "-options_view", "-options_left", "-log_view", ":log", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -46,7 +46,7 @@ def test_options_of_a_refined_run_are_those_of_its_first_grid(tmp_path):
 
 
 @pytest.mark.ranks(1, 2)
-def test_what_petsc_is_started_with_counts_least_and_may_be_for_other_programs(ranks, tmp_path):
+def test_petsc_start_options_count_least(ranks, tmp_path):
     (tmp_path / ".petscrc").write_text(
         "-grid 8\n-load 5\n-lcp_max_it 7\n-my_option 3\n-ksp_gmres_restart 9\n"
     )
@@ -63,7 +63,7 @@ def test_what_petsc_is_started_with_counts_least_and_may_be_for_other_programs(r
     assert "-my_option" not in table(skipped.stdout)
 
 
-def test_a_log_may_be_asked_for_in_a_file(tmp_path):
+def test_log_view_may_be_in_a_file(tmp_path):
     (tmp_path / "a.opts").write_text("-log_view :log\n")
     done = run(*HERTZ, "-options_file", "a.opts", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

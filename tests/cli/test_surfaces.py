@@ -11,7 +11,7 @@ HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
 
 
 @pytest.mark.ranks(2, 3)
-def test_the_same_answer_on_any_number_of_ranks(cli, tmp_path, ranks):
+def test_measured_surface_gives_the_same_result_on_any_number_of_ranks(cli, tmp_path, ranks):
     heights = HEIGHTS + np.arange(16)
     heights[5:8, 3], heights[0, 0] = np.nan, np.nan
     np.save(tmp_path / "s.npy", heights)

@@ -41,7 +41,7 @@ def write(tmp_path, text):
     return path
 
 
-def test_the_sweep_of_the_docs_is_solved(tmp_path, monkeypatch, cli_here):
+def test_sweep_of_the_docs_is_solved(tmp_path, monkeypatch, cli_here):
     """Two methods, grids and materials, three loadings, less one of them on one of the grids."""
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs/commands.md").read_text().partition("```yaml\n")[2].partition("```")[0]
@@ -95,7 +95,7 @@ def test_checks_are_those_of_the_kept_result(swept):
     assert sum(row["result"] != "" for row in rows) == 3
 
 
-def test_a_missing_kept_file_is_made_again(swept, tmp_path):
+def test_missing_result_file_repeats_its_run(swept, tmp_path):
     folder, rows = swept
     before = len(journal_keys(folder / "out.runs.jsonl"))
     Path(rows[0]["result"]).unlink()
@@ -104,7 +104,7 @@ def test_a_missing_kept_file_is_made_again(swept, tmp_path):
     assert len(journal_keys(folder / "out.runs.jsonl")) == before + 2  # the refused one has no answer
 
 
-def test_a_solution_of_a_run_that_is_not_fine_enough_is_not_why(tmp_path):
+def test_unreached_refinement_has_its_own_message(tmp_path):
     run = Run((str(HERTZ),), {"grid": "8", "refine_until": "1e-3", "refine_max": "64"})
     outcome = perform(run, tmp_path / "a.h5")
     assert outcome["exit_status"] == 3 and outcome["converged"]
@@ -112,7 +112,7 @@ def test_a_solution_of_a_run_that_is_not_fine_enough_is_not_why(tmp_path):
 
 
 @pytest.mark.ranks(2)
-def test_ranks_change_the_time_only(tmp_path, ranks):
+def test_number_of_ranks_changes_only_times(tmp_path, ranks):
     run = Run((str(HERTZ), str(FMG)), {"grid": "16"})
     outcomes = []
     for n in (1, ranks):
@@ -129,7 +129,7 @@ def test_ranks_change_the_time_only(tmp_path, ranks):
     assert not (tmp_path / "work").exists()
 
 
-def test_interrupt_leaves_a_table_and_resume_completes_it(tmp_path):
+def test_interrupted_sweep_is_completed_by_resume(tmp_path):
     path = write(
         tmp_path,
         f"option_files: [{HERTZ}, {NORM}]\nzip: [{{grid: [8, 2048, 8], approach: [0.1, 0.1091, 0.2]}}]",
@@ -165,7 +165,7 @@ def wait_for(condition, seconds=30):
         time.sleep(0.05)
 
 
-def test_what_is_asked_for_has_a_column(tmp_path):
+def test_requested_stiffness_has_a_column(tmp_path):
     path = write(
         tmp_path, f"option_files: [{HERTZ}]\noptions: {{grid: 16, load: 1e4, stiffness: [true, false]}}"
     )
@@ -177,7 +177,7 @@ def test_what_is_asked_for_has_a_column(tmp_path):
     assert "stiffness" not in make_rows([Run()], [{"exit_status": 0}])[0]
 
 
-def test_a_load_path_in_a_sweep_has_a_row_for_each_step(tmp_path, capsys):
+def test_load_path_has_a_row_for_each_step(tmp_path, capsys):
     """The numbers of a step are those of the run's own table; work is known of the last one only."""
     output = tmp_path / "out.csv"
     path = write(
@@ -223,7 +223,7 @@ def test_a_load_path_in_a_sweep_has_a_row_for_each_step(tmp_path, capsys):
     ]
 
 
-def test_patches_and_estimated_errors_have_columns_where_a_method_knows_them(tmp_path):
+def test_known_spots_and_errors_have_columns(tmp_path):
     output = tmp_path / "out.csv"
     path = write(
         tmp_path, f"option_files: [{HERTZ}, [fast.opts, norm.opts]]\noptions: {{grid: 64, load: 1e4}}"

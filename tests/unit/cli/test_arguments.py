@@ -26,7 +26,7 @@ from app.base.errors import InputError
         (InputError("a=b is no (- option)"), 2, "error: a=b is no (- option)\n"),
     ],
 )
-def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch, capsys):
+def test_commands_have_the_same_exit_statuses(name, error, status, line, monkeypatch, capsys):
     main, before = import_module(f"app.{name}").main, signal.getsignal(signal.SIGTERM)
     command = import_module(main.__module__)
     monkeypatch.setattr(command, "Parser", mock.Mock(side_effect=error))

@@ -47,7 +47,7 @@ def convert(capsys):
     return run_here
 
 
-def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
+def test_points_are_converted_with_units_and_origin(tmp_path):
     x, y = np.meshgrid(2.0 * np.arange(16), 3.0 * np.arange(20))
     points = np.stack([x, y, HEIGHTS], -1).reshape(-1, 3)[::-1]
     np.savetxt(tmp_path / "s.xyz", np.delete(points, 5, axis=0), fmt="%.4f")
@@ -62,7 +62,7 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
         assert file.attrs["source"] == "s.xyz"
 
 
-def test_arrays_of_an_archive_are_converted_as_they_lie(convert, tmp_path):
+def test_arrays_of_an_archive_are_converted_unchanged(convert, tmp_path):
     np.savez(tmp_path / "s.npz", heights=HEIGHTS, other=HEIGHTS.T, x=HEIGHTS[0])
     for name, heights in (("s.npz", HEIGHTS), ("s.npz:/other", HEIGHTS.T)):
         done = convert(tmp_path / name, "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "0.002,0.003")
@@ -72,7 +72,7 @@ def test_arrays_of_an_archive_are_converted_as_they_lie(convert, tmp_path):
         assert surface.spacing == (0.002, 0.003)
 
 
-def test_what_is_said_is_what_a_solve_will_read_and_is_computed_once(convert, tmp_path):
+def test_summary_is_that_of_a_solve_and_computed_once(convert, tmp_path):
     heights = HEIGHTS[:, :15] + np.arange(15)
     heights[3, 4] = np.nan
     np.save(tmp_path / "s.npy", heights)
@@ -85,7 +85,7 @@ def test_what_is_said_is_what_a_solve_will_read_and_is_computed_once(convert, tm
     assert done.stdout == f"{tmp_path / 's.h5'}: {understood}\n" and "1 of 300 points missing" in understood
 
 
-def test_what_no_solve_would_read_takes_nobodys_place(convert, tmp_path):
+def test_unreadable_heights_are_not_written(convert, tmp_path):
     np.save(tmp_path / "s.npy", np.full((3, 4), np.nan))
     (tmp_path / "s.h5").write_text("an earlier one")
     done = convert(tmp_path / "s.npy", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
@@ -93,7 +93,7 @@ def test_what_no_solve_would_read_takes_nobodys_place(convert, tmp_path):
     assert (tmp_path / "s.h5").read_text() == "an earlier one"
 
 
-def test_converted_with_a_head_turned_and_doubted(convert, tmp_path):
+def test_header_turns_and_doubts_are_handled(convert, tmp_path):
     """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
     lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]
     (tmp_path / "s.csv").write_text("\n".join(["Höhe;µm", "", *lines]), encoding="cp1252")
@@ -115,7 +115,7 @@ needs_reader = pytest.mark.skipif(
 
 
 @needs_reader
-def test_format_of_an_instrument(convert, tmp_path):
+def test_instrument_format_is_converted(convert, tmp_path):
     text = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
     (tmp_path / "s.sdf").write_text(SDF + text.replace(str(HEIGHTS[7, 2]), "BAD", 1) + "\n*\n")
     done = convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5")
@@ -146,7 +146,7 @@ def nanoscope(names):
 
 
 @needs_reader
-def test_channels_that_are_no_heights_are_not_offered(convert, tmp_path):
+def test_only_channels_of_heights_are_offered(convert, tmp_path):
     def write(*names):
         content, heights = nanoscope(names)
         (tmp_path / "s.spm").write_bytes(content)
@@ -172,7 +172,7 @@ def test_channels_that_are_no_heights_are_not_offered(convert, tmp_path):
 
 
 @needs_reader
-def test_archive_of_contact_engineering(convert, tmp_path):
+def test_archive_of_contact_engineering_is_converted(convert, tmp_path):
     """Maps are told apart by number; line scans are not offered."""
     text = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
     files = {"a.txt": text, "b.txt": text.replace("-", ""), "c.txt": "\n".join(map(str, HEIGHTS[0]))}
@@ -202,7 +202,7 @@ def test_archive_of_contact_engineering(convert, tmp_path):
 
 
 @needs_reader
-def test_text_of_an_instrument(convert, tmp_path):
+def test_text_of_an_instrument_is_converted(convert, tmp_path):
     """Wyko's lines go along y, in units of the wavelength."""
     head = (
         "Wyko ASCII Data File Format 0\t1\t0\nX Size\t16\nY Size\t20\nBlock Name\tType\tLength\tValue\n"
@@ -218,7 +218,7 @@ def test_text_of_an_instrument(convert, tmp_path):
 
 
 @needs_reader
-def test_a_file_of_no_format_is_no_map(convert, tmp_path):
+def test_file_of_unknown_format_is_refused(convert, tmp_path):
     """Formats without a mark of their own fit to any file of a suitable size."""
     (tmp_path / "s.bin").write_bytes(b"\x00\xff" * 9)
     done = convert(tmp_path / "s.bin", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
@@ -242,7 +242,7 @@ def test_a_file_of_no_format_is_no_map(convert, tmp_path):
         ({"unit": None, "spacing": (2.0, 3.0)}, ["--height-unit", "nm"], "does not say the unit of its x and y"),
     ],
 )  # fmt: skip
-def test_what_an_instrument_says_is_believed(convert, tmp_path, monkeypatch, said, given, message):
+def test_units_of_an_instrument_need_no_option(convert, tmp_path, monkeypatch, said, given, message):
     facts = {**said, "format": "sdf", "channel": "Z"}
     monkeypatch.setattr("app.cli.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
     monkeypatch.chdir(tmp_path)
@@ -259,9 +259,7 @@ def test_what_an_instrument_says_is_believed(convert, tmp_path, monkeypatch, sai
 @pytest.mark.parametrize(
     ("unit", "spacing", "read"), [("nm", (2.0, 3.0), True), (None, None, False), (None, (2.0, 3.0), False)]
 )
-def test_words_are_read_over_only_where_the_format_is_known(
-    convert, tmp_path, monkeypatch, unit, spacing, read
-):
+def test_texts_of_unknown_format_need_unit_and_spacing(convert, tmp_path, monkeypatch, unit, spacing, read):
     """A reader that picks numbers out of any text takes a NODATA_value for a height, and two maps for one."""
     facts = {"unit": unit, "spacing": spacing, "format": "asc", "channel": "Default"}
     monkeypatch.setattr("app.cli.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
@@ -275,7 +273,7 @@ def test_words_are_read_over_only_where_the_format_is_known(
 
 
 @pytest.mark.parametrize("size", [0, 60])
-def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, size):
+def test_invalid_points_are_not_read_as_three_columns(convert, tmp_path, size):
     """Nor of none: SurfaceTopography, where it is installed, reads both."""
     scattered = np.random.default_rng(3).random((size, 3))
     np.savetxt(tmp_path / "s.txt", scattered, fmt="%.6f")
@@ -299,7 +297,7 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, s
         (["s.txt"], "s.txt: cannot be read: "),
     ],
 )
-def test_not_converted(convert, tmp_path, arguments, message):
+def test_invalid_conversions_are_refused_in_one_line(convert, tmp_path, arguments, message):
     np.save(tmp_path / "s.npy", HEIGHTS)
     with h5py.File(tmp_path / "wide.h5", "w") as file:
         file["heights"] = HEIGHTS

@@ -119,20 +119,20 @@ def made(**texts):
 
 
 @pytest.mark.parametrize("grid", ["5000000000", "99999999999999999999"])
-def test_more_cells_than_petsc_can_number(grid):
+def test_more_cells_than_petsc_can_number_are_refused(grid):
     with pytest.raises(InputError, match=f"grid {grid},{grid}: this PETSc can number"):
         made(problem="cone", cone_angle="1", grid=grid, approach="1")
 
 
 @pytest.mark.parametrize("name", ["gap.h5", "gap.npy"])
-def test_sparse_and_huge_gap_file(sparse, name, small_machine):
+def test_huge_sparse_gap_file_is_refused(sparse, name, small_machine):
     with pytest.raises(ValueError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
         made(problem="file", gap_file=sparse(name, 40_000))
     with pytest.raises(InputError, match=r"grid 1000000,1000000: this PETSc can number 2147483647 cells"):
         made(problem="file", gap_file=sparse(name, 1_000_000))
 
 
-def test_grid_beyond_the_machine(small_machine):
+def test_grid_larger_than_memory_is_refused(small_machine):
     with pytest.raises(ValueError, match="grid 20000,20000: needs about 26.8 GiB"):
         made(problem="hertz", grid="20000", hertz_rx="1", hertz_ry="1")
 
@@ -144,7 +144,7 @@ def test_gap_files_have_no_unit(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["load", "approach"])
-def test_default_patch_is_that_of_the_largest_step(kind):
+def test_default_patch_suits_the_largest_step(kind):
     def patch(**loading):
         given = {"problem": "sphere", "sphere_radius": "10", "contact_modulus": "1e5", **loading}
         return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)[0].grid

@@ -20,7 +20,7 @@ from app.cli import instruments
         ("4", "there is none; allowed: 0"),
     ],
 )
-def test_a_channel_is_chosen_or_none(wanted, chosen):
+def test_channel_is_found_by_name_or_number(wanted, chosen):
     names = "Height", "Phase", "Height", "ZSensor"
     channels = [instruments.Channel(k, name, name != "Phase", None) for k, name in enumerate(names)]
     if isinstance(chosen, int):
@@ -32,7 +32,7 @@ def test_a_channel_is_chosen_or_none(wanted, chosen):
 
 @pytest.mark.parametrize("unit", ["nm", ("nm", "V"), ("nm", None)])
 @pytest.mark.parametrize("name", ["Height", "ZSensor", "Deflection", "AmplitudeRetrace", "Phase", "Lateral"])
-def test_which_channels_have_heights(unit, name):
+def test_channels_of_heights_have_lengths_and_names(unit, name):
     """Deflection and amplitude may be lengths, too; a pair of units is that of another quantity."""
     channel = SimpleNamespace(index=3, name=name, unit=unit, is_height_channel=True)
     assert instruments._channel(channel).has_heights == (unit == "nm" and name in ("Height", "ZSensor"))

@@ -20,7 +20,7 @@ def test_merged_notes_keep_the_signs_of_numbers():
 
 
 @pytest.mark.parametrize("of", ["path", "sweep"])
-def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
+def test_hashing_an_input_needs_little_memory(tmp_path, of):
     """Measured surfaces are large, and rank 0 of a path has work arrays beside them."""
     size, file = 32 << 20, tmp_path / "surface.npy"
     with file.open("wb") as large:

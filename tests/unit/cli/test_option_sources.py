@@ -12,13 +12,13 @@ from app.cli.problem_options import resolve_alternatives
 
 
 @pytest.mark.parametrize("path", ["hertz.opts", "petsc_options/hertz.opts", "hertz"])
-def test_option_file_of_the_program_where_there_is_none_here(path, read, files):
+def test_shipped_option_files_are_found_unless_a_local_one_exists(path, read, files):
     assert read(f"-options_file {path}").texts["problem"] == "hertz"
     files(hertz__opts="-problem mine")
     assert read("-options_file hertz.opts").texts["problem"] == "mine"
 
 
-def test_later_places_override_earlier_ones(read, files):
+def test_later_sources_override_earlier_ones(read, files):
     files(file__opts="-d 4\n-e 4\n")
     found = read("-options_file file.opts -e 5", a="1", d="1", e="1")
     assert found.texts == {"a": "1", "d": "4", "e": "5"}
@@ -26,7 +26,7 @@ def test_later_places_override_earlier_ones(read, files):
     assert read("-e 5 -options_file file.opts").texts == {"d": "4", "e": "4"}  # as in PETSc
 
 
-def test_values_are_whole(read, files):
+def test_values_are_read_completely(read, files):
     files(a__opts='# c\n\n-grid 8,9 # cells\n\t-lcp_monitor\r\n-title "a -b c"\n-approach -inf\n')
     assert read("-options_file a.opts").texts == {
         "grid": "8,9", "lcp_monitor": "", "title": "a -b c", "approach": "-inf"
@@ -35,7 +35,7 @@ def test_values_are_whole(read, files):
     assert read(f"-output {long} -load -7").texts == {"output": long, "load": "-7"}
 
 
-def test_yaml(read, files):
+def test_yaml_files_are_read(read, files):
     files(a__yml="grid: [8, 9]\nlcp:\n  rtol: 1e-3\n", b__txt="load: 5\n")
     assert read("-options_file a.yml").texts == {"grid": "8,9", "lcp_rtol": "1e-3"}
     assert read("-options_file_yaml b.txt").texts == {"load": "5"}
@@ -49,23 +49,23 @@ def test_yaml(read, files):
     assert read("-options_file c.yml").texts == expected
 
 
-def test_names_are_told_apart_without_regard_to_case(read):
+def test_names_are_case_insensitive(read):
     assert read("-Load 5 -LOAD 6 -Grid 8").texts == {"load": "6", "grid": "8"}
 
 
-def test_prefixes_of_petsc(read, files):
+def test_prefixes_in_files_are_applied(read, files):
     files(a__opts="-prefix_push x_\n-grid 3\n-prefix_pop\n-load 5\n")
     assert read("-options_file a.opts").texts == {"x_grid": "3", "load": "5"}
 
 
-def test_option_files_of_the_project_can_be_read(read):
+def test_shipped_option_files_are_read(read):
     for path in OPTIONS.glob("*.opts"):
         given = read(f"-options_file {path}")
         assert given.texts
         assert given.files == [str(path)]
 
 
-def test_options_that_are_petscs_own_are_kept_apart(read, files):
+def test_global_petsc_options_are_separate(read, files):
     files(a__opts="-options_left\n-grid 8\n")
     given = read("-options_file a.opts -log_view :log.txt -help")
     assert given.texts == {"grid": "8"}
@@ -76,7 +76,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
 
 
 @pytest.mark.parametrize("view", [":nowhere/log", "log.txt", ":.", ":a.txt,:nowhere/b:ascii_xml"])
-def test_place_for_the_log_that_there_is_not(view, read):
+def test_log_without_a_folder_is_refused(view, read):
     """It is refused before any work; PETSc would look at it when all is done."""
     with pytest.raises(
         InputError, match=r"-log_view .*: (there is no folder|must be nothing, or|\. is a folder)"
@@ -85,7 +85,7 @@ def test_place_for_the_log_that_there_is_not(view, read):
 
 
 @pytest.mark.parametrize("line", ["-fp_trap", "-FP_TRAP true"])
-def test_trapping_floating_point_operations_is_refused(line, read):
+def test_fp_trap_is_refused(line, read):
     with pytest.raises(InputError, match="^-fp_trap: not available; "):
         option_sources.startup_args(["solve.py", *line.split()])
     with pytest.raises(InputError, match="^-fp_trap: not available; "):
@@ -93,14 +93,14 @@ def test_trapping_floating_point_operations_is_refused(line, read):
     assert "-fp_trap" in option_sources.startup_args(["solve.py", "-fp_trap", "no"])
 
 
-def test_citations_have_a_folder(read):
+def test_folder_of_citations_must_exist(read):
     with pytest.raises(InputError, match="^-citations nowhere/a: there is no folder nowhere$"):
         read("-citations nowhere/a")
     assert read("-citations a").petsc_options == {"citations": "a"}
 
 
 @pytest.mark.parametrize("name", ["options_view", "options_left", "get_total_flops", "mpidump"])
-def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
+def test_flags_read_at_petscs_end_are_checked(read, files, name):
     """It is refused at the start: PETSc fails when all is done, and then the run has status 0 all the same."""
     files(a__opts=f"-{name} :a.txt\n")
     for line in (f"-{name} :a.txt", "-options_file a.opts"):
@@ -154,7 +154,7 @@ def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
     ],
     ids=lambda text: repr(text)[:60],
 )
-def test_file_that_is_no_option_file(content, message, read, files):
+def test_invalid_option_file_is_refused_in_one_line(content, message, read, files):
     files(a__opts=content, b__opts='-options_file "./a.opts"\n', c12__opts="")
     files(**{f"c{n}__opts": 3 * f"-options_file c{n + 1}.opts\n" for n in range(12)})
     with pytest.raises(InputError) as refusal:
@@ -193,7 +193,7 @@ ALIASES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}
     ],
     ids=lambda text: repr(text)[:60],
 )
-def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
+def test_invalid_yaml_is_refused_in_one_line(name, content, message, read, tmp_path):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message) as refusal:
         read(f"-options_file {name}")
@@ -212,13 +212,13 @@ def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
         ("-prefix_push x_ -grid 8", "-prefix_push: only in option files"),
     ],
 )
-def test_words_that_are_no_options(line, message, read):
+def test_invalid_words_are_refused(line, message, read):
     with pytest.raises(InputError, match=re.escape(message)):
         option_sources.startup_args(["solve.py", *line.split()])
         read(line)
 
 
-def test_what_a_later_file_takes_back_is_told(read, files):
+def test_overridden_words_give_warnings(read, files):
     files(a__opts="-grid 8\n-approach 1\n")
     given = read("-Grid 9 -ksp_rtol 1 -load 5 -options_file a.opts")
     resolve_alternatives(given)
@@ -229,7 +229,7 @@ def test_what_a_later_file_takes_back_is_told(read, files):
     assert list(given.overridden()) == []
 
 
-def test_files_and_words_are_told_apart(read, files):
+def test_options_are_split_by_source(read, files):
     files(a__opts="-a 1\n-b 1\n-c 1\n", b__opts="-b 2\n-d 2\n")
     given = read("-d 0 -options_file a.opts -c 3 -options_file b.opts", a="0", e="0")
     found = given.split_by_source(set("abcde"))

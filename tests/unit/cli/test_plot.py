@@ -34,7 +34,7 @@ def path(result, tmp_path_factory):
 @pytest.mark.parametrize(
     ("kind", "names"), [("png", NAMES), ("pdf", NAMES[:2]), ("svg", NAMES[:2])], ids=["png", "pdf", "svg"]
 )
-def test_command_writes_all_pictures_and_prints_their_paths(path, tmp_path, capsys, kind, names):
+def test_command_writes_all_figures_and_prints_their_paths(path, tmp_path, capsys, kind, names):
     folder = tmp_path / "new"
     some = [word for name in names for word in ("--only", name)] if names != NAMES else []
     assert main([str(path), "-o", str(folder), "--format", kind, "--dpi", "40", *some]) == 0
@@ -45,7 +45,7 @@ def test_command_writes_all_pictures_and_prints_their_paths(path, tmp_path, caps
     assert all(f.read_bytes().startswith(START[kind]) for f in folder.iterdir())
 
 
-def test_without_a_folder_pictures_lie_beside_the_file_and_only_some_are_drawn(path, tmp_path, capsys):
+def test_default_folder_is_named_after_the_file(path, tmp_path, capsys):
     mine = tmp_path / "mine.h5"
     mine.symlink_to(path)
     assert main([str(mine), "--only", "history", "--only", "pressure", "--dpi", "30"]) == 0
@@ -80,7 +80,7 @@ def test_bad_input_is_one_line(path, tmp_path, capsys, arguments, message):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp_path, capsys):
+def test_several_files_have_folders_and_common_paths(path, tmp_path, capsys):
     sweep, one, two = (tmp_path / name for name in ("sweep.csv", "one.csv", f"{path.stem}.csv"))
     sweep.write_text("grid,exit_status,message,work_units\n32,0,,10\n64,0,,12\n128,2,refused,\n")
     for number, file in enumerate((one, two)):
@@ -104,7 +104,7 @@ def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp
         assert message in capsys.readouterr().err
 
 
-def test_columns_are_chosen_of_tables_alone(path, tmp_path, capsys):
+def test_columns_are_chosen_for_tables_only(path, tmp_path, capsys):
     sweep, loads, out = tmp_path / "sweep.csv", tmp_path / "loads.csv", tmp_path / "out"
     sweep.write_text("grid,exit_status,message,residual\n32,0,,1e-7\n64,0,,1e-7\n")
     loads.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
@@ -123,7 +123,7 @@ def test_columns_are_chosen_of_tables_alone(path, tmp_path, capsys):
     assert (out / "path.png").is_file()
 
 
-def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):
+def test_empty_figure_makes_no_folder(result, tmp_path, capsys):
     lacking, out = tmp_path / "lacking.h5", tmp_path / "out"
     write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
     assert main([str(lacking), "-o", str(out)]) == 2
@@ -132,7 +132,7 @@ def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [tmp_path / "no_path.h5"]
 
 
-def test_what_is_wrong_with_the_last_file_is_told_before_the_first_is_drawn(path, result, tmp_path, capsys):
+def test_errors_are_found_before_anything_is_drawn(path, result, tmp_path, capsys):
     good, bad, lacking, out = (tmp_path / name for name in ("good.csv", "bad.csv", "lacking.h5", "out"))
     good.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
     bad.write_text("grid,exit_status\n32,0\n")
@@ -146,7 +146,7 @@ def test_what_is_wrong_with_the_last_file_is_told_before_the_first_is_drawn(path
         assert message in capsys.readouterr().err and not out.exists()
 
 
-def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):
+def test_files_of_one_name_have_unique_folders(path, tmp_path, capsys):
     """A path and its table, beside each other or in two folders; the same file twice is no use."""
     text, out = "load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n", tmp_path / "out"
     for file in (path.with_suffix(".csv"), tmp_path / "result.csv"):
@@ -162,13 +162,13 @@ def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, cap
     assert "two are named result" in capsys.readouterr().err
 
 
-def test_a_mistake_of_the_program_is_not_told_as_bad_input(path, tmp_path, monkeypatch):
+def test_bug_is_not_reported_as_bad_input(path, tmp_path, monkeypatch):
     monkeypatch.setattr("app.cli.plot._draw_all", lambda arguments: float("of ours"))
     with pytest.raises(ValueError, match="of ours"):
         main([str(path), "-o", str(tmp_path / "out")])
 
 
-def test_exit_status_of_the_command(tmp_path):
+def test_installed_command_returns_its_exit_status(tmp_path):
     command = [sys.executable, "-m", "app.plot", "absent.h5", "-o", tmp_path]
     run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (run.returncode, run.stdout) == (2, "")
@@ -197,7 +197,7 @@ def test_reference_is_the_hertz_contact_of_the_paper(result):
         analytic_reference(with_attributes(result, without=["hertz_rx", "poisson_ratio"]))
 
 
-def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
+def test_unusual_results_are_drawn(result, tmp_path):
     none = replace(
         result,
         pressure=np.zeros_like(result.pressure),
@@ -225,7 +225,7 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
         )
 
 
-def test_a_file_of_stresses_below_is_called_so(result, tmp_path, capsys):
+def test_file_of_stresses_is_named_in_the_error(result, tmp_path, capsys):
     """By every command that reads results; what it is and what draws it."""
     subsurface.write(file := tmp_path / "below.h5", result, survey(stress(result), depths=4), {})
     for command in (main, xdmf.main, report.main, subsurface.main):
@@ -235,7 +235,7 @@ def test_a_file_of_stresses_below_is_called_so(result, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_measured_surfaces_are_drawn_whatever_their_file(path, tmp_path, capsys):
+def test_measured_surfaces_of_every_format_are_drawn(path, tmp_path, capsys):
     z, out = np.random.default_rng(3).normal(size=(24, 32)), tmp_path / "out"
     np.save(plain := tmp_path / "plain.npy", z)
     np.savetxt(text := tmp_path / "text.csv", z, delimiter=",")

@@ -53,17 +53,17 @@ def prescribed(read, files):
         ("replaced.opts", ("load", 8)),
     ],
 )
-def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(prescribed, line, expected):
+def test_later_loading_replaces_an_earlier_one(prescribed, line, expected):
     assert prescribed(line) == expected
 
 
-def test_the_one_replaced_is_forgotten(read):
+def test_replaced_loading_is_removed(read):
     given = read("-load 5", approach="0.3")
     assert read_loading(given, resolve_alternatives(given)) == ("load", 5)
     assert given.texts == {"load": "5"}
 
 
-def test_environment_comes_first(prescribed):
+def test_command_line_overrides_petsc_options_variable(prescribed):
     assert prescribed("-load 5", approach="0.3") == ("load", 5)
     assert prescribed("", approach="0.3") == ("approach", 0.3)
     assert prescribed("load.opts", approach="0.3") == ("load", 7e3)
@@ -96,7 +96,7 @@ def test_exactly_one_of_approach_and_load(prescribed, line, where):
         ("-mean_pressure 3 load.opts", ("mean_pressure", 3)),
     ],
 )
-def test_mean_pressure_and_mean_gap_are_loadings_too(prescribed, line, expected):
+def test_mean_pressure_and_mean_gap_replace_other_loadings(prescribed, line, expected):
     assert prescribed(line) == expected
 
 
@@ -111,14 +111,14 @@ def test_mean_pressure_and_mean_gap_are_loadings_too(prescribed, line, expected)
         ("-surface_rms_height 1 -grid 8", {"surface_rms_height": "1", "grid": "8"}),
     ],
 )
-def test_a_later_way_to_give_the_material_replaces_the_other(read, files, line, left):
+def test_later_material_replaces_an_earlier_one(read, files, line, left):
     files(pair__opts="-shear_modulus 1\n-poisson_ratio 0.3\n", one__opts="-contact_modulus 7\n")
     given = read(line)
     resolve_alternatives(given)
     assert given.texts == left
 
 
-def test_two_ways_in_one_place_are_refused(read, files):
+def test_two_materials_in_one_source_are_refused(read, files):
     files(both__opts="-contact_modulus 1\n-poisson_ratio 0.3\n")
     with pytest.raises(
         InputError, match="both -contact_modulus and -poisson_ratio are given in both.opts: exactly one"
@@ -139,13 +139,13 @@ def test_two_ways_in_one_place_are_refused(read, files):
         ({"lcp_merge": "1"}, "unknown option: -lcp_merge; what is wrong"),
     ],
 )  # fmt: skip
-def test_options_that_nobody_knows_are_named(texts, message):
+def test_unknown_options_are_named(texts, message):
     with pytest.raises(InputError) as refusal, suggest_names(ParsedOptions(texts)):
         raise InputError("what is wrong")
     assert str(refusal.value) == message
 
 
-def test_input_files():
+def test_input_files_include_modules_and_datasets():
     assert {"a.h5", "mine.py"} <= set(
         list_input_files({"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"})
     )

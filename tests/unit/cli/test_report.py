@@ -13,7 +13,7 @@ from app import ContactProblem, Grid, Material, Paraboloid, read_result, solve
 from app.cli import report, subsurface, xdmf
 
 
-def test_report_is_one_file_with_everything_in_it(path, made, capsys):
+def test_report_is_one_complete_file(path, made, capsys):
     assert report.main([str(path)]) == 0
     assert capsys.readouterr().out == f"{path.with_suffix('.html')}\n"
     text = path.with_suffix(".html").read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def undrawn(monkeypatch):
     monkeypatch.setattr(report, "_png", lambda figure: b"no picture")
 
 
-def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
+def test_report_has_path_and_missing_knowledge(made, undrawn):
     columns = {"load": np.array([1.0, 2.0]), "approach": np.array([1e-3, -1.6e-3])}
     text = report.web_page(
         replace(
@@ -59,7 +59,7 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "Nothing is proved" in text and "von Mises" not in text
 
 
-def test_a_table_of_a_path_has_no_nan(made, undrawn):
+def test_table_of_a_path_has_no_nan(made, undrawn):
     columns = {"load": np.arange(3.0), "moment_x": np.full(3, np.nan), "stiffness": np.array([np.nan, 5, 6])}
     section = report.path_section(replace(made, path=columns), {})
     assert [list(row.values()) for row in section.rows] == [["0", ""], ["1", "5"], ["2", "6"]]
@@ -67,7 +67,7 @@ def test_a_table_of_a_path_has_no_nan(made, undrawn):
     assert report.path_section(nothing, {}).texts == ["3 steps."]
 
 
-def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
+def test_report_has_analytic_values_without_rounding(undrawn):
     """On an even grid Hertz's centre of pressure is 0 but for round-off, whatever is printed."""
     hertz = ContactProblem(
         Grid.from_domain(48, 48, (-3, 3, -3, 3)), Material.combined(8e4, 0.3), Paraboloid(100, 30)
@@ -94,7 +94,7 @@ def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)
 
 
-def test_report_has_one_sign_for_minus_and_one_for_square(made, undrawn):
+def test_report_has_typographic_minus_and_square(made, undrawn):
     values = {"approach": -1e-7, "notes": "at -2.5 mm, file /m2/a-2.npy: 3e-05 N/mm2", "mean_gap": -0.0}
     values |= {"analytic_approach": -2e-7, "contact_area": 3e-6, "contact_modulus": 1e5, "rms_slope": 0.0}
     result = replace(
@@ -107,7 +107,7 @@ def test_report_has_one_sign_for_minus_and_one_for_square(made, undrawn):
     assert "3 µm²" in shown and "contact area [mm²]" in shown and ">−0.1 nm<" in shown
 
 
-def test_text_of_the_user_is_no_markup(made, undrawn):
+def test_texts_of_users_are_escaped(made, undrawn):
     text = report.web_page(
         with_attributes(made, notes="a < b & <script>", command_line="<b>"), with_stress=False
     )

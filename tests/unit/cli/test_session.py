@@ -25,7 +25,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another malloc")
 @pytest.mark.parametrize("asked", [{}, {"MALLOC_MMAP_THRESHOLD_": "131072"}])
-def test_what_is_freed_keeps_its_pages_unless_the_environment_says_otherwise(asked):
+def test_freed_pages_are_kept_unless_the_environment_sets_malloc(asked):
     plain = {name: value for name, value in os.environ.items() if not name.startswith("MALLOC_")}
     found = subprocess.run(
         [sys.executable, "-c", FAULTS, "x"], env=plain | asked, capture_output=True, text=True, check=True
@@ -34,7 +34,7 @@ def test_what_is_freed_keeps_its_pages_unless_the_environment_says_otherwise(ask
 
 
 @pytest.mark.parametrize("name", "solve convert plot report reproduce subsurface sweep verify xdmf".split())
-def test_every_command_tells_its_version(name, capsys):
+def test_every_command_prints_its_version(name, capsys):
     with pytest.raises(SystemExit) as ended:
         if name == "solve":
             session.run(None, ["solve", "--version"])

@@ -43,7 +43,7 @@ def test_stress_is_part_of_the_documented_module():
     assert app.subsurface.stress is stress
 
 
-def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys):
+def test_stresses_do_not_overwrite_their_result(path, tmp_path, capsys):
     result = path.rename(tmp_path / "subsurface.h5")
     assert subsurface.main([str(result), "-o", str(tmp_path)]) == 2
     assert "is the input" in capsys.readouterr().err
@@ -51,7 +51,7 @@ def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys
 
 
 @pytest.mark.parametrize("name", ["subsurface.h5", "subsurface.png"])
-def test_subsurface_writes_nothing_where_one_of_its_files_cannot_be(path, tmp_path, capsys, name):
+def test_stresses_are_written_only_if_all_files_can_be(path, tmp_path, capsys, name):
     folder = tmp_path / "below"
     (folder / name).mkdir(parents=True)
     assert subsurface.main([str(path), "-o", str(folder)]) == 2
@@ -59,7 +59,7 @@ def test_subsurface_writes_nothing_where_one_of_its_files_cannot_be(path, tmp_pa
     assert list(folder.iterdir()) == [folder / name]
 
 
-def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
+def test_file_of_stresses_has_sections_line_and_planes(path, made, tmp_path, capsys):
     folder = tmp_path / "below"
     assert subsurface.main([str(path), "-o", str(folder), "--planes", "0.5,2", "--depths", "40"]) == 0
     said = capsys.readouterr().out
@@ -87,7 +87,7 @@ def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys
 
 
 @pytest.mark.parametrize("pressure", [0.0, 7.0])
-def test_the_same_stress_everywhere_is_at_no_place(made, pressure):
+def test_uniform_stress_has_no_position(made, pressure):
     """Below a uniform pressure that is repeated for ever no cell is more stressed than others."""
     even = replace(made, pressure=np.full_like(made.pressure, pressure) * (1 + 1e-14 * np.arange(64)))
     periodic = with_attributes(even, periodic_symbol="spectral")
@@ -115,7 +115,7 @@ def test_stress_of_a_solution_is_that_of_its_file(tmp_path):
     assert one[2].mean() == pytest.approx(-100)
 
 
-def test_poisson_ratio_is_that_of_the_body_asked_for():
+def test_poisson_ratio_is_that_of_the_chosen_body():
     facts = {"poisson": np.array([0.3, 0.35]), "young": np.array([np.inf, 3000.0]), "poisson_ratio": 0.2}
     assert subsurface.find_poisson_ratio(facts) == 0.35  # the other one is rigid
     assert subsurface.find_poisson_ratio(facts, 1) == 0.3

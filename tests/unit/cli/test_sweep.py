@@ -90,7 +90,7 @@ def test_bad_command_line_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
 
 
 @pytest.mark.parametrize(("statuses", "expected"), [("000", 0), ("222", 2), ("022", 3), ("33", 3), ("2-", 3)])
-def test_exit_status_is_that_of_the_runs(tmp_path, capsys, monkeypatch, statuses, expected):
+def test_exit_status_follows_from_the_runs(tmp_path, capsys, monkeypatch, statuses, expected):
     """And what several runs say is said once."""
     outcomes = iter([{"exit_status": -9 if s == "-" else int(s), "message": s.strip("0")} for s in statuses])
     monkeypatch.setattr(batch, "perform", lambda *how: next(outcomes))
@@ -102,7 +102,7 @@ def test_exit_status_is_that_of_the_runs(tmp_path, capsys, monkeypatch, statuses
     assert statuses not in expected or lines[-2:-1] == expected[statuses]
 
 
-def test_table_does_not_take_the_place_of_what_an_option_file_names(tmp_path, capsys):
+def test_table_does_not_overwrite_files_named_in_option_files(tmp_path, capsys):
     table = tmp_path / "gap.h5"
     table.write_text("heights")
     (tmp_path / "my.opts").write_text(f"-gap_file {table}:/gap  # not {tmp_path / 'other.h5'}")
@@ -116,7 +116,7 @@ def test_table_does_not_take_the_place_of_what_an_option_file_names(tmp_path, ca
 @pytest.mark.parametrize(
     ("sweep", "output"), [("s.csv", "s.csv"), ("s.csv", "./s.csv"), ("s.runs.jsonl", "s.csv"), ("link.yml", "s.csv")]
 )  # fmt: skip
-def test_a_sweep_does_not_take_the_place_of_its_own_file(tmp_path, capsys, monkeypatch, sweep, output):
+def test_table_does_not_overwrite_the_sweep_file(tmp_path, capsys, monkeypatch, sweep, output):
     monkeypatch.chdir(tmp_path)
     text = f"option_files: [{HERTZ}]\noptions: {{grid: 8}}"
     Path("s.csv" if sweep == "link.yml" else sweep).write_text(text)
@@ -127,7 +127,7 @@ def test_a_sweep_does_not_take_the_place_of_its_own_file(tmp_path, capsys, monke
     assert sorted(Path().iterdir()) == before and Path(sweep).read_text() == text
 
 
-def test_interrupted_before_the_first_run_leaves_an_earlier_table(tmp_path, monkeypatch):
+def test_interrupt_before_the_first_run_keeps_an_earlier_table(tmp_path, monkeypatch):
     monkeypatch.setattr("app.cli.sweep.run_all", lambda *how, **more: ([None], True))
     output = tmp_path / "out.csv"
     output.write_text("an earlier one")
@@ -135,7 +135,7 @@ def test_interrupted_before_the_first_run_leaves_an_earlier_table(tmp_path, monk
     assert output.read_text() == "an earlier one"
 
 
-def test_folder_or_journal_that_cannot_be_written(tmp_path, performed, capsys):
+def test_unwritable_folder_or_journal_is_an_error(tmp_path, performed, capsys):
     path, output = write(tmp_path, "options: {grid: [8, 16]}"), tmp_path / "out.csv"
     (tmp_path / "out.runs").touch()
     assert main([str(path), "-o", str(output)]) == 2
@@ -147,7 +147,7 @@ def test_folder_or_journal_that_cannot_be_written(tmp_path, performed, capsys):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_kind_of_table(tmp_path, performed, suffix):
+def test_table_is_written_in_every_format(tmp_path, performed, suffix):
     path = write(tmp_path, "options: {grid: [8, crash], lcp_rtol: [1e-6, 1e-8]}")
     output = tmp_path / f"out{suffix}"
     assert main([str(path), "-o", str(output)]) == 3

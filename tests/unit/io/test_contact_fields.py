@@ -24,7 +24,7 @@ def two_spheres(x, y):
 @pytest.mark.parametrize(
     "corner", [None, (-1.0, -0.5), (-0.5, -0.75)]
 )  # None: free; the last in a patch of contact
-def test_patches_have_loads_and_places(tmp_path, corner):
+def test_contact_spots_have_loads_and_centres(tmp_path, corner):
     x0, y0 = corner or (-1.0, -0.5)
     grid = Grid.from_domain(64, 32, (x0, x0 + 2, y0, y0 + 1))
 
@@ -57,7 +57,7 @@ def test_patches_have_loads_and_places(tmp_path, corner):
     assert np.array_equal(read.extra["patch"], patches.labels)
 
 
-def test_patches_without_contact_and_all_around():
+def test_contact_spots_may_be_absent_or_periodic():
     assert [len(column) for column in solve(hertz(16), -1.0, None).patches()] == [16] + [0] * 6
     flat = ContactProblem(Grid.from_domain(8, 4, (0, 2, 0, 1), True), hertz(16).material, np.zeros((4, 8)))
     patches = solve(flat, None, None, load=2.0).patches()
@@ -85,7 +85,7 @@ def test_distributions_of_hertz(of_hertz):
 
 
 @pytest.mark.parametrize("logarithmic", [False, True])
-def test_a_distribution_of_one_value_is_one_bin(logarithmic):
+def test_distribution_of_one_value_has_one_filled_bin(logarithmic):
     alone = np.full((4, 5), 0.3)
     alone[1, 2] = 0.0
     material = Material.from_contact_modulus(1e5)

@@ -16,7 +16,7 @@ def write(path, text):
         temporary.write_text(text)
 
 
-def test_output_must_not_be_an_input(tmp_path):
+def test_output_is_no_input(tmp_path):
     gap, other = tmp_path / "gap.h5", tmp_path / "other.h5"
     gap.write_text("measured")
     (tmp_path / "link.h5").symlink_to(gap)
@@ -41,7 +41,7 @@ def test_link_stays_and_its_target_is_replaced(tmp_path):
         assert list((tmp_path / "elsewhere").iterdir()) == [target]
 
 
-def test_link_that_leads_to_no_file(tmp_path):
+def test_broken_links_are_refused(tmp_path):
     (tmp_path / "self.h5").symlink_to(tmp_path / "self.h5")
     (tmp_path / "away.h5").symlink_to(tmp_path / "absent" / "a")
     (tmp_path / "up.h5").symlink_to(tmp_path)
@@ -54,7 +54,7 @@ def test_link_that_leads_to_no_file(tmp_path):
             check_output_path(tmp_path / f"{name}.h5")
 
 
-def test_files_of_other_users_in_a_sticky_folder(tmp_path, monkeypatch):
+def test_files_of_other_users_in_a_sticky_folder_are_refused(tmp_path, monkeypatch):
     """As in /tmp: a file can be made beside them, but the rename in the end would be refused, when all is done."""
     path = tmp_path / "result.h5"
     tmp_path.chmod(0o1777)
@@ -68,7 +68,7 @@ def test_files_of_other_users_in_a_sticky_folder(tmp_path, monkeypatch):
     assert check_output_path(path) == path
 
 
-def test_every_name_that_the_folder_takes_can_be_written(tmp_path):
+def test_longest_possible_name_can_be_written(tmp_path):
     longest = os.pathconf(tmp_path, "PC_NAME_MAX")
     path = check_output_path(tmp_path / ("a" * (longest - 3) + ".h5"))
     write(path, "content")
@@ -77,7 +77,7 @@ def test_every_name_that_the_folder_takes_can_be_written(tmp_path):
         check_output_path(tmp_path / ("a" * (longest - 2) + ".h5"))
 
 
-def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
+def test_outdated_temporary_files_are_removed(tmp_path):
     """Whatever they wrote, when it is a day old: nothing of runs that live, or of somebody else."""
     path = tmp_path / "result.h5"
     killed = (
@@ -99,11 +99,11 @@ def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
     assert set(tmp_path.iterdir()) == {path, *others}
 
 
-def test_temporary_names_are_all_different(tmp_path):
+def test_temporary_names_are_unique(tmp_path):
     assert len({make_temporary_name(tmp_path / name) for name in ("a.h5", "a.h5", "b.h5")}) == 3
 
 
-def test_whole_file_appears_only_when_the_block_succeeds(tmp_path):
+def test_atomic_file_appears_only_if_the_block_succeeds(tmp_path):
     target = tmp_path / "t.txt"
     target.write_text("old")
     with pytest.raises(KeyError), atomic_file(target) as temporary:
@@ -117,7 +117,7 @@ def test_whole_file_appears_only_when_the_block_succeeds(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_output_path_is_checked_early(tmp_path):
+def test_output_path_is_checked(tmp_path):
     assert check_output_path(str(tmp_path / "a.H5")) == tmp_path / "a.H5"
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "folder.h5").mkdir()

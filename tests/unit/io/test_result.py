@@ -27,7 +27,7 @@ def test_a_file_that_cannot_be_read_is_refused_in_one_line(message, call):
     assert "\n" not in str(refused.value)
 
 
-def test_result_file_whose_links_go_in_a_circle(tmp_path):
+def test_circular_links_in_a_result_are_refused(tmp_path):
     import h5py
 
     with h5py.File(tmp_path / "loop.h5", "w") as file:
@@ -151,7 +151,7 @@ def test_reading_refuses_types_that_numpy_has_not(path, where):
         ("path/load", np.zeros(0), "path: has no loads"),
     ],
 )
-def test_reading_refuses_what_nobody_can_draw(path, name, values, message):
+def test_reading_refuses_invalid_values(path, name, values, message):
     with h5py.File(path, "r+") as file:
         if name in file:
             del file[name]
@@ -167,7 +167,7 @@ def test_cell_centres_far_from_zero_are_read(path):
     assert read_result(path).x[0] == 1e6
 
 
-def test_who_reads_a_result_waits_for_no_solver():
+def test_reading_a_result_imports_no_solver():
     """Neither MPI nor PETSc nor the compiler are loaded, nor by who draws it."""
     slow = "{'mpi4py.MPI', 'petsc4py', 'numba'}"
     done = run("-c", f"import sys; import app.plot, app.report; print(*{slow} & sys.modules.keys())")
@@ -179,13 +179,13 @@ def made():
     return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
 
 
-def test_a_load_path_is_read_from_the_file(path):
+def test_load_path_is_read_from_a_result(path):
     with h5py.File(path, "r+") as file:
         file["path/load"] = [3.0, 4.0]
     assert read_result(path).path["load"].tolist() == [3, 4]
 
 
-def test_fields_have_their_coordinates_as_dimension_scales(path):
+def test_fields_have_dimension_scales(path):
     with h5py.File(path) as file:
         for name in ("pressure", "gap", "displacement", "undeformed_distance", "contact"):
             assert [dimension[0].name for dimension in file[name].dims] == ["/y", "/x"]

@@ -30,7 +30,7 @@ def test_markdown_and_text_align_numbers_to_the_right():
     ]
 
 
-def test_cells_say_what_the_values_are():
+def test_cells_show_types_and_missing_values():
     rows = [
         {"a": np.int64(12345678), "b": np.bool_(True), "c": "14.60", "d": 0.1 + 0.2},
         {"a": None, "b": False, "c": None, "d": np.nan},
@@ -49,7 +49,7 @@ def test_csv_keeps_all_digits():
     assert [row["c"] for row in found] == ['x, "y"', "True"]
 
 
-def test_tables_of_every_kind(tmp_path):
+def test_tables_are_written_in_every_format(tmp_path):
     for name, render in (("a.md", format_markdown), ("a.txt", format_text), ("a.csv", format_csv)):
         write_table(tmp_path / name, ROWS)
         assert (tmp_path / name).read_text() == render(ROWS)

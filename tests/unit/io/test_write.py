@@ -14,7 +14,7 @@ from app.io.result import FIELDS, read_result
 from app.parallel.slabs import Slabs
 
 
-def test_ctrl_c_while_a_result_is_written_leaves_nothing(tmp_path, monkeypatch):
+def test_interrupted_writing_leaves_no_file(tmp_path, monkeypatch):
     monkeypatch.setattr("app.io.write.publish", lambda *paths: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         write_made_up(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(12), made_up_result(16, 12))
@@ -38,7 +38,7 @@ def path(result, tmp_path):
     return tmp_path / "result.h5"
 
 
-def test_no_outer_iteration_gives_empty_columns(result, tmp_path):
+def test_history_without_iterations_is_empty(result, tmp_path):
     write(tmp_path / "a.h5", SELF, Slabs(48), result, history={})
     assert {
         name: column.shape for name, column in read_result(tmp_path / "a.h5").history.items()
@@ -57,7 +57,7 @@ def as_fields(result):
         (lambda r: {"steps": {"load": [1.0], "approach": [1.0, 2.0]}}, "steps: column load: shape"),
     ],
 )
-def test_writing_refuses_what_does_not_fit(result, path, change, message):
+def test_writing_refuses_wrong_shapes_and_types(result, path, change, message):
     before = path.read_bytes()
     with pytest.raises(ValueError, match=message):
         write(path, SELF, Slabs(48), result, **change(result))
@@ -65,12 +65,12 @@ def test_writing_refuses_what_does_not_fit(result, path, change, message):
     assert [f.name for f in path.parent.iterdir()] == [path.name]
 
 
-def test_a_mistake_of_the_program_is_raised_as_it_is(result, path):
+def test_bug_propagates_unchanged(result, path):
     with pytest.raises(AttributeError, match="NoneType"):
         write(path, SELF, Slabs(48), result, fields=None)
 
 
-def test_full_disk_leaves_the_previous_result(result, path):
+def test_full_disk_keeps_the_previous_result(result, path):
     before = path.read_bytes()
     with full_disk(), pytest.raises(OSError, match="File too large"):
         write(path, SELF, Slabs(48), result)
@@ -78,7 +78,7 @@ def test_full_disk_leaves_the_previous_result(result, path):
     assert [f.name for f in path.parent.iterdir()] == [path.name]
 
 
-def test_killed_run_leaves_the_previous_result(path):
+def test_killed_run_keeps_the_previous_result(path):
     """The process dies when all is written and only the renaming is left."""
     before = path.read_bytes()
     program = (

@@ -17,7 +17,7 @@ def runs_on(*grids, **labels):
     return [Run((), {"grid": grid}, labels) for grid in grids]
 
 
-def test_resume_does_only_what_is_new_or_has_no_answer(tmp_path, performed):
+def test_resume_skips_answered_runs(tmp_path, performed):
     first = execute(tmp_path, runs_on("8", "crash", "refused"))
     again = execute(tmp_path, runs_on("8", "crash", "refused", "16"))
     assert [call["grid"] for call in performed] == ["8", "crash", "refused", "crash", "refused", "16"]
@@ -26,11 +26,11 @@ def test_resume_does_only_what_is_new_or_has_no_answer(tmp_path, performed):
     assert len(performed) == 7
 
 
-def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed):
+def test_equal_runs_are_performed_once(tmp_path, performed):
     outcomes = execute(tmp_path, [*runs_on("8", a=1), *runs_on("8", b=2)], jobs=2)
     assert len(performed) == 1 and outcomes[0] == outcomes[1]
 
 
-def test_columns_of_the_outcome_give_way_to_options():
+def test_varied_option_keeps_its_column_name():
     (row,) = make_rows([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
     assert (row["load"], row["result_load"]) == (5, 4.9)

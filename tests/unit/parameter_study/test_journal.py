@@ -7,7 +7,7 @@ from app.base.errors import InputError
 from app.parameter_study.journal import Journal
 
 
-def test_journal_survives_a_line_that_was_cut_off(tmp_path):
+def test_journal_skips_a_line_that_was_cut_off(tmp_path):
     path = tmp_path / "journal"
     journal = Journal(path)
     journal.add("a", {"load": np.float64(1.5), "residual": float("nan")})

@@ -22,7 +22,7 @@ HERTZ = ROOT / "petsc_options/hertz.opts"
 NORM = ROOT / "petsc_options/norm.opts"
 
 
-def test_serial_runs_at_a_time_share_no_folder_that_one_of_them_removes(tmp_path, monkeypatch):
+def test_simultaneous_serial_runs_share_no_session_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     code = (
         "import os, sys; from mpi4py import MPI; assert MPI.COMM_WORLD.size == 1; "
@@ -32,7 +32,7 @@ def test_serial_runs_at_a_time_share_no_folder_that_one_of_them_removes(tmp_path
     assert status == 0 and set(seen.split()) <= {path.name for path in tmp_path.iterdir()}
 
 
-def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
+def test_hanging_and_crashing_runs_have_an_outcome(tmp_path):
     slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", timeout=0.1)
     assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
     crashed = perform(Run(module="app.absent"), tmp_path / "a.h5")
@@ -48,7 +48,7 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
         run_command([sys.executable, "-c", "import time; time.sleep(20)"], stop=stop)
 
 
-def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
+def test_interrupt_of_the_caller_ends_the_process(tmp_path):
     """As of `app.verify`, which waits for its ranks itself; a sweep's threads hear of no interrupt."""
     child = tmp_path / "process"
     interrupts = (

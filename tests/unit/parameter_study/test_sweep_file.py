@@ -29,7 +29,7 @@ def combinations(tmp_path, text):
     return [dict(run.options) for run in read_sweep(write(tmp_path, text))]
 
 
-def test_product_in_order_with_values_as_on_a_command_line(tmp_path):
+def test_combinations_are_ordered_and_keep_values(tmp_path):
     runs = read_sweep(
         write(tmp_path, "options: {grid: [8, '16,8'], approach: -0.110, lcp_rtol: [1e-6, 1.0e-7]}")
     )
@@ -48,7 +48,7 @@ def test_names_with_underscores_between_digits_are_no_numbers(tmp_path):
     assert [run.labels["surface_file"] for run in runs] == ["2024_01", "2024_02", 2025]
 
 
-def test_zip_varies_together_and_a_tilde_leaves_out(tmp_path):
+def test_zip_varies_together_and_a_tilde_omits(tmp_path):
     text = "options: {grid: [8, 16]}\nzip:\n- {ksp_type: [cg, gmres], ksp_gmres_restart: [~, 5]}"
     cg, gmres = {"ksp_type": "cg"}, {"ksp_type": "gmres", "ksp_gmres_restart": "5"}
     assert combinations(tmp_path, text) == [{"grid": n} | pair for n in ("8", "16") for pair in (cg, gmres)]
@@ -62,12 +62,12 @@ def test_exclude_needs_all_values_and_compares_numbers(tmp_path):
     assert {(c["grid"], c["lcp_beta"]) for c in found if c["lcp_beta"] != "0"} == {("8", "0.003")}
 
 
-def test_empty_value_is_a_bare_option(tmp_path):
+def test_empty_value_gives_an_option_without_value(tmp_path):
     (run,) = read_sweep(write(tmp_path, "options:\n  grid: 8\n  ksp_converged_reason:\n"))
     assert run.arguments() == ["-grid", "8", "-ksp_converged_reason"]
 
 
-def test_a_list_in_a_list_is_one_value(tmp_path):
+def test_inner_list_is_one_value(tmp_path):
     text = "options: {young: [[210e3, 210e3], [210e3, 3e3]], grid: [8, [16, 8]]}\n"
     text += "exclude: [{grid: [[16, 8]], young: '210e3,3e3'}]"
     assert combinations(tmp_path, text) == [
@@ -76,7 +76,7 @@ def test_a_list_in_a_list_is_one_value(tmp_path):
     ]
 
 
-def test_the_programs_own_option_files_are_found_from_anywhere(tmp_path, monkeypatch):
+def test_shipped_option_files_are_found_from_any_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (run,) = read_sweep(write(tmp_path, "option_files: [fast.opts, hertz]"))
     assert [Path(file).read_text() for file in run.files] == [
@@ -100,7 +100,7 @@ def test_shipped_sweeps_are_read(path, monkeypatch):
     assert len({tuple(run.arguments()) for run in runs}) == len(runs)
 
 
-def test_option_files_of_one_name_are_told_apart(tmp_path):
+def test_option_files_of_one_name_have_different_labels(tmp_path):
     files = [tmp_path / folder / "a.opts" for folder in ("one", "two")]
     for file in files:
         file.parent.mkdir()
