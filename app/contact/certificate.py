@@ -101,7 +101,8 @@ def certify(state, wanted=np.inf):
 def estimate(state, wanted=np.inf, work=None):
     """Certify the pressure, assuming u = A p.
 
-    Collective. Parameters and result as of `certify`; `work` is a field of work space.
+    Collective. Parameters and result as of `certify`; `work` is a field of work space. The certificate is kept until
+    the pressure, the depth or the accuracy of u changes.
     """
     key = state.pressure.stateGet(), state.depth, state.displacement_status
     cached_key, certificate = _certificates.get(state, (None, None))

@@ -164,3 +164,20 @@ def test_requested_error_bound_is_proved():
         assert found.converged
         bounds[wanted] = found.error_bound
     assert bounds[7e-6] <= 7e-6 < bounds[0.01]
+
+
+def test_certificate_is_kept_until_the_state_changes():
+    problem = periodic.rough(9, 8, 1)
+    approach = 0.9 * problem.gap.mean()
+    state = pressed(problem, approach, periodic.by_pivoting(problem, approach)[0])
+    changes = (
+        lambda: state.scale(1.01),
+        lambda: setattr(state, "depth", 0.9 * state.depth),
+        lambda: state.pressure.shift(1.0),
+        lambda: setattr(state, "displacement_status", Displacement.STALE),
+    )
+    for change in changes:
+        certificate = estimate(state)
+        assert estimate(state) is certificate
+        change()
+        assert estimate(state) is not certificate
