@@ -43,16 +43,16 @@ def test_extension_on_ranks_is_bitwise_that_on_one(comm, shape, block, density, 
         field = rng.normal(size=shape).astype(dtype)
 
         expected = field * contact
-        found = expected[slabs.rows].copy()
+        results = expected[slabs.rows].copy()
         alone.extend(expected)
-        here.extend(found)
-        np.testing.assert_array_equal(found, expected[slabs.rows])
+        here.extend(results)
+        np.testing.assert_array_equal(results, expected[slabs.rows])
 
-        expected, found = field.copy(), field[slabs.rows].copy()
+        expected, results = field.copy(), field[slabs.rows].copy()
         alone.restrict(expected)
-        here.restrict(found)
+        here.restrict(results)
         mine = contact[slabs.rows]
-        np.testing.assert_array_equal(found[mine], expected[slabs.rows][mine])
+        np.testing.assert_array_equal(results[mine], expected[slabs.rows][mine])
 
 
 @pytest.mark.mpi(2, 3, 4)
@@ -63,14 +63,14 @@ def test_block_means_on_ranks_are_those_on_one(comm, shape, block, cells):
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
     alone, here = BlockAverage(shape, None, None, cells), BlockAverage(shape, slabs, comm, cells)
     contact, field = rng.random(shape) < 0.4, rng.normal(size=shape)
-    expected, found = np.empty(shape), np.empty((slabs.local, shape[1]))
+    expected, results = np.empty(shape), np.empty((slabs.local, shape[1]))
     r = field * contact
     alone.set_contact(contact, r)
     here.set_contact(contact[slabs.rows].copy(), r[slabs.rows].copy())
     alone.extend(r, expected)
-    here.extend(r[slabs.rows].copy(), found)
-    np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)
-    expected, found = field.copy(), field[slabs.rows].copy()
-    products = alone.apply_transpose(r, expected), here.apply_transpose(r[slabs.rows].copy(), found)
+    here.extend(r[slabs.rows].copy(), results)
+    np.testing.assert_allclose(results, expected[slabs.rows], rtol=0, atol=1e-6)
+    expected, results = field.copy(), field[slabs.rows].copy()
+    products = alone.apply_transpose(r, expected), here.apply_transpose(r[slabs.rows].copy(), results)
     assert products[0] == pytest.approx(products[1], abs=1e-5)
-    np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(results, expected[slabs.rows], rtol=0, atol=1e-6)

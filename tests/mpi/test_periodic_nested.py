@@ -42,7 +42,7 @@ def test_two_grid_is_independent_of_the_number_of_ranks(comm, shape, cells):
     """Several slabs may begin inside a coarse row."""
     grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")
     free, r, w = np.random.default_rng(1).random(shape) < 0.7, random_field(grid, 2), random_field(grid, 3)
-    found = []
+    fields = []
     for ranks in (comm, MPI.COMM_SELF):
         hierarchy = Hierarchy(grid, STEEL, ranks, 2, cells_per_rank=cells, dtype=np.float32)
         with SolverOptions("", read_method_file("primal")).inserted():
@@ -56,9 +56,9 @@ def test_two_grid_is_independent_of_the_number_of_ranks(comm, shape, cells):
         pc.constrained = True
         pc.smooth(r[rows].copy(), kept)
         pc.shift(0.1, moved)
-        found.append([np.vstack(ranks.allgather(part)) for part in (loose, kept, moved)])
+        fields.append([np.vstack(ranks.allgather(part)) for part in (loose, kept, moved)])
         solver.destroy()
-    for here, alone in zip(*found, strict=True):
+    for here, alone in zip(*fields, strict=True):
         np.testing.assert_allclose(here, alone, rtol=0, atol=3e-6 * abs(alone).max())
 
 
@@ -75,8 +75,10 @@ def test_solution_is_independent_of_the_number_of_ranks(comm, nx, ny):
             for loading in ({"approach": approach}, {"load": alone.load}):
                 here = many.solve(**loading)
                 assert here.converged and here.fallbacks == 0
-                found, contact = (np.vstack(comm.allgather(part)) for part in (here.pressure, here.contact))
-                np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=2e-4 * alone.max_pressure)
+                pressure, contact = (
+                    np.vstack(comm.allgather(part)) for part in (here.pressure, here.contact)
+                )
+                np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=2e-4 * alone.max_pressure)
                 assert (contact == alone.contact).mean() > 0.998
                 assert here.approach == pytest.approx(alone.approach, rel=1e-5)
             work = many.solve(approach=approach).operator_applications
@@ -93,8 +95,8 @@ def test_multilevel_solution_is_independent_of_the_number_of_ranks(comm):
         for loading in ({"approach": alone.approach}, {"load": alone.load}):
             here = many.solve(**loading)
             assert here.converged and here.fallbacks == 0
-            found = np.vstack(comm.allgather(here.pressure))
-            np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=2e-4 * alone.max_pressure)
+            pressure = np.vstack(comm.allgather(here.pressure))
+            np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=2e-4 * alone.max_pressure)
         counts = [
             solver._strategy.solver.operator.influence.multipliers["inverse"].count for solver in (one, many)
         ]
@@ -109,5 +111,5 @@ def test_safeguarded_solution_is_independent_of_the_number_of_ranks(comm, monkey
     monkeypatch.setattr(progress, "PATIENCE", 0)
     here = solve(problem, approach, None, comm=comm, lcp_rtol=1e-9, lcp_cells_per_rank=8)
     assert here.converged and here.fallbacks >= 1
-    found = np.vstack(comm.allgather(here.pressure))
-    np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)
+    pressure = np.vstack(comm.allgather(here.pressure))
+    np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)

@@ -109,7 +109,7 @@ def test_holes_stay_in_a_window_as_wide_as_the_grid(comm):
     x, y = np.meshgrid(grid.x(), grid.y())
     strip = np.where(x**2 + y**2 < 0.02, np.nan, y**2 / 2)
     for across in (strip, strip.T):  # in C and in Fortran order
-        everywhere, found = (
+        everywhere, windowed = (
             solve(
                 ContactProblem(grid, Material.combined(80000.0, 0.3), across),
                 0.01,
@@ -119,11 +119,11 @@ def test_holes_stay_in_a_window_as_wide_as_the_grid(comm):
             )
             for margin in (0, 0.06)
         )
-        assert found.operator_applications < everywhere.operator_applications
+        assert windowed.operator_applications < everywhere.operator_applications
         np.testing.assert_array_equal(
-            np.isnan(found.undeformed_distance), np.isnan(everywhere.undeformed_distance)
+            np.isnan(windowed.undeformed_distance), np.isnan(everywhere.undeformed_distance)
         )
-        np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
+        np.testing.assert_allclose(windowed.load, everywhere.load, rtol=1e-5)
 
 
 @each_number_of_ranks
@@ -132,8 +132,8 @@ def test_windows_of_narrow_grids(comm):
     for ny in (2047, 2048):
         grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))
         ball = ContactProblem(grid, Material.combined(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)
-        everywhere, found = (
+        everywhere, windowed = (
             solve(ball, 0.01, "fast", lcp_window=margin, lcp_rtol=1e-9) for margin in (0, 0.06)
         )
-        np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
+        np.testing.assert_allclose(windowed.load, everywhere.load, rtol=1e-5)
         assert solve(ball, -0.01, "fast").load == 0  # no grid has anything to look out for

@@ -12,12 +12,12 @@ from app import ContactProblem, ContactSolver, Grid
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])
 def test_history_of_a_reference_solver_has_every_iteration(kind):
-    found = solve(hertz(12), APPROACH, None, lcp_type=kind)
-    history = found.history
-    assert list(history["iteration"]) == list(range(1, found.iterations + 1))
-    assert sum(history["inner_iterations"]) == found.inner_iterations
-    assert history["residual"][-1] == pytest.approx(found.residual, rel=1e-12)
-    assert history["contact_cells"][-1] == np.count_nonzero(found.contact)
+    solution = solve(hertz(12), APPROACH, None, lcp_type=kind)
+    history = solution.history
+    assert list(history["iteration"]) == list(range(1, solution.iterations + 1))
+    assert sum(history["inner_iterations"]) == solution.inner_iterations
+    assert history["residual"][-1] == pytest.approx(solution.residual, rel=1e-12)
+    assert history["contact_cells"][-1] == np.count_nonzero(solution.contact)
 
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])
@@ -50,5 +50,5 @@ def test_tao_gives_up_with_a_reason_at_tiny_lengths(kind, length):
     ):
         warnings.simplefilter("ignore", RuntimeWarning)
         for _ in range(2):
-            found = solver.solve(approach=0.1 * length)
-            assert found.converged or found.error_bound > 0.01 or "TAO" in found.message
+            solution = solver.solve(approach=0.1 * length)
+            assert solution.converged or solution.error_bound > 0.01 or "TAO" in solution.message

@@ -109,26 +109,26 @@ def test_safeguard_finds_the_solution_of_the_iteration(fast, name, by_load, prec
     assert expected.fallbacks == 0
     monkeypatch.setattr(progress, "PATIENCE", 0)
     load = expected.load if by_load else None
-    found = solve(problem, approach, "fast", load, lcp_rtol=1e-9, lcp_precision=precision)
-    assert found.fallbacks > 0
-    assert_solves_lcp(found, 1e-9)
-    assert found.load == pytest.approx(expected.load, rel=1e-12 if by_load else 1e-7)
-    assert found.approach == pytest.approx(approach, rel=1e-7)
-    np.testing.assert_array_equal(found.contact, expected.contact)
+    solution = solve(problem, approach, "fast", load, lcp_rtol=1e-9, lcp_precision=precision)
+    assert solution.fallbacks > 0
+    assert_solves_lcp(solution, 1e-9)
+    assert solution.load == pytest.approx(expected.load, rel=1e-12 if by_load else 1e-7)
+    assert solution.approach == pytest.approx(approach, rel=1e-7)
+    np.testing.assert_array_equal(solution.contact, expected.contact)
     highest = expected.pressure.max()
-    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-5 * highest)
+    np.testing.assert_allclose(solution.pressure, expected.pressure, rtol=0, atol=1e-5 * highest)
 
 
 def test_safeguard_of_a_light_load_is_accurate_to_rounding(monkeypatch):
     """Much larger distances cost no digits of u."""
     monkeypatch.setattr(progress, "PATIENCE", 0)
     problem, _ = PROBLEMS["hertz"]
-    found = solve(problem, None, "fast", 1e-5)
-    assert found.fallbacks > 0
+    solution = solve(problem, None, "fast", 1e-5)
+    assert solution.fallbacks > 0
     u = np.empty(problem.grid.shape)
-    InfluenceOperator(problem.grid, problem.material.compliance).displacement(found.pressure, u)
-    assert u.max() < 1e-6 * np.nanmax(found.undeformed_distance)
-    np.testing.assert_allclose(found.displacement, u, rtol=0, atol=1e-13 * u.max())
+    InfluenceOperator(problem.grid, problem.material.compliance).displacement(solution.pressure, u)
+    assert u.max() < 1e-6 * np.nanmax(solution.undeformed_distance)
+    np.testing.assert_allclose(solution.displacement, u, rtol=0, atol=1e-13 * u.max())
 
 
 def test_failed_linear_solver_starts_the_safeguard(monkeypatch):
@@ -143,9 +143,9 @@ def test_failed_linear_solver_starts_the_safeguard(monkeypatch):
 
     expected = solve(punch(64), 0.01, "fast")
     monkeypatch.setattr(TrackingSolver, "improve", fails_once)
-    found = solve(punch(64), 0.01, "fast")
-    assert failed and found.converged and found.fallbacks == 1
-    assert found.load == pytest.approx(expected.load, rel=1e-5)
+    solution = solve(punch(64), 0.01, "fast")
+    assert failed and solution.converged and solution.fallbacks == 1
+    assert solution.load == pytest.approx(expected.load, rel=1e-5)
 
 
 class Uphill:
@@ -179,10 +179,10 @@ def test_unsolved_pressure_vanishes_outside_contact(length, reason, monkeypatch)
 def test_safeguard_reports_the_iteration_limit(monkeypatch):
     monkeypatch.setattr(progress, "PATIENCE", 0)
     for load in (None, 3e4):
-        found = solve(punch(64), 0.01, "fast", load, lcp_max_it=2)
-        assert not found.converged
-        assert "safeguard" in found.message
-        assert np.isfinite(found.pressure).all() and (found.pressure >= 0).all()
+        solution = solve(punch(64), 0.01, "fast", load, lcp_max_it=2)
+        assert not solution.converged
+        assert "safeguard" in solution.message
+        assert np.isfinite(solution.pressure).all() and (solution.pressure >= 0).all()
 
 
 @pytest.mark.parametrize("method", ["fast", "primal"])
@@ -201,5 +201,5 @@ def test_fallbacks_count_every_safeguarded_grid(method, monkeypatch):
     for module in (nested, primal_nested):
         monkeypatch.setattr(module, "solve_safeguarded", solve_safeguarded)
     monkeypatch.setattr(progress, "PATIENCE", 0)
-    found = solve(problem, approach, method, lcp_rtol=1e-9, lcp_coarse_rtol=1e-9)
-    assert found.fallbacks == len(set(numbers)) > 1
+    solution = solve(problem, approach, method, lcp_rtol=1e-9, lcp_coarse_rtol=1e-9)
+    assert solution.fallbacks == len(set(numbers)) > 1

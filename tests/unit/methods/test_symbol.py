@@ -14,8 +14,8 @@ def test_eigenvalues_are_those_of_a_periodic_patch(aspect):
     grid = Grid(24, 20, aspect, 1.0, periodic="love")
     columns, rows = np.arange(13), np.arange(11)
     expected = influence_symbol(grid, 0.5, columns, rows)
-    found = eigenvalues(grid, 0.5, columns / 12, rows / 10)
-    assert np.isinf(found[0, 0])
-    found[0, 0] = 0.0
-    assert (found >= 0).all()
-    np.testing.assert_allclose(found, expected, rtol=3e-8)
+    values = eigenvalues(grid, 0.5, columns / 12, rows / 10)
+    assert np.isinf(values[0, 0])
+    values[0, 0] = 0.0
+    assert (values >= 0).all()
+    np.testing.assert_allclose(values, expected, rtol=3e-8)

@@ -20,10 +20,10 @@ def field(shape, dtype=float, seed=1):
     return np.random.default_rng(seed).normal(size=shape).astype(dtype)
 
 
-def made(contact, cells, r):
-    between = BlockAverage(contact.shape, None, None, cells)
-    between.set_contact(contact, r)
-    return between
+def make_average(contact, cells, r):
+    average = BlockAverage(contact.shape, None, None, cells)
+    average.set_contact(contact, r)
+    return average
 
 
 def means(x, cells):
@@ -50,13 +50,13 @@ def test_extension_is_the_mean_over_contact_around(shape, cells, dtype):
     """Means are in single precision for any r."""
     contact, r = contact_of(shape), field(shape, dtype)
     r *= contact
-    found, between = np.full_like(r, np.nan), made(contact, cells, r)
-    between.extend(r, found)
+    result, average = np.full_like(r, np.nan), make_average(contact, cells, r)
+    average.extend(r, result)
     blocks = smooth(means(r, cells)) / (smooth(means(contact, cells)) + CONTACT_SHARE_OFFSET)
     expected = np.kron(blocks, np.ones((cells, cells)))[: shape[0], : shape[1]]
-    np.testing.assert_allclose(found, np.where(contact, r, expected), rtol=0, atol=1e-6)
-    between.extend(r, r)
-    np.testing.assert_array_equal(r, found)
+    np.testing.assert_allclose(result, np.where(contact, r, expected), rtol=0, atol=1e-6)
+    average.extend(r, r)
+    np.testing.assert_array_equal(r, result)
 
 
 @each_shape
@@ -67,16 +67,16 @@ def test_transpose_of_means_and_steps_is_that_of_one_operator(shape, cells, step
     """<E r, b> = <r, E^T b>."""
     contact = contact_of(shape, share)
     r, b = field(shape) * contact, field(shape, seed=2)
-    between, extension = made(contact, cells, r), EdgeExtension(shape, None, None, steps)
+    average, extension = make_average(contact, cells, r), EdgeExtension(shape, None, None, steps)
     extension.set_stencil(STENCIL)
     extension.set_contact(contact)
     extension.include_all_rows()
     extended, restricted = r.copy(), b.copy()
-    between.extend(extended, extended)
+    average.extend(extended, extended)
     extension.extend(extended)
     np.testing.assert_array_equal(extended[contact], r[contact])
     extension.restrict(restricted)
-    product = between.apply_transpose(r, restricted)
+    product = average.apply_transpose(r, restricted)
     assert product == pytest.approx(
         np.vdot(r, restricted * contact), rel=0, abs=1e-5 * size_of(r, restricted)
     )
@@ -89,9 +89,9 @@ def test_transpose_of_means_and_steps_is_that_of_one_operator(shape, cells, step
 def test_constant_continues_between_contact_spots_and_decays_away():
     contact = np.zeros((256, 256), bool)
     contact[:128:8, :128:8] = True
-    between, x = BlockAverage(contact.shape, None, None, 16), contact.astype(float)
-    assert between.set_contact(contact, x)
-    between.extend(x, x)
+    average, x = BlockAverage(contact.shape, None, None, 16), contact.astype(float)
+    assert average.set_contact(contact, x)
+    average.extend(x, x)
     share = 1 / 64
     np.testing.assert_allclose(
         x[40:88, 40:88][~contact[40:88, 40:88]], share / (share + CONTACT_SHARE_OFFSET), rtol=1e-6
@@ -113,10 +113,10 @@ def test_means_follow_a_reduced_residual(cells):
         field(shape),
         field(shape, seed=2),
     )  # q is not looked at outside contact
-    between, (expected, found) = made(contact, cells, r * contact), np.empty((2, *shape))
+    average, (expected, result) = make_average(contact, cells, r * contact), np.empty((2, *shape))
     less = (r - 0.3 * q) * contact
-    between.subtract(0.3, between.local_means(q))
-    between.extend(less, found)
-    between.update(less)
-    between.extend(less, expected)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+    average.subtract(0.3, average.local_means(q))
+    average.extend(less, result)
+    average.update(less)
+    average.extend(less, expected)
+    np.testing.assert_allclose(result, expected, rtol=0, atol=1e-6)

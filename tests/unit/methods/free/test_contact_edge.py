@@ -54,12 +54,12 @@ def lengths(steps):
     """Return Chebyshev's step lengths for the stencil."""
     waves = np.cos(np.arange(2) * np.pi)
     weights = np.array(STENCIL)
-    found = [
+    results = [
         1 + 2 * weights[1, 0] * x + 2 * weights[0, 1] * y + 4 * weights[0, 0] * x * y
         for x in waves
         for y in waves
     ]
-    return chebyshev_steps(steps, min(found), max(found))
+    return chebyshev_steps(steps, min(results), max(results))
 
 
 def restricted(contact, steps, b, rim="constant"):
@@ -89,13 +89,15 @@ def test_extension_and_transpose_are_those_of_the_definition(shape, steps, dtype
     for contact in contact_sets(shape):
         extension, b = make(contact, steps, periodic=rim == "wrap"), field(shape, dtype)
         r = b * contact
-        found = apply(extension.extend, r), apply(extension.restrict, b)
-        beside = np.full_like(r, np.nan)
-        extension.extend(r, beside)
-        np.testing.assert_array_equal(beside, found[0])
-        assert found[0].dtype == found[1].dtype == dtype
-        np.testing.assert_allclose(found[0], extended(contact, steps, r, rim), rtol=0, atol=atol)
-        np.testing.assert_allclose(found[1] * contact, restricted(contact, steps, b, rim), rtol=0, atol=atol)
+        results = apply(extension.extend, r), apply(extension.restrict, b)
+        next_to_contact = np.full_like(r, np.nan)
+        extension.extend(r, next_to_contact)
+        np.testing.assert_array_equal(next_to_contact, results[0])
+        assert results[0].dtype == results[1].dtype == dtype
+        np.testing.assert_allclose(results[0], extended(contact, steps, r, rim), rtol=0, atol=atol)
+        np.testing.assert_allclose(
+            results[1] * contact, restricted(contact, steps, b, rim), rtol=0, atol=atol
+        )
 
 
 def test_ranks_without_rows_read_no_memory(monkeypatch):
@@ -153,8 +155,11 @@ def test_extended_residual_predicts_the_displacement_near_contact(r, off):
     r = r(x, y) * contact
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
     extension = make(contact, 2, circulant_inverse(InfluenceOperator(grid, 1.0)).centre)
-    beside = binary_dilation(contact) & ~contact
-    predicted, change = apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
+    next_to_contact = binary_dilation(contact) & ~contact
+    predicted, change = (
+        apply(extension.extend, r)[next_to_contact],
+        change.reshape(contact.shape)[next_to_contact],
+    )
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 

@@ -31,11 +31,11 @@ PROBLEMS = {
 def test_defect_correction_finds_the_same_pressure_with_less_work(problem, control, precision):
     how = {"lcp_rtol": 1e-8, "lcp_precision": precision}
     plain = solve(problem(), options=how | {"lcp_defect_correction": 0}, **control)
-    found = solve(problem(), options=how, **control)
-    assert found.converged
-    assert not found.fallbacks
-    assert found.operator_applications < 0.9 * plain.operator_applications
-    assert np.linalg.norm(found.pressure - plain.pressure) < 1e-5 * np.linalg.norm(plain.pressure)
+    solution = solve(problem(), options=how, **control)
+    assert solution.converged
+    assert not solution.fallbacks
+    assert solution.operator_applications < 0.9 * plain.operator_applications
+    assert np.linalg.norm(solution.pressure - plain.pressure) < 1e-5 * np.linalg.norm(plain.pressure)
 
 
 @pytest.mark.parametrize("wrong", [0.5, 3.0])
@@ -60,10 +60,10 @@ def test_bad_multilevel_products_are_replaced_by_fft(monkeypatch, wrong):
     monkeypatch.setattr(TrackingSolver, "improve", improve_and_tell)
     monkeypatch.setattr(multilevel_operators.MultilevelOperator, "apply", wrongly)
     with ContactSolver(rough(), options={"lcp_rtol": 1e-7}) as solver:
-        found = solver.solve(approach=0.015)
-    assert found.converged
+        solution = solver.solve(approach=0.015)
+    assert solution.converged
     assert not nearly[-1]
-    assert np.linalg.norm(found.pressure - expected.pressure) < 1e-4 * np.linalg.norm(expected.pressure)
+    assert np.linalg.norm(solution.pressure - expected.pressure) < 1e-4 * np.linalg.norm(expected.pressure)
 
 
 def test_few_verifications_fail(monkeypatch):

@@ -95,14 +95,14 @@ class System:
 
 @pytest.fixture
 def make():
-    made = []
+    systems = []
 
     def system(*arguments, **how):
-        made.append(System(*arguments, **how))
-        return made[-1]
+        systems.append(System(*arguments, **how))
+        return systems[-1]
 
     yield system
-    for one in made:
+    for one in systems:
         one.destroy()
 
 
@@ -148,17 +148,17 @@ def test_convergence_test_is_that_of_petsc(make, tolerances, reason):
 
 def test_convergence_test_of_the_caller_is_called(make):
     system = make()
-    asked = []
+    calls = []
 
     def test(ksp, iteration, norm):
-        asked.append((iteration, norm))
+        calls.append((iteration, norm))
         return PETSc.KSP.ConvergedReason.CONVERGED_HAPPY_BREAKDOWN if iteration == 3 else 0
 
     system.ksp.setConvergenceTest(test)
     history = system.solve()
     assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.CONVERGED_HAPPY_BREAKDOWN
-    assert [iteration for iteration, _ in asked] == [0, 1, 2, 3]
-    assert [norm for _, norm in asked] == history.tolist()
+    assert [iteration for iteration, _ in calls] == [0, 1, 2, 3]
+    assert [norm for _, norm in calls] == history.tolist()
     assert history[-1] == system.cg.residual == system.ksp.getResidualNorm()
 
 
@@ -230,11 +230,11 @@ def test_right_hand_side_is_unchanged_and_read_on_contact_only(make):
     system.solve(rtol=1e-6)
     assert system.b.stateGet() == state
     np.testing.assert_array_equal(system.b.getArray(readonly=True), before)
-    found = system.solution
-    assert (found[~system.operator.mask] == 0).all()
+    first = system.solution
+    assert (first[~system.operator.mask] == 0).all()
     system.set_right(np.where(system.operator.mask, before.reshape(GRID.shape), 1e6))
     system.solve(rtol=1e-6)
-    np.testing.assert_array_equal(system.solution, found)
+    np.testing.assert_array_equal(system.solution, first)
 
 
 def test_contact_set_may_change_between_solves(make):
@@ -313,9 +313,9 @@ def test_solve_works_after_a_reset(make):
 def test_operators_leave_spare_fields_unchanged():
     operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), 1.0, dtype=np.float32)
     operator.prepare("exact_product", "product")
-    lent = [field for field in operator.spare_fields(np.float64, np.float32) if field is not None]
-    assert lent
-    for field in lent:
+    spare = [field for field in operator.spare_fields(np.float64, np.float32) if field is not None]
+    assert spare
+    for field in spare:
         field[...] = 7.0
     p = np.ones(operator.local_shape, np.float32)
     for multiplier in (
@@ -324,4 +324,4 @@ def test_operators_leave_spare_fields_unchanged():
         multilevel_influence(operator),
     ):
         multiplier.apply(p, p)
-    assert all((field == 7.0).all() for field in lent)
+    assert all((field == 7.0).all() for field in spare)

@@ -17,22 +17,22 @@ def bowl(n, height=1.0):
 
 
 @pytest.fixture
-def made(monkeypatch):
+def created(monkeypatch):
     """Return the list of created spectra and linear solvers."""
-    things = []
+    names = []
 
     def counting(of, name):
         plain = getattr(of, name)
         monkeypatch.setattr(
-            of, name, lambda self, *given, **named: (things.append(name), plain(self, *given, **named))[1]
+            of, name, lambda self, *given, **named: (names.append(name), plain(self, *given, **named))[1]
         )
 
     counting(EvenMultiplier, "set_kernel")
     counting(TrackingSolver, "__init__")
-    return things
+    return names
 
 
-def test_operators_are_cached_by_size_not_by_place(made):
+def test_operators_are_cached_by_size_not_by_place(created):
     with ContactSolver(bowl(160)) as solver:
         for approach in (0.05, 0.3, 0.05):
             again = solver.solve(approach=approach)
@@ -41,13 +41,13 @@ def test_operators_are_cached_by_size_not_by_place(made):
             assert_proved_equal(again, alone)
 
 
-def test_small_windows_share_one_size(made):
+def test_small_windows_share_one_size(created):
     with ContactSolver(bowl(256)) as solver:
         solver.solve(approach=1e-3)
-        made.clear()
+        created.clear()
         for approach in (2e-3, 4e-3, 8e-3):
             solver.solve(approach=approach)
-        assert not made
+        assert not created
 
 
 def test_exact_products_of_windows_stay_counted():

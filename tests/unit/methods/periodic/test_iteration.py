@@ -29,14 +29,14 @@ def test_multilevel_products_find_the_same_pressure(share, kind):
         ContactSolver(problem) as solver,
         ContactSolver(problem, options={"lcp_defect_correction": 0}) as plain,
     ):
-        found, expected = solver.solve(approach=approach), plain.solve(approach=approach)
+        solution, expected = solver.solve(approach=approach), plain.solve(approach=approach)
         assert levels_of(plain) is None and (levels_of(solver).count > 0) == (
             share < 1
         )  # full contact at once
-    assert found.converged and found.fallbacks == 0
+    assert solution.converged and solution.fallbacks == 0
     size = expected.pressure.max()
-    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * size)
-    assert found.load == pytest.approx(expected.load, rel=5e-5)
+    np.testing.assert_allclose(solution.pressure, expected.pressure, rtol=0, atol=2e-4 * size)
+    assert solution.load == pytest.approx(expected.load, rel=5e-5)
 
 
 def test_inaccurate_multilevel_product_only_costs_work(monkeypatch):
@@ -52,11 +52,13 @@ def test_inaccurate_multilevel_product_only_costs_work(monkeypatch):
         expected = solver.solve(approach=0.3 * problem.gap.mean())
         monkeypatch.setattr(MultilevelOperator, "apply", worse)
         before = levels_of(solver).count
-        found = solver.solve(approach=0.3 * problem.gap.mean())
+        solution = solver.solve(approach=0.3 * problem.gap.mean())
         assert levels_of(solver).count > before
-    assert found.converged and found.fallbacks == 0
-    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * expected.pressure.max())
-    assert found.operator_applications < 2 * expected.operator_applications
+    assert solution.converged and solution.fallbacks == 0
+    np.testing.assert_allclose(
+        solution.pressure, expected.pressure, rtol=0, atol=2e-4 * expected.pressure.max()
+    )
+    assert solution.operator_applications < 2 * expected.operator_applications
 
 
 def test_unreachable_tolerance_is_not_sought_by_multilevel_products():
@@ -64,9 +66,9 @@ def test_unreachable_tolerance_is_not_sought_by_multilevel_products():
     problem = periodic.rough(512, 512, 5)
     with ContactSolver(problem) as solver, ContactSolver(problem, options={"ksp_rtol": 1e-6}) as strict:
         expected = solver.solve(approach=0.3 * problem.gap.mean())
-        found = strict.solve(approach=0.3 * problem.gap.mean())
-    assert found.converged and found.fallbacks == 0
-    assert found.operator_applications < 1.5 * expected.operator_applications
+        solution = strict.solve(approach=0.3 * problem.gap.mean())
+    assert solution.converged and solution.fallbacks == 0
+    assert solution.operator_applications < 1.5 * expected.operator_applications
 
 
 @pytest.mark.parametrize("by_levels", [0, 0.05])
@@ -78,9 +80,9 @@ def test_drifted_pressure_is_recomputed_not_solved_further(by_levels):
     problem = ContactProblem(grid, periodic.MATERIAL, 0.02 * (height.max() - height), periodic=True)
     options = {"lcp_rtol": 6.6e-11, "lcp_defect_correction": by_levels}
     with ContactSolver(problem, options=options) as solver:
-        found = solver.solve(mean_pressure=3e-6 * periodic.MATERIAL.contact_modulus)
-    assert found.converged and found.fallbacks == 0
-    assert found.operator_applications < 48
+        solution = solver.solve(mean_pressure=3e-6 * periodic.MATERIAL.contact_modulus)
+    assert solution.converged and solution.fallbacks == 0
+    assert solution.operator_applications < 48
 
 
 def patch(nx, ny, stretch=1.0, symbol="spectral"):
@@ -101,15 +103,15 @@ def test_negligible_changes_end_the_iteration(monkeypatch, loading):
         problem = problem_of(seed)
         deviation = problem.shape_on(patch).std()
         with ContactSolver(problem, options={"lcp_rtol": 1e-10}) as solver:
-            right = solver.solve(load=0.03 * steel.contact_modulus)
+            exact = solver.solve(load=0.03 * steel.contact_modulus)
         verified.clear()
-        found = solve(problem, options={"lcp_rtol": 1e-4}, **{loading: getattr(right, loading)})
+        solution = solve(problem, options={"lcp_rtol": 1e-4}, **{loading: getattr(exact, loading)})
         assert len(verified) == 1  # it passes at once
-        gap = found.gap[found.contact]
+        gap = solution.gap[solution.contact]
         off = gap - gap.mean() if loading == "load" else gap
         assert np.sqrt(np.mean(off**2)) < 1e-4 * deviation
-        assert np.linalg.norm(found.pressure - right.pressure) < 2e-3 * np.linalg.norm(right.pressure)
-        ends.append(found.attributes["reason"])
+        assert np.linalg.norm(solution.pressure - exact.pressure) < 2e-3 * np.linalg.norm(exact.pressure)
+        ends.append(solution.attributes["reason"])
     assert len(set(ends)) == 2
 
     exchange = PrimalState.exchange
@@ -117,8 +119,8 @@ def test_negligible_changes_end_the_iteration(monkeypatch, loading):
         PrimalState, "exchange", lambda *given: exchange(*given)._replace(moves=np.inf)
     )  # they do matter
     for seed in range(1, 13):
-        found = solve(problem_of(seed), load=0.03 * steel.contact_modulus, options={"lcp_rtol": 1e-4})
-        assert found.attributes["reason"] == CONVERGED
+        solution = solve(problem_of(seed), load=0.03 * steel.contact_modulus, options={"lcp_rtol": 1e-4})
+        assert solution.attributes["reason"] == CONVERGED
 
 
 @pytest.mark.parametrize(("cut_off", "seed"), [(4, 3), (4, 2), (8, 6)])
@@ -126,9 +128,9 @@ def test_no_single_cell_keeps_a_large_overlap(cut_off, seed):
     steel, patch = Material.combined(80000.0, 0.3), Grid.from_domain(256, 256, (0, 1, 0, 1))
     surface = SelfAffineSurface(0.8, 1 / 8, cut_off / 256, (1.0, 1.0), seed, rms_slope=0.1)
     problem = ContactProblem(patch, steel, surfaces=[surface], periodic=True)
-    found = solve(problem, mean_pressure=0.14 * steel.contact_modulus)
-    assert found.converged
-    assert -found.gap.min() < 1e-5 * problem.shape_on(patch).std()
+    solution = solve(problem, mean_pressure=0.14 * steel.contact_modulus)
+    assert solution.converged
+    assert -solution.gap.min() < 1e-5 * problem.shape_on(patch).std()
 
 
 def test_failed_verification_restores_the_contact_set(guessed, loading, pressure_of):
@@ -157,11 +159,11 @@ def test_allowed_gap_of_nearly_flat_surfaces_is_that_of_flat_ones(given):
             gap = numbers.random((n, n)) * height
             gap[numbers.random((n, n)) < 0.1] = np.nan
             gap[0, 0] = np.nan
-            found = solve(
+            solution = solve(
                 ContactProblem(Grid.from_domain(n, n, (0, 1, 0, 1)), material, gap, periodic=True), **given
             )
-            assert found.converged and found.fallbacks == 0 and found.operator_applications < 30
-            assert found.error_bound < 1e-4
+            assert solution.converged and solution.fallbacks == 0 and solution.operator_applications < 30
+            assert solution.error_bound < 1e-4
 
 
 def test_unsolved_problem_has_a_pressure_with_the_load():
@@ -173,7 +175,7 @@ def test_unsolved_problem_has_a_pressure_with_the_load():
             continue
         problem = ContactProblem(Grid(*gap.shape[::-1], 1, 1), material, gap, periodic=True)
         with warnings.catch_warnings(action="ignore"):
-            found = solve(problem, load=1e-4, options={"lcp_max_it": 1, "ksp_max_it": 1})
-        assert found.pressure.min() == 0 or not np.isnan(gap).any()
-        assert (found.pressure[np.isnan(gap)] == 0).all() and (found.pressure >= 0).all()
-        assert found.pressure.sum() == pytest.approx(1e-4)
+            solution = solve(problem, load=1e-4, options={"lcp_max_it": 1, "ksp_max_it": 1})
+        assert solution.pressure.min() == 0 or not np.isnan(gap).any()
+        assert (solution.pressure[np.isnan(gap)] == 0).all() and (solution.pressure >= 0).all()
+        assert solution.pressure.sum() == pytest.approx(1e-4)

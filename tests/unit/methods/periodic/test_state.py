@@ -17,8 +17,8 @@ def test_solver_resumes_without_a_product(guessed, loading, pressure_of):
         primal.exchange(solver, 0.0, -np.inf, np.inf, norms[-1])  # releases only
         assert primal.pending and (primal.w == w).all()
         np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
-        there = pressure_of(primal, w + solver.change)
-        np.testing.assert_allclose(solver.carried, there, rtol=0, atol=1e-11 * abs(there).max())
+        expected = pressure_of(primal, w + solver.change)
+        np.testing.assert_allclose(solver.carried, expected, rtol=0, atol=1e-11 * abs(expected).max())
     with primal.shown(solver):
         np.testing.assert_array_equal(state.p, solver.carried)
     np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
@@ -93,8 +93,8 @@ def test_start_from_a_pressure_corrects_it_for_overlap(steps, holes):
     before = primal.state.p.copy()
     primal._has_pressure = True
     primal.start(solver)
-    found = primal.state.p.copy()
+    corrected = primal.state.p.copy()
     primal.refresh(exact=True)
-    moved, missing = primal.state.p - before, primal.state.p - found
+    moved, missing = primal.state.p - before, primal.state.p - corrected
     assert primal.state.cells_in_contact() and np.linalg.norm(moved) > 0
     assert np.linalg.norm(missing) < 0.3 * np.linalg.norm(moved)

@@ -91,11 +91,11 @@ def test_means_over_coarse_cells_add_up_over_slabs(shape, factors, dtype):
         )
         coarse[:, rows.start // fy :][:, : parts.shape[1]] += parts
     left = free * (WEIGHTS[0] * s - x - neighbours(x))
-    for field, found in zip((0.7 * s * free, ~free, left), coarse, strict=True):
-        filled = np.zeros([n * f for n, f in zip(found.shape, factors, strict=True)])
+    for field, result in zip((0.7 * s * free, ~free, left), coarse, strict=True):
+        filled = np.zeros([n * f for n, f in zip(result.shape, factors, strict=True)])
         filled[: shape[0], : shape[1]] = field  # the last coarse cells may have fewer children
-        expected = filled.reshape(len(found), fy, -1, fx).mean((1, 3))
-        np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE)
+        expected = filled.reshape(len(result), fy, -1, fx).mean((1, 3))
+        np.testing.assert_allclose(result, expected, rtol=0, atol=SINGLE)
 
 
 @each_shape
@@ -205,22 +205,22 @@ def test_add_centre_multiplies_by_the_stencil(cut, dtype):
         for x in (-1, 0, 1)
         for y in (-1, 0, 1)
     )
-    found = np.ones((5, 6))
+    result = np.ones((5, 6))
     for rows in (slice(0, cut), slice(cut, 5)):
         before, after = np.roll(d, -rows.start, 0)[-2:], np.roll(d, -rows.stop, 0)[:2]
         if rows.start < rows.stop:
-            stencil.add_centre(d[rows], before, after, weights, np.empty((3, 8)), found[rows])
-    np.testing.assert_allclose(found, 1 + expected, rtol=0, atol=1e-6)
+            stencil.add_centre(d[rows], before, after, weights, np.empty((3, 8)), result[rows])
+    np.testing.assert_allclose(result, 1 + expected, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("loop", ["add_centre", "residual_in_cells"])
 def test_loops_without_rows_read_no_memory(loop):
     """The row before the first one would be outside the array."""
     none, weights = np.zeros((0, 4)), (1.0, *(np.float32(0),) * 3)
-    given = {
+    arguments = {
         "add_centre": (none, none, none, weights, np.zeros((3, 6)), none),
         "residual_in_cells": (
             none, none > 0, weights, none, none, none, none, 0, (1, 1), np.zeros((3, 6)), np.zeros(4),
         ),
     }  # fmt: skip
-    getattr(stencil, loop).py_func(*given[loop])
+    getattr(stencil, loop).py_func(*arguments[loop])

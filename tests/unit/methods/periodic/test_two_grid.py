@@ -48,12 +48,14 @@ def test_preconditioner_is_positive_with_eigenvalues_near_one(make, grid, share)
         inverse.exact_pressure(unit, pressure)
         of_b[...] = pressure[free]
     assert np.linalg.eigvalsh(m + m.T).min() > 0
-    found = np.linalg.eigvals(b @ m)
-    found = found[abs(found) > 1e-9]  # B does not see the constant
-    assert len(found) >= len(units) - (share == 0)
+    values = np.linalg.eigvals(b @ m)
+    values = values[abs(values) > 1e-9]  # B does not see the constant
+    assert len(values) >= len(units) - (share == 0)
     long = max(grid.dx / grid.dy, grid.dy / grid.dx) > 4  # the coarser grid does not have all waves
     assert (
-        found.real.min() > (0.08 if long else 0.35) and found.real.max() < 2 and abs(found.imag).max() < 0.25
+        values.real.min() > (0.08 if long else 0.35)
+        and values.real.max() < 2
+        and abs(values.imag).max() < 0.25
     )
     free.flat[np.flatnonzero(free)[::2]] = False  # another contact set
     solver.set_contact()
