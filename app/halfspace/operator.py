@@ -188,7 +188,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def diagonal(self):
-        """Influence of a cell on itself. Collective on first use."""
+        """Influence of a cell on itself [mm3/N]. Collective on first use."""
         if self.grid.periodic and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
