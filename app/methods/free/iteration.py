@@ -106,7 +106,7 @@ class _ContactSets:
         return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
-        """Do steps 2 and 3, down to the goal."""
+        """Solve on the contact set, steps 2 and 3."""
         stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
         if stop.final and multilevel:  # on coarse grids this error is below that of the grid
@@ -115,7 +115,7 @@ class _ContactSets:
         return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, multilevel)
 
     def exchange(self, solved):
-        """Do step 4: continue, verify, or leave a coarse grid."""
+        """Update the contact set, step 4, in one of three ways."""
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
         # Solved, and with next to no negative pressure on the target grid: this may be the last contact set.
@@ -149,7 +149,7 @@ class _ContactSets:
             self.stop = self.stop.tighter(0.1)
 
     def _go_on(self, solved):
-        """Do step 4 before the last set; update or recompute u."""
+        """Update a contact set that is not the last one."""
         state, solver, allowed = self.state, self.solver, solved.allowed
         computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)
         released = solver.release(state, update=not computed)  # (4.a), and u along with it
@@ -162,10 +162,10 @@ class _ContactSets:
         return _Exchanged(state.activate_penetrating(expected), computed=computed)  # (4.b)
 
     def _verify(self, solved, tension):
-        """Do steps 4 to 6 by a product in double precision.
+        """Verify the last contact set by a product in double precision.
 
-        On the target grid; the load is met exactly. If a rehearsal with the updated displacement fails the product is
-        saved.
+        Steps 4 to 6 on the target grid; the load is met exactly. If a rehearsal with the updated displacement fails the
+        product is saved.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
         # By approach a release of next to no pressure needs no rehearsal. By load the approach may move by it.
@@ -205,7 +205,7 @@ class _ContactSets:
         return not update.changed and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
 
     def _leave_coarse(self, solved, tension):
-        """Do step 4 on a solved coarse grid.
+        """Update the last contact set of a coarse grid, step 4.
 
         If the load is nearly met, u is not updated for the last release: the finer grid does that.
         """

@@ -44,7 +44,7 @@ class TrackingSolver(LinearSolver):
         self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
     def begin(self, multilevel):
-        """Start a grid, with multilevel products if it has them."""
+        """Prepare the solution on a grid, with multilevel products if possible."""
         self.multilevel = multilevel and multilevel_influence(self.operator) is not None
         self._change_not_in_u = False
 

@@ -236,7 +236,7 @@ class TrackingCG(KspContext):
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _direction_array(self, z):
-        """Return the array of d, behind q if both are single."""
+        """Return the work array of d, behind q in single precision."""
         halves = self.work.reshape(-1).view(self._operator.dtype)
         if z is not self.work and halves.size > z.size:
             return halves[z.size :].reshape(z.shape)

@@ -44,7 +44,7 @@ class VerificationProduct:
         self.apply_on_all(p, u)
 
     def apply_on_all(self, p, u):
-        """Compute u = A p. Collective."""
+        """Compute u = A p on all ranks. Collective."""
         if self.u is None:
             self.u = np.empty(self._target.local_shape)
         self.u[...] = 0

@@ -67,7 +67,7 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Count products of windows and free their exact products, after errors."""
+        """Count products of windows after an error; free exact products."""
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)
             operator.free_exact_product()

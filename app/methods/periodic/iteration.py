@@ -197,7 +197,7 @@ def allowed_gap(primal, stop):
 
 
 def verify(primal, p):
-    """Do step 4 for a valid pressure, by one exact product.
+    """Verify a valid pressure by one exact product, step 4.
 
     Collective. `p` is overwritten by the pressure, >= 0 and with the right load, for `accept`. Sets the depth of the
     state, and adds overlapping cells to its contact set. Returns an Update, or None without pressure under a load: more

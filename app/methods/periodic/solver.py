@@ -73,7 +73,7 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def begin(self, state, loading, multilevel_share=0.0):
-        """Start a grid.
+        """Prepare the solution on a grid.
 
         A prescribed approach is kept by the mean of w. u of the ContactState stores `carried` until the verification,
         and `end`. For `multilevel_share` see `CarryingCG`.
