@@ -1,1 +1,1 @@
-"""What the commands are made of: start-up and end, where options come from, problems from options, reports."""
+"""Commands: start and end, options, problems, and one module for each command."""

@@ -17,7 +17,7 @@ from app.options import option_table
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that raises InputError and takes -1,2 for a value."""
+    """Parser that raises InputError and accepts -1,2 as value."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)

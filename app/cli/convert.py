@@ -155,10 +155,7 @@ def _make_map(path, heights, facts, arguments):
 def set_units(source, arguments, height_unit=None, override=False):
     """Set unit and spacing of a `HeightMap` by file or options.
 
-    Raises
-    ------
-    InputError
-        If neither states it, or both do.
+    InputError if neither states them, or both do.
     """
     source.settle(arguments.unit, height_unit, arguments.spacing, override, _NAMES)
     if source.spacing is None:

@@ -1,4 +1,4 @@
-"""Problems from options: material, shape, rough surfaces, patch and grid."""
+"""Problems from options."""
 
 from __future__ import annotations
 
@@ -113,11 +113,6 @@ def make_problem(options, texts, comm):
     problem : app.problems.problem.Problem
     own : OptionReader
         Options of a user-defined problem, ``-problem python``; else empty.
-
-    Raises
-    ------
-    InputError, ValueError, OSError
-        If something is missing or not allowed.
     """
     from app.base.memory import check_rank_memory
     from app.base.petsc import check_cells
@@ -232,12 +227,12 @@ def _read_measured(options):
 
 
 def _read_filters(options):
-    """Return the nesting indices of S-filter and L-filter, or None."""
+    """Return the nesting indices of S-filter and L-filter."""
     return options["surface_s_filter"], options["surface_l_filter"]
 
 
 def _make_grid(options, name, shape, measured, material, periodic):
-    """Make the grid from options, a file or Hertz's contact."""
+    """Make the grid by options, file or Hertz's contact."""
     from app.halfspace.grid import Grid
     from app.problems.surfaces.resampling import common_grid
 
@@ -260,7 +255,7 @@ def _make_grid(options, name, shape, measured, material, periodic):
 
 
 def _make_default_patch(options, shape, material, periodic):
-    """Return a patch around the contact area of Hertz's theory."""
+    """Return a patch around the contact area of Hertz."""
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
     rough = options.given(*_WAVY, *_SELF_AFFINE)

@@ -34,19 +34,8 @@ _SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
 class PathRequest:
     """A load path as its options ask for it.
 
-    Parameters
-    ----------
-    kind : str
-        Prescribed quantity.
-    options : OptionReader
-    parsed : app.cli.option_sources.ParsedOptions
-    inputs : list of str
-        Files that define the problem.
-
-    Raises
-    ------
-    InputError
-        If an option is not allowed, or a file of the path is an input.
+    `kind` is the prescribed quantity; `inputs` are the files that define the problem. InputError if an option is not
+    allowed, or a file of the path is an input.
     """
 
     def __init__(self, kind, options, parsed, inputs):
@@ -78,29 +67,15 @@ class PathRequest:
                 check_output_path(file, protected)
 
     def step_file(self, step):
-        """Return the result file of a step, counted from 1."""
+        """Return the result file of a step (from 1)."""
         return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
 
 
 def run_path(request, solver, stiffness, save):
     """Solve along a path. Collective.
 
-    Parameters
-    ----------
-    request : PathRequest
-    solver : ContactSolver
-    stiffness : bool
-    save : callable
-        ``save(solution, file)`` writes the result of a step.
-
-    Returns
-    -------
-    path : LoadPath
-        With merged ``notes`` of all steps.
-    solution : Solution
-        Of the last step.
-    finished : context manager
-        Removes the checkpoint after a block that writes all results.
+    ``save(solution, file)`` writes the result of a step. Return the LoadPath, with the merged `notes` of all steps,
+    the last Solution, and a context manager in which all results are written; it then removes the checkpoint.
     """
     from tqdm import tqdm
 
@@ -155,10 +130,7 @@ def _merge_lines(lines):
 class _Checkpoint:
     """Journal of a path on rank 0, if it has a file.
 
-    Attributes
-    ----------
-    rows, notes : list
-        Of finished steps.
+    `rows` and `notes` are those of finished steps.
     """
 
     def __init__(self, request, solver):
@@ -228,7 +200,7 @@ def hash_inputs(request, solver):
 
 
 def _show_step(row, bar, kind):
-    """Show a step in the progress bar or print it."""
+    """Show a step in the progress bar or output."""
     units = {name: f" {unit_of(name)}".removesuffix(" 1") for name in (kind, *_SHOWN)}
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in units.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"

@@ -9,14 +9,14 @@ from app.contact.history import Listener
 
 
 def make_listeners():
-    """Return a progress bar on a terminal of rank 0."""
+    """Return a progress bar for rank 0's terminal."""
     from app.base.mpi import MPI
 
     return [Progress()] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
 
 
 class Progress(Listener):
-    """Bar from residual 1 to the tolerance on each grid."""
+    """Progress bar from residual 1 to the tolerance."""
 
     def __init__(self):
         self._bar = None

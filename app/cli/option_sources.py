@@ -87,26 +87,10 @@ class ParsedOptions:
     database_options: dict = field(default_factory=dict)
 
     def select_alternative(self, alternatives, needed=""):
-        """Return the valid one of exclusive options; remove the others.
+        """Select one of exclusive options; remove the others.
 
-        It is the one of the command line, else of the last source with any.
-
-        Parameters
-        ----------
-        alternatives : sequence of str or tuple of str
-            Names, or groups of names.
-        needed : str
-            Names for the message if one is required.
-
-        Returns
-        -------
-        str or tuple of str
-            None without any.
-
-        Raises
-        ------
-        InputError
-            If a required one is missing, or its source has several.
+        It is the one of the command line, else of the last source with any, or None. An alternative may be a tuple of
+        names. InputError if that source has several, or if none is given and `needed` names them for the message.
         """
         members = {one: (one,) if isinstance(one, str) else one for one in alternatives}
         present = [one for one in alternatives if self.texts.keys() & members[one]]
@@ -133,12 +117,7 @@ class ParsedOptions:
     def split_by_source(self, names):
         """Return options by file, and those of the command line.
 
-        Returns
-        -------
-        files : dict of str to dict
-            Option file -> its options; in order.
-        words : dict of str to str
-            Options that the command line sets last.
+        Of the given names: option file -> its options in order, and the options that the command line sets last.
         """
         files, last = {}, {}
         for source in self.sources:
@@ -167,10 +146,7 @@ class ParsedOptions:
 def startup_args(argv):
     """Return the command line for PETSc's start, without option files and help.
 
-    Raises
-    ------
-    InputError
-        If a word is neither an option nor the value of one.
+    InputError for a word that is neither an option nor the value of one.
     """
     words = argv[:1]
     for name, text in _parse_words(argv[1:]):
@@ -183,21 +159,9 @@ def startup_args(argv):
 
 
 def parse_options(argv):
-    """Read all sources of options; PETSc must have been started.
+    """Read all sources of options after PETSc's start.
 
-    Parameters
-    ----------
-    argv : list of str
-        Program name and command line.
-
-    Returns
-    -------
-    ParsedOptions
-
-    Raises
-    ------
-    InputError
-        If a source cannot be read; the message names it.
+    InputError, with the name of the source, if one cannot be read. `argv` begins with the program's name.
     """
     from petsc4py import PETSc
 

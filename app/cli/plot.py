@@ -30,10 +30,7 @@ _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is 
 def analytic_reference(result):
     """Return the Hertz contact of a result, or None for other contacts.
 
-    Raises
-    ------
-    InputError
-        If a number of the Hertz contact is missing.
+    InputError if a number of the Hertz contact is missing.
     """
     values = result.attributes
     if (
@@ -178,7 +175,7 @@ def _arguments(argv):
 
 
 def _choose_names(files):
-    """Return unique folder names, with suffix or folder if needed."""
+    """Return unique folder names for files."""
     candidates = [
         (file.stem, name := f"{file.stem}_{file.suffix[1:]}", f"{file.absolute().parent.name}_{name}")
         for file in files

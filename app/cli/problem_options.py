@@ -43,14 +43,7 @@ LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for
 
 
 class Request:
-    """All that app.solve is asked to do, checked before any work.
-
-    Collective.
-
-    Parameters
-    ----------
-    parsed : app.cli.option_sources.ParsedOptions
-    comm : mpi4py.MPI.Comm
+    """All that app.solve is asked to do, checked before any work. Collective.
 
     Attributes
     ----------
@@ -58,8 +51,7 @@ class Request:
     loading : dict
         Argument of `app.api.solver.ContactSolver.solve`; empty for a path.
     path : app.cli.load_path.PathRequest or None
-    refine_until : float or None
-    refine_max : int or None
+    refine_until, refine_max : number or None
     stiffness : bool
     method : dict of str to dict
         Option file -> options left for the solver, which checks them.
@@ -68,11 +60,6 @@ class Request:
     texts : dict of str to str
         The other options.
     output : str or None
-
-    Raises
-    ------
-    InputError
-        On all ranks.
     """
 
     def __init__(self, parsed, comm):
@@ -140,12 +127,9 @@ def _split_unknown(names, own=()):
 
 
 def resolve_alternatives(parsed):
-    """Remove overridden alternatives; return a reader of the problem's options.
+    """Remove overridden alternatives; return a reader of the rest.
 
-    Raises
-    ------
-    InputError
-        If a source has several of exclusive options.
+    InputError if a source has several of exclusive options.
     """
     for alternatives in (LOADING, *ALTERNATIVES):
         parsed.select_alternative(alternatives)
@@ -155,16 +139,7 @@ def resolve_alternatives(parsed):
 def read_loading(parsed, options):
     """Return kind and value of the loading; all values of a path.
 
-    Parameters
-    ----------
-    parsed : app.cli.option_sources.ParsedOptions
-    options : OptionReader
-        From `resolve_alternatives`.
-
-    Raises
-    ------
-    InputError
-        If it is missing or not allowed.
+    `options` is from `resolve_alternatives`. InputError if the loading is missing or not allowed.
     """
     needed = "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
     kind = parsed.select_alternative(LOADING, needed)

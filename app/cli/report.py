@@ -80,7 +80,7 @@ def typeset(text):
 
 
 def format_attribute(value):
-    """Return the text of an attribute; numbers have six digits."""
+    """Return an attribute as text with six digits."""
     if isinstance(value, str):
         return value
     return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))
@@ -223,17 +223,7 @@ def _png(figure):
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     """Return the HTML page of a result.
 
-    Parameters
-    ----------
-    result : Result
-    poisson_ratio, body
-        As for `app.cli.subsurface.stress`.
-    with_stress : bool
-        Compute the largest stress below the surface, which takes longest.
-
-    Returns
-    -------
-    str
+    `poisson_ratio` and `body` are those of `app.cli.subsurface.stress`; stresses take longest.
     """
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []

@@ -36,16 +36,9 @@ _MALLOC = {
 
 
 def start(argv):
-    """Start MPI and PETSc and read all options. Collective; once per process.
+    """Start MPI and PETSc; return all options as `ParsedOptions`. Collective.
 
-    Returns
-    -------
-    app.cli.option_sources.ParsedOptions
-
-    Raises
-    ------
-    InputError
-        If options cannot be read, PETSc refuses its start-up options, or petsc4py does not load.
+    InputError if options cannot be read, PETSc refuses its start-up options, or petsc4py does not load.
     """
     keep_freed_pages(os.environ)
     folder_exists = True
@@ -167,12 +160,7 @@ def _rank():
 def run(main, argv=None):
     """Run a command and exit with its status. Collective.
 
-    Parameters
-    ----------
-    main : callable
-        ``main(parsed_options)`` returns the exit status, None for 0.
-    argv : list of str, optional
-        Default: ``sys.argv``.
+    ``main(parsed_options)`` returns the status, None for 0; `argv` defaults to ``sys.argv``.
     """
     streams.reopen_closed()
     if find_spec("mpi4py") is None:  # ranks cannot communicate; mpiexec ends them
@@ -211,12 +199,7 @@ def run(main, argv=None):
 def write_logs(petsc_options):
     """Finalize PETSc and write its logs to files. Collective.
 
-    PETSc ignores a full disk; therefore it writes into memory.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written.
+    PETSc ignores a full disk; therefore it writes into memory. InputError if a file cannot be written.
     """
     patterns = {"log_view": r"(?:ascii)?:([^:,]+)(?::\w*:?(append)?)?", "citations": "(.+)()"}
     patterns = {name: text for name, text in patterns.items() if re.search(text, petsc_options.get(name, ""))}

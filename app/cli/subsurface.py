@@ -101,7 +101,7 @@ def find_poisson_ratio(facts, body=None):
 
 
 def survey(below, depths=64, at=None, deepest=None, along="xy"):
-    """Return largest stresses, and sections and line through a point.
+    """Return largest stresses, sections and a line.
 
     Parameters
     ----------
@@ -114,12 +114,6 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
         Last depth [mm]; default: several times that of the largest stress.
     along : str
         Directions of the sections: "xy", "x" or "y".
-
-    Returns
-    -------
-    SimpleNamespace
-        `hottest` and `sheared` (largest von Mises and shear stress), `at` (largest of the line), `depths`, `section_x`,
-        `section_y` (6, depths, nx or ny) or None, `line` (6, depths), `poisson_ratio`.
     """
     hottest, sheared = below.maxima()
     x, y = at or (hottest.x, hottest.y)
@@ -219,7 +213,7 @@ def _arguments(argv):
 
 
 def summary(hottest, sheared, result, poisson_ratio):
-    """Return a text of two lines for each of `SubsurfaceStress.maxima`."""
+    """Return two lines for each of `SubsurfaceStress.maxima`."""
     highest = float(np.nanmax(result.pressure))
     ratios = np.atleast_1d(result.attributes.get("poisson", ()))
     numbers = [k for k, nu in enumerate(ratios, 1) if nu == poisson_ratio] if len(set(ratios)) == 2 else []

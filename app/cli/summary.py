@@ -16,13 +16,7 @@ _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 def summary(facts, grid, output=None):
     """Return the summary of a solution.
 
-    Parameters
-    ----------
-    facts : mapping
-        Root attributes of the result file.
-    grid : app.halfspace.grid.Grid
-    output : str, optional
-        Name of the result file.
+    `facts` are the root attributes of the result file; `output` is its name.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
     lines = [f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})"]
@@ -123,7 +117,7 @@ def _describe_pressure(facts, grid):
 
 
 def _describe_accuracy(facts):
-    """Return deviations from an analytic solution, and estimated grid errors."""
+    """Return deviations from analytic solutions and grid errors."""
     lines, deviations, errors = [], [], []
     labels = {"semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
     for name in ANALYTIC:
@@ -144,7 +138,7 @@ def _describe_accuracy(facts):
 
 
 def load_path_summary(path, request):
-    """Return a line about a load path and its cost."""
+    """Return a summary of a load path."""
     failed = [row["step"] for row in path.rows if not row["converged"]]
     state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
     table = f"; table in {request.csv}" if request.csv else ""

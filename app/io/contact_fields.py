@@ -42,7 +42,7 @@ class Patches(NamedTuple):
 
 
 class ContactFields:
-    """Contact spots, distributions and attributes of a solution or result.
+    """Contact spots, distributions and attributes of solutions and results.
 
     Subclasses have `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None if this rank
     has all rows; and the numbers in `__repr__`.

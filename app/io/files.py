@@ -22,23 +22,17 @@ _MAX_TEMPORARY_AGE = 86400  # s; older temporary files are left by killed runs
 
 
 def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
-    """Check that a file can be written, on this rank.
+    """Return the absolute path of a file to write.
 
     Parameters
     ----------
     path : str or Path
-        File to write; an existing one will be replaced.
+        An existing file will be replaced; a link's target is returned.
     inputs : iterable of str or Path
         Files that must not be replaced; missing ones are ignored.
     what : str
         Name of the file in messages.
     suffixes : sequence of str
-        Allowed endings of its name.
-
-    Returns
-    -------
-    Path
-        Absolute; the target of a symbolic link.
 
     Raises
     ------
@@ -78,13 +72,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
 
 
 def check_shared_folder(comm, path):
-    """Check that all hosts share the folder of a result file. Collective.
-
-    Raises
-    ------
-    InputError
-        On all ranks.
-    """
+    """Raise InputError unless all hosts share the folder of a file. Collective."""
 
     def create():
         file = make_temporary_name(_follow_link(Path(path)))

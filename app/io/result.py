@@ -139,7 +139,7 @@ def make_grid(x, y, attributes):
 
 
 def read_result(path):
-    """Read a result file, the whole grid on this rank.
+    """Read a result file with the whole grid.
 
     Parameters
     ----------
@@ -203,13 +203,7 @@ def open_result(path):
 
 
 def has_heights(path):
-    """Return True for a map of heights written by app.convert.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """Return True for a map of heights of app.convert."""
     with open_result(path) as file:
         return "heights" in file and not FIELDS.keys() & file.keys()
 
@@ -241,7 +235,7 @@ def _read_columns(file, group, known=()):
 
 
 def read_dataset(file, name, dtype=None):
-    """Read a numeric dataset; raise InputError if it is none.
+    """Read a numeric dataset; raise InputError for others.
 
     `dtype` defaults to the dataset's own.
     """

@@ -19,13 +19,8 @@ from app.io.files import atomic_hdf5, write_text
 def format_markdown(rows, columns=None, formats=None):
     """Return a Markdown table with aligned columns.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-    columns : sequence of str, optional
-        Keys to show; default: all keys in order of appearance.
-    formats : mapping of str to str, optional
-        Column -> format of its floats; default: ``".6g"``.
+    `columns` are the keys to show, by default all in order of appearance; `formats` maps columns to formats of their
+    floats, by default ``".6g"``.
 
     Examples
     --------
@@ -39,7 +34,7 @@ def format_markdown(rows, columns=None, formats=None):
 
 
 def format_text(rows, columns=None, formats=None):
-    """Return a table for a terminal; parameters as for `format_markdown`."""
+    """Return a table for a terminal; see `format_markdown`."""
     return _tabulate("simple", rows, columns, formats)
 
 
@@ -53,21 +48,9 @@ def format_csv(rows, columns=None):
 
 
 def write_table(path, rows, columns=None):
-    """Write a table atomically in the format of the suffix.
+    """Write a table atomically as ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``.
 
-    HDF5 gets a dataset per key: int64, float64 with NaN for empty cells, or strings.
-
-    Parameters
-    ----------
-    path : str or Path
-        Ends in ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``.
-    rows, columns
-        As for `format_markdown`.
-
-    Raises
-    ------
-    ValueError
-        If the suffix is another one.
+    HDF5 gets a dataset per key: int64, float64 with NaN for empty cells, or strings. ValueError for other suffixes.
     """
     path = Path(path)
     formatters = {".md": format_markdown, ".txt": format_text, ".csv": format_csv}

@@ -161,7 +161,7 @@ def _reserve(path, size, mode):
 
 
 def _write_rows(path, comm, slabs, rows):
-    """Write the fields, by MPI-IO or rank after rank. Collective."""
+    """Write the fields by MPI-IO or in turn. Collective."""
 
     def write(**driver):
         with h5py.File(path, "r+", **driver) as file:

@@ -17,23 +17,19 @@ _OF_PROBLEM = ("rms_height", "rms_slope", "contact_modulus")  # equal at all ste
 
 
 def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
-    """Perform the runs that the journal has no answer of.
+    """Perform the runs without an answer in the journal.
 
     Parameters
     ----------
     runs : sequence of Run
         Equal ones are performed once.
     folder : Path
-        For their files.
+        For their files; `keep` keeps the result files and repeats runs without one.
     journal : Journal
     jobs, ranks : int
         Simultaneous runs, and ranks of each.
-    keep : bool
-        Keep the result files; repeat runs whose file is missing.
     timeout : float, optional
         Of each run [s].
-    description : str
-        Title of the progress bar.
 
     Returns
     -------
@@ -92,7 +88,7 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
 
 
 def make_rows(runs, outcomes):
-    """Return labels and outcome of each run or load step.
+    """Return labels and outcome of runs and load steps.
 
     A column with the name of a varied option is called ``result_NAME``. What a load path prescribes comes first. Only
     the last step of a path has numbers of the whole run, such as its work.

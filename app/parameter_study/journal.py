@@ -12,23 +12,8 @@ from app.base.errors import InputError
 class Journal:
     """Outcomes in a locked file of JSON lines.
 
-    Parameters
-    ----------
-    path : Path
-    resume : bool
-        Keep earlier outcomes; else `add` removes them when it is first called.
-
-    Attributes
-    ----------
-    outcomes : dict
-        Key -> outcome.
-    discarded : dict
-        Earlier outcomes that are not kept.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written or another process has locked it.
+    With `resume` earlier outcomes are kept in `outcomes`, a mapping by key; else they are in `discarded`, and `add`
+    removes them when it is first called. InputError if the file cannot be written or is locked.
     """
 
     def __init__(self, path, resume=False):

@@ -25,29 +25,10 @@ _KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 
 
 def run_command(command, timeout=None, stop=None):
-    """Run a command in a process group of its own.
+    """Run a command; return exit status and standard error.
 
-    Parameters
-    ----------
-    command : sequence of str
-    timeout : float, optional
-        [s]
-    stop : threading.Event, optional
-        Setting it ends the process.
-
-    Returns
-    -------
-    status : int
-        Exit status; minus the number of a signal that ended it.
-    errors : str
-        Standard error.
-
-    Raises
-    ------
-    subprocess.TimeoutExpired
-        After `timeout`; the process has ended.
-    InterruptedError
-        If `stop` was set.
+    It has a process group of its own. TimeoutExpired after `timeout` [s], InterruptedError when the event `stop` is
+    set; the process has then ended. The status is minus the number of a signal that ended it.
     """
     environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
     environment |= _SINGLE_RANK if command[0] != "mpiexec" else {}
@@ -79,21 +60,9 @@ def run_command(command, timeout=None, stop=None):
 
 
 def perform(run, output, stop=None, ranks=1, timeout=None):
-    """Run the program of a run and return its outcome.
+    """Run a program and return its outcome.
 
-    Parameters
-    ----------
-    run : Run
-    output : Path
-        Result file of the program.
-    stop, timeout
-        As for `run_command`.
-    ranks : int
-
-    Returns
-    -------
-    dict
-        `exit_status`, `message` (warnings or error), and what ``run.collect`` returns.
+    That is `exit_status`, `message` (warnings or error), and what ``run.collect(output)`` returns.
     """
     command = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
     command += [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]

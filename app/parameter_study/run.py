@@ -39,7 +39,7 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 
 
 def collect_result(path):
-    """Return the numbers of a result file for a row.
+    """Return the numbers of a result for a row.
 
     They are those of `OUTCOME` and `reason`; a load path has its rows in `steps`. The fields give `largest_penetration`
     [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).

@@ -36,21 +36,10 @@ class _Loader(yaml.BaseLoader):
 
 
 def read_sweep(path):
-    """Read a sweep file.
+    """Return a run for each combination of a sweep file.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    list of Run
-        One for each combination, the last list varying fastest; labels are the varied options.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or its contents are not allowed.
+    The last list varies fastest. Labels are the varied options. InputError if the file cannot be read or its contents
+    are not allowed.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -196,7 +185,7 @@ def _read_values(name, values, seen):
 
 
 def _parse_number(value):
-    """Return the number that a text is, else the text."""
+    """Convert a text to a number if possible."""
     for kind in (int, float):
         try:
             return number(value, kind)

@@ -100,7 +100,7 @@ def extract_roughness(result):
 
 @with_style
 def spectrum_figure(result):
-    """Draw the radial spectrum of the roughness with its cut-offs.
+    """Draw the roughness spectrum with its cut-offs.
 
     On a free patch the best paraboloid is subtracted and a Hann window applied. None without roughness.
     """
@@ -138,10 +138,7 @@ def spectrum_figure(result):
 def draw_spectrum(axes, surface, grid, label):
     """Draw the radial spectrum of a roughness [mm].
 
-    Returns
-    -------
-    tuple or None
-        Wave numbers, densities [mm4] and the length `Unit` of the wave numbers; None with fewer than three points.
+    Return wave numbers, densities [mm4] and the length `Unit` of wave numbers; None with fewer than three points.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     unit = choose_length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
@@ -159,17 +156,8 @@ def draw_spectrum(axes, surface, grid, label):
 def stress_figure(along, grid, depths, section, line, hottest, heading):
     """Draw stresses on a section and along a vertical line.
 
-    Parameters
-    ----------
-    along : str
-        "x" or "y".
-    grid : Grid
-    depths : ndarray, [mm]
-        The first is 0.
-    section : ndarray, shape (6, depths, nx or ny), [N/mm2]
-    line : ndarray, shape (6, depths), [N/mm2]
-    hottest : app.halfspace.stress.subsurface.StressMaximum
-    heading : str
+    `along` is "x" or "y"; `depths` [mm] begin with 0; `section` has shape (6, depths, nx or ny), `line` (6, depths)
+    [N/mm2]; `hottest` is a StressMaximum.
     """
     figure = new_figure(13.5, 5.2, heading)
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})

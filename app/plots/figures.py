@@ -106,14 +106,7 @@ def deformation_figure(result):
 
 @with_style
 def section_figure(result, reference=None):
-    """Draw pressure and gap along x and y through `hottest_cell`.
-
-    Parameters
-    ----------
-    result : Result
-    reference : app.reference.hertz.EllipticHertz, optional
-        Its pressure is drawn, too.
-    """
+    """Draw sections of pressure and gap through `hottest_cell`."""
     figure = new_figure(7.4, 7.2, make_title(result))
     for axes, along in zip(figure.subplots(2, 1), "xy", strict=True):
         draw_section(axes, result, along, *hottest_cell(result), reference)
@@ -122,7 +115,7 @@ def section_figure(result, reference=None):
 
 @with_style
 def history_figure(result):
-    """Draw residual, contact cells and changed cells of each iteration."""
+    """Draw residuals, contact cells and changed cells."""
     figure = new_figure(7.0, 6.6, make_title(result))
     upper, lower = figure.subplots(2, 1, sharex=True)
     draw_residual(upper, result)
@@ -146,7 +139,7 @@ def summary_figure(result, reference=None):
 
 
 def hottest_cell(result):
-    """Return row and column of the cell with most pressure.
+    """Return row and column of the highest pressure.
 
     Of several, to rounding, it is the one in the middle.
     """
@@ -256,7 +249,7 @@ def _find_grids(level):
 
 
 def _mark_grids(axes, result, label=False):
-    """Shade every other grid and name grids above the axes."""
+    """Shade every other grid and name all grids."""
     level = result.history["level"]
     parts = _find_grids(level)
     axes.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))

@@ -23,12 +23,8 @@ _MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 def surface_figure(surface):
     """Draw heights, middle profiles, distribution and radial spectrum.
 
-    Missing points are grey; with missing points there is no spectrum.
-
-    Parameters
-    ----------
-    surface : app.problems.surfaces.measured_surface.Surface
-        With a spacing, levelled by "plane" as its numbers are [mm].
+    The surface has a spacing and is levelled by "plane", as its numbers are [mm]. Missing points are grey; with them
+    there is no spectrum.
     """
     grid, heights = surface.grid(), surface.heights()
     low, high, extend = _find_limits(heights)
@@ -112,7 +108,7 @@ def _draw_profile(axes, canvas, heights, along, unit):
 
 
 def _draw_distribution(axes, values, limits, unit):
-    """Draw the density of heights and the fitted normal density."""
+    """Draw the density of heights and its normal fit."""
     axes.set(xlabel=f"height z  [{unit.name}]", ylabel=f"probability density  [1/{unit.name}]")
     sq = values.std()
     if not sq > 0:

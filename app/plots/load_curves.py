@@ -41,7 +41,7 @@ _ERRORS = {
 
 
 class Path(NamedTuple):
-    """Columns of a path, its name, and its pressure scale.
+    """Columns of a path, its name and pressure scale.
 
     `scale` is E* times rms slope of nominally flat bodies [N/mm2], else NaN.
     """
@@ -87,11 +87,6 @@ def path_figure(paths, heading=""):
 
     Nominally flat rough bodies: contact fraction, kappa, mean gap and stiffness against pressure, with the theories of
     Persson and of Bush, Gibson and Thomas. Other bodies: load, pressure, area and stiffness.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-    heading : str
     """
     rough = all(
         np.isfinite(path.relative) and path.select("mean_pressure", "contact_fraction") is not None
@@ -129,7 +124,7 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
 
 
 def _draw_band(axes, path, names, name, scale, number):
-    """Draw the estimated error of one of two drawn columns.
+    """Draw the estimated error of a drawn column.
 
     There is no band where the error is 1, that is where the number does not converge.
     """
@@ -273,13 +268,7 @@ _SMOOTH = (
 
 
 def read_csv(path):
-    """Read a table of app.sweep or of a load path.
-
-    Raises
-    ------
-    InputError
-        If it is no such table.
-    """
+    """Return the columns of a table of app.sweep or a load path."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
             rows = list(csv.DictReader(file, strict=True))
@@ -297,7 +286,7 @@ def read_csv(path):
 
 
 def parse_numbers(texts):
-    """Return numbers, the first of pairs, NaN for other texts."""
+    """Convert texts to numbers, pairs to their first one."""
 
     def value(text):
         try:

@@ -32,18 +32,8 @@ PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00
 class Canvas:
     """Layout of the map of a result.
 
-    Attributes
-    ----------
-    unit : Unit
-        Of lengths.
-    extent : tuple
-        x0, x1, y0, y1 in it.
-    width, height : float
-        Of the map [inch].
-    low : bool
-        True if the colour bar is below the map.
-    stretched : bool
-        True if x and y have different scales.
+    `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are those of the map [inch]. `low` is True if the colour
+    bar is below the map, `stretched` if x and y have different scales.
     """
 
     def __init__(self, result):
@@ -61,7 +51,7 @@ class Canvas:
 
     @property
     def size(self):
-        """Width and height of the map with its labels [inch]."""
+        """Size of the map with its labels [inch]."""
         return max(self.width + 2.0, 6.4), self.height + 1.5 + 0.9 * self.low
 
     @cached_property
@@ -93,7 +83,7 @@ class Canvas:
         return image
 
     def _draw_outside(self, axes):
-        """Colour inadmissible cells grey; return True if there are any."""
+        """Colour inadmissible cells grey; return True if any exist."""
         if self.outside.any():
             pixels, b = block_mean(np.where(self.outside, 1.0, np.nan), MAX_PIXELS)
             self._draw_image(axes, pixels, b, cmap=ListedColormap([GREY]))
@@ -183,21 +173,14 @@ def estimate_rounding(result):
 
 
 def finite_pressure(pressure):
-    """Return the pressure with zero for negative and non-finite values."""
+    """Replace negative and non-finite pressures by zero."""
     return np.where(np.isfinite(pressure) & (pressure > 0), pressure, 0.0)
 
 
 def block_mean(field, limit):
     """Average b x b cells to at most `limit` blocks per side.
 
-    NaN cells are left out; a block of NaN cells is NaN.
-
-    Returns
-    -------
-    ndarray
-        Means; blocks at the upper ends may have fewer cells.
-    int
-        The smallest possible b.
+    NaN cells are left out; a block of NaN cells is NaN. Return the means and the smallest possible b.
     """
     b = -(-max(field.shape) // limit)
     if b == 1:

@@ -94,7 +94,7 @@ def annotate_empty(axes, reason):
 
 
 def save_figure(figure, path, dpi=200):
-    """Write a figure atomically in the format of the suffix."""
+    """Write a figure in the format of its suffix."""
     with atomic_file(path) as temporary:
         write_figure(figure, temporary, path.suffix.lstrip("."), dpi)
 

@@ -41,28 +41,11 @@ def find_unit(option):
 
 @with_style
 def sweep_figure(columns, heading="", x=None, y=()):
-    """Draw results of a parameter study or load path.
+    """Draw a parameter study or load path that varies.
 
-    Parameters
-    ----------
-    columns : mapping of str to list of str
-        See `app.plots.load_curves.read_csv`.
-    heading : str
-    x : str, optional
-        Default: the option with most numbers, else with most names; the load of load paths. Names are ticks, and
-        points over them are not connected.
-    y : sequence of str
-        Default: physical quantities that vary and are not prescribed; also work if solver options vary.
-
-    Returns
-    -------
-    Figure or None
-        None if nothing varies.
-
-    Raises
-    ------
-    InputError
-        If `x` or `y` has no numbers.
+    `columns` are from `read_csv`. `x` is by default the option with most numbers, else with most names, and the load
+    of load paths. Names are ticks, and points over them are not connected. `y` are by default the physical quantities
+    that vary and are not prescribed; also work if solver options vary. InputError if a column has no numbers.
     """
     names = list(columns)
     varied = names[: names.index("exit_status")] if "exit_status" in names else []
@@ -142,7 +125,7 @@ def _option_label(option):
 
 
 def _in_units(values, name, varied):
-    """Return values and axis label of a column, lengths rescaled."""
+    """Return values and axis label of a column."""
     if name in varied:
         return values, _option_label(name)
     name = name.removeprefix("result_")
