@@ -17,8 +17,6 @@ References
 .. [1] K. Boehmer, P.W. Hemker, H.J. Stetter, The defect correction approach, Computing Suppl. 5 (1984) 1-32.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

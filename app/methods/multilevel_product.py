@@ -14,8 +14,6 @@ References
    Phys. 90 (1990) 348-370.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.numba_cache import njit

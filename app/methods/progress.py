@@ -1,7 +1,5 @@
 """Test of progress, and the exception for lack of it."""
 
-from __future__ import annotations
-
 PATIENCE = 8  # iterations within which a residual must be halved
 
 

@@ -5,8 +5,6 @@ solves the complementarity problem (``-lcp_type snesvi``). They are configured b
 and ``-pc_*``.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -15,8 +15,6 @@ References
    Optim. 20 (1982) 221-246.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

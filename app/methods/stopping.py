@@ -1,7 +1,5 @@
 """Stopping test of the default methods."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from app.contact.certificate import estimate

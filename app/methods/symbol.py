@@ -15,8 +15,6 @@ waves only and is represented on a grid twice as coarse, and so on:
 long cells only the shorter sides are joined until they are nearly square: then it is 2 cos(ky / 2)^6, or that of x.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

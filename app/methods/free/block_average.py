@@ -15,8 +15,6 @@ follows the steps of E^T. All ranks have all blocks; each sums those of its rows
 nothing: there the steps start from zero.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.numba_cache import njit

@@ -12,8 +12,6 @@ multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``
     -mg_levels_pc_type python -mg_levels_pc_python_type app.methods.free.circulant.Circulant
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

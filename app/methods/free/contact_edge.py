@@ -19,8 +19,6 @@ Rows more than `k` away from contact are left out. On several ranks the halo has
 repeated.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.numba_cache import njit

@@ -15,8 +15,6 @@ It has the steps of `app.contact.active_set.active_set`, with six differences:
 If it makes no progress it raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,8 +11,6 @@ of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
 Option ``-lcp_prolongation lift|copy``. For the gain see `app.methods.free`.
 """
 
-from __future__ import annotations
-
 from app.base.numba_cache import njit
 from app.contact.kernels import gap
 from app.methods.free.circulant import circulant_inverse

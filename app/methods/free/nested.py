@@ -1,7 +1,5 @@
 """Nested iteration, Sec. 4.3, with lifted pressures and windows."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from app.contact.active_set import active_set

@@ -1,7 +1,5 @@
 """Linear solver that updates u with p."""
 
-from __future__ import annotations
-
 from petsc4py import PETSc
 
 from app.contact import kernels

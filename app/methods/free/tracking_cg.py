@@ -6,8 +6,6 @@ may be nearly A (`multiply`). Usable from options::
     -ksp_type python -ksp_python_type app.methods.free.tracking_cg.TrackingCG
 """
 
-from __future__ import annotations
-
 from functools import partial
 from math import sqrt
 

@@ -4,8 +4,6 @@ It is u = A p in double precision. Ranks outside the window wait in `end` while 
 each product.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 _PRODUCT = "product"  # broadcast to waiting ranks before a product

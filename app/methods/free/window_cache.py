@@ -5,8 +5,6 @@ load or gap, needs no new spectra and no new PETSc objects. A large window with 
 path, needs no new spectra.
 """
 
-from __future__ import annotations
-
 from app.halfspace.fft.multiplier import SpectrumCache
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.solver import TrackingSolver

@@ -9,8 +9,6 @@ Option ``-lcp_window`` (share of the extent of contact that is added on each sid
 `app.methods.free`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

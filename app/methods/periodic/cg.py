@@ -10,8 +10,6 @@ quite symmetric. By options of -lcp_type primal only::
     -ksp_type python -ksp_python_type app.methods.periodic.cg.CarryingCG
 """
 
-from __future__ import annotations
-
 from math import sqrt
 
 import numpy as np

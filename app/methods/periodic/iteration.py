@@ -4,8 +4,6 @@ The steps are those of Sec. 4.1 with pressure and gap exchanged: the free cells 
 p, and p = B w + mean pressure that of e.
 """
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from typing import NamedTuple
 

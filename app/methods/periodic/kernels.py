@@ -3,8 +3,6 @@
 Arrays are (rows, nx) of a rank; the gap is ``e = w - b``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.parallel.reductions import njit_reassoc

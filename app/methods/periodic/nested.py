@@ -1,7 +1,5 @@
 """Nested iteration, Sec. 4.3, of the primal form."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.contact.active_set import NO_CONTACT

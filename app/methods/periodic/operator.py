@@ -1,7 +1,5 @@
 """Mat context of O B O, the inverse matrix on free cells."""
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 

@@ -1,7 +1,5 @@
 """Linear solver of the primal form, which updates p."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Unknowns w and p of the primal form on one grid."""
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 
 import numpy as np

@@ -7,8 +7,6 @@ sweep; columns are periodic. Arrays hold the rows of a rank, buffers one more ce
 precision, which is enough for a preconditioner and a guess.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.numba_cache import njit

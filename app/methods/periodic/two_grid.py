@@ -1,7 +1,5 @@
 """Preconditioner of O B O: sweeps, and A on a coarser grid."""
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 
