@@ -45,46 +45,22 @@ _CONTROL_CHARACTER = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 @dataclass(frozen=True)
 class OptionSource:
-    """Options of a file, or of the command line between files.
+    """Options of a file, or of the command line between files."""
 
-    Attributes
-    ----------
-    where : str
-        The source in messages.
-    texts : dict of str to str
-        Name, without dash and in lower case -> text.
-    file : str
-        Name of the file, if it is one.
-    """
-
-    where: str
-    texts: dict
+    where: str  # in messages
+    texts: dict  # name, without dash and in lower case -> text
     file: str = ""
 
 
 @dataclass
 class ParsedOptions:
-    """All options of a command.
+    """All options of a command."""
 
-    Attributes
-    ----------
-    texts : dict of str to str
-        Name, without dash and in lower case -> text of the last source, without `petsc_options`.
-    sources : list of OptionSource
-        In order.
-    files : list of str
-        Option files that were read.
-    petsc_options : dict of str to str
-        Options of PETSc that belong to no solver, such as ``-log_view``.
-    database_options : dict of str to str
-        `petsc_options` and the command line, for PETSc's database.
-    """
-
-    texts: dict
+    texts: dict  # of the last sources, without `petsc_options`
     sources: list = field(default_factory=list)
     files: list = field(default_factory=list)
-    petsc_options: dict = field(default_factory=dict)
-    database_options: dict = field(default_factory=dict)
+    petsc_options: dict = field(default_factory=dict)  # of no solver, such as ``-log_view``
+    database_options: dict = field(default_factory=dict)  # `petsc_options` and the command line
 
     def select_alternative(self, alternatives, needed=""):
         """Select one of exclusive options; remove the others.

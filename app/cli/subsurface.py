@@ -189,16 +189,16 @@ def add_body(add):
 
 def _arguments(argv):
     parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
-    add, through = parser.add_argument, "sections go through here [mm]; default: the largest stress"
-    deepest = "last depth [mm]; default: 4 times that of the largest stress"
-    planes = "depths of horizontal planes [mm]"
+    add, default = parser.add_argument, "default: 4 times that of the largest stress"
     add("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     add("-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture")
     add_body(add)
-    add("--at", type=argument_type(_point), metavar="X,Y", help=through)
+    point = "sections go through here [mm]; default: the largest stress"
+    add("--at", type=argument_type(_point), metavar="X,Y", help=point)
     add("--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x")
     add("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
-    add("--deepest", type=argument_type(_depth), metavar="Z", help=deepest)
+    add("--deepest", type=argument_type(_depth), metavar="Z", help=f"last depth [mm]; {default}")
+    planes = "depths of horizontal planes [mm]"
     add("--planes", type=argument_type(_depths), default=(), metavar="Z1,Z2", help=planes)
     add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     arguments = parser.parse_args(argv)

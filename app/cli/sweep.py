@@ -1,28 +1,10 @@
 """Run app.solve for all combinations of option values.
 
-The command is ``python -m app.sweep SWEEP.yml -o out.csv``. A sweep file is YAML. Names and values are those of the
-command line; files are relative to the current folder::
-
-    option_files:                       # in this order; an inner list gives alternatives
-      - petsc_options/punch.opts
-      - [petsc_options/fmg_v11.opts, petsc_options/fmg_v10.opts]
-    options:                            # a value or a list; all combinations are run
-      grid: [32, 64, 128]
-      lcp_rtol: 1e-8
-    zip:                                # groups of equally long lists that vary together
-      - approach: [-0.11, 0.01, 0.25]
-        surface_seed: [1, 2, ~]         # ~ leaves the option out
-    exclude:                            # combinations to leave out: those that match all of an entry
-      - {grid: 128, approach: [0.01, 0.25]}
-
-Each combination is a process (under mpiexec for ``--ranks`` above 1) and a row of the table. If it is refused, diverges
-or crashes, `exit_status` and `message` say so. A load path has a row for each step, numbered in `step`; the last one
-has the numbers of the whole run. Result files give `largest_penetration` [mm], `smallest_pressure` [N/mm2] and
-`complementarity`, max |p e| / (max p max |h|). Finished runs are kept in ``out.runs.jsonl``; ``--resume`` skips them if
-options, their files and the program are unchanged, and repeats refused and crashed runs.
-
-Exit status: 0 all runs solved; 3 some not, see the table; 2 all refused, or bad input before any run; 130 interrupted,
-with a table of finished runs.
+The command is ``python -m app.sweep SWEEP.yml -o out.csv``; docs/commands.md describes sweep files and tables. Each
+combination is a process (under mpiexec for ``--ranks`` above 1) and a row; `exit_status` and `message` say what became
+of it. Finished runs are kept in ``out.runs.jsonl``; ``--resume`` skips them if options, their files and the program are
+unchanged. Exit status: 0 all runs solved; 3 some not; 2 all refused, or bad input before any run; 130 interrupted, with
+a table of finished runs.
 """
 
 from __future__ import annotations

@@ -70,27 +70,15 @@ def _list_steps(table):
 
 @dataclass(frozen=True)
 class Run:
-    """A call of a program.
+    """A call of a program."""
 
-    Parameters
-    ----------
-    files : tuple of str
-        Option files.
-    options : mapping of str to str
-        Name without dash -> text, empty without a value.
-    labels : mapping
-        Columns that identify the run in the table.
-    module : str
-        Program for ``python -m``; it has an option ``-output``.
-    collect : callable
-        Path of the output -> mapping of JSON types.
-    """
-
-    files: tuple[str, ...] = ()
-    options: Mapping[str, str] = field(default_factory=dict)
-    labels: Mapping[str, object] = field(default_factory=dict)
-    module: str = "app.solve"
-    collect: Callable = collect_result
+    files: tuple[str, ...] = ()  # option files
+    options: Mapping[str, str] = field(
+        default_factory=dict
+    )  # name without dash -> text, empty without a value
+    labels: Mapping[str, object] = field(default_factory=dict)  # columns that identify the run in a table
+    module: str = "app.solve"  # for ``python -m``; has an option -output
+    collect: Callable = collect_result  # path of the output -> mapping of JSON types
 
     def arguments(self):
         """Return the command line, without ``-output``."""

@@ -1,4 +1,4 @@
-"""Sweep files: the combinations of option values to run; see `app.cli.sweep`."""
+"""Sweep files: combinations of option values, see docs/commands.md."""
 
 from __future__ import annotations
 
