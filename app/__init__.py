@@ -4,11 +4,13 @@ What a program imports is here; each name brings its module when it is first ask
 PETSc with its own options before.
 """
 
+from functools import partial
 from importlib import import_module
 
-from app.base import packages, petsc_path  # noqa: F401  petsc4py can be imported from here on
+from app.base import packages, petsc_path, views  # noqa: F401  petsc4py can be imported from here on
 
 packages.install()
+views.load = partial(import_module, "app.api.views")
 
 __version__ = "0.3.0"
 
@@ -17,8 +19,10 @@ _PLACES = {
     "ContactProblem": "app.problems.contact_problem",
     "ContactSolver": "app.api.solver",
     "Cylinder": "app.problems.shapes",
+    "EllipticHertz": "app.reference.hertz",
     "FlatPunch": "app.problems.shapes",
     "Grid": "app.halfspace.grid",
+    "InputError": "app.base.errors",
     "Listener": "app.contact.history",
     "Material": "app.halfspace.material",
     "Paraboloid": "app.problems.shapes",
@@ -29,7 +33,10 @@ _PLACES = {
     "read_result": "app.io.result",
     "read_surface": "app.problems.surfaces.reading",
     "refine": "app.api.refinement",
+    "roughness": "app.problems.statistics",
     "solve": "app.api.solver",
+    "stress": "app.api.subsurface",
+    "von_mises": "app.halfspace.stress.subsurface",
 }
 __all__ = [*_PLACES, "__version__"]
 

@@ -2,7 +2,8 @@
 
 import sys
 
-from app.cli.subsurface import main, stress
+from app.api.subsurface import stress
+from app.cli.subsurface import main
 
 __all__ = ["main", "stress"]
 

@@ -17,10 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from app.api.analytic_values import ANALYTIC, THEORIES
+from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
+from app.io.frames import to_dataframe
 
 # Columns of the table that are numbers of a Solution.
 COLUMNS = (
@@ -164,6 +166,17 @@ class LoadPath:
             columns["stiffness_by_differences"] = _slope(columns["approach"], columns["load"])
         columns["converged"] = columns.pop("converged")
         return columns
+
+    def plot(self):
+        """Draw the curves of the finished steps; return figure and axes."""
+        return views.load().plot_path(self)
+
+    def to_dataframe(self):
+        """Return `table` as a pandas.DataFrame by step, with units in ``attrs["units"]``."""
+        return to_dataframe(self.table, "step")
+
+    def _repr_html_(self):
+        return views.load().path_html(self)
 
     def save(self, path):
         """Write the table of the finished steps as CSV on rank 0.

@@ -9,9 +9,12 @@ from typing import NamedTuple
 from app.api.arguments import check_type
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
+from app.api.summary import format_grids
+from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
+from app.io.frames import to_dataframe
 from app.multigrid.hierarchy import check_memory
 from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions
@@ -30,6 +33,21 @@ class Refinement(NamedTuple):
     stiffness: float  # dF/d(approach) [N/mm]; NaN unless requested
     rows: list  # of dict, one for each grid: cells, numbers, errors
     options: SolverOptions | None = None  # of the first grid
+
+    def __repr__(self):
+        state = "reached" if self.reached else "NOT reached"
+        return f"Refinement, {state}; N, mm, N/mm2, mm2\n{format_grids(self.rows)}".rstrip()
+
+    def _repr_html_(self):
+        return views.load().refinement_html(self)
+
+    def plot(self, name=None, ax=None):
+        """Draw the solution on the finest grid, see `Solution.plot`."""
+        return self.solution.plot(name, ax)
+
+    def to_dataframe(self):
+        """Return `rows` as a pandas.DataFrame, with units in ``attrs["units"]``."""
+        return to_dataframe({name: [row[name] for row in self.rows] for name in self.rows[0]})
 
 
 def refine(

@@ -54,6 +54,30 @@ def choose_length_unit(largest):
     return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
 
 
+_SCALES = {  # unit -> least value, factor and name of others, by decreasing size
+    "N": ((1e4, 1e-3, "kN"), (0.1, 1.0, "N"), (1e-4, 1e3, "mN"), (0.0, 1e6, "uN")),
+    "mm2": ((1e-2, 1.0, "mm2"), (0.0, 1e6, "um2")),
+}
+
+
+def format_quantity(value, unit, digits=4):
+    """Write a number in a readable unit, in ASCII.
+
+    Examples
+    --------
+    >>> format_quantity(0.0021, "mm"), format_quantity(25300.0, "N"), format_quantity(0.25, "1")
+    ('2.1 um', '25.3 kN', '0.25')
+    """
+    factor, size = 1.0, abs(value)
+    if unit == "mm" and math.isfinite(value):
+        factor, unit = choose_length_unit(size)
+    elif size > 0:
+        scales = _SCALES.get(unit, ((0.0, 1.0, unit),))
+        factor, unit = next((factor, name) for least, factor, name in scales if size >= least)
+    name = "" if unit == "1" else f" {unit.replace('µ', 'u')}"
+    return f"{value * factor:z.{digits}g}{name}"
+
+
 def round_to_cell(value, cell):
     """Round a position to a thousandth of a cell size.
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from app import __version__
+from app.api.summary import format_count
 from app.base.errors import InputError, call_collectively
 from app.base.quantities import unit_of
 from app.cli.session import note, print_output, warn
@@ -225,3 +226,14 @@ def format_steps(steps, count):
     ranges = [steps[first : last + 1] for first, last in zip([0, *(k + 1 for k in ends)], ends, strict=False)]
     texts = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in ranges]
     return f"step{'s'[: len(steps) > 1]} {', '.join(texts)}"
+
+
+def load_path_summary(path, request):
+    """Return a summary of a load path."""
+    failed = [row["step"] for row in path.rows if not row["converged"]]
+    state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
+    table = f"; table in {request.csv}" if request.csv else ""
+    return (
+        f"path of {format_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "
+        f"{path.solve_seconds:.3g} s{table}"
+    )

@@ -10,7 +10,6 @@ Prints the names of the figures. Exit status 0, or 2 after an error. One rank.
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 from app.base import units
@@ -19,63 +18,12 @@ from app.cli import streams
 from app.cli.arguments import Parser, argument_type, check_folder, command, report_write_errors
 from app.io.result import has_heights, read_result
 from app.options.option_table import integer, pair_of_reals
-from app.plots import curves, figures, heights, load_curves, style, sweeps
-from app.reference.hertz import EllipticHertz
+from app.plots import heights, load_curves, style, sweeps
+from app.plots.pictures import PICTURES, pictures_of
 
 _dots = integer(20, "a whole number from 20 to 1200", 1200)
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is one if --unit is given
-
-
-def analytic_reference(result):
-    """Return the Hertz contact of a result, or None for other contacts.
-
-    InputError if a number of the Hertz contact is missing.
-    """
-    values = result.attributes
-    if (
-        values.get("problem") not in ("hertz", "sphere")
-        or not (values["load"] > 0 and 0 < values["approach"] < math.inf)
-        or result.grid.periodic
-        or values.get("surfaces")
-    ):
-        return None
-    if (
-        "contact_modulus" not in values and {"shear_modulus", "poisson_ratio"} <= values.keys()
-    ):  # version < 0.3
-        values = values | {"contact_modulus": values["shear_modulus"] / (1 - values["poisson_ratio"])}
-    needed = ("hertz_rx", "hertz_ry", "contact_modulus")
-    missing = [name for name in needed if name not in values]
-    if missing:
-        raise InputError(f"problem is {values['problem']}, but attribute {', '.join(missing)} is missing")
-    return EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
-
-
-def _path_figure(result, _):
-    path = load_curves.get_path(result)
-    return path and load_curves.path_figure([path], figures.make_title(result, path=True))
-
-
-# Name -> function of a result and its `analytic_reference` that returns a figure or None.
-PICTURES = {
-    "contact": lambda result, _: figures.contact_figure(result),
-    "pressure": lambda result, _: figures.pressure_figure(result),
-    "deformation": lambda result, _: figures.deformation_figure(result),
-    "sections": figures.section_figure,
-    "distributions": lambda result, _: curves.distribution_figure(result),
-    "spectrum": lambda result, _: curves.spectrum_figure(result),
-    "path": _path_figure,
-    "history": lambda result, _: figures.history_figure(result),
-    "summary": figures.summary_figure,
-}
-
-
-def pictures_of(result, names):
-    """Yield name and figure of the available figures of a result."""
-    reference = analytic_reference(result)
-    for name in names:
-        if figure := PICTURES[name](result, reference):
-            yield name, figure
 
 
 def save_pictures(pictures, folder, kind="png", dpi=200):

@@ -18,15 +18,16 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
+from app.api.subsurface import find_poisson_ratio, stress, survey
 from app.base.errors import InputError
 from app.base.quantities import QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, round_to_cell
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command, report_write_errors
-from app.cli.plot import PICTURES, pictures_of
 from app.io.files import check_output_path, write_text
 from app.io.result import read_result
 from app.plots import figures, style, sweeps
+from app.plots.pictures import PICTURES, pictures_of
 
 _QUANTITIES = (
     "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
@@ -198,15 +199,15 @@ def path_section(result, pictures):
 
 
 def stress_section(result, poisson_ratio=None, body=None):
-    """Return the section on stresses; arguments as of `app.cli.subsurface.stress`."""
-    if poisson_ratio is None and subsurface.find_poisson_ratio(result.attributes, body) is None:
+    """Return the section on stresses; arguments as of `app.api.subsurface.stress`."""
+    if poisson_ratio is None and find_poisson_ratio(result.attributes, body) is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
     if not np.isfinite(result.pressure).all():
         text = "Pressures of this run are not finite, so there are no stresses."
         return Section("stress", "Below the surface", [text])
-    below = subsurface.stress(result, poisson_ratio, body)
-    stresses = subsurface.survey(below, along="x")
+    below = stress(result, poisson_ratio, body)
+    stresses = survey(below, along="x")
     texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
     picture = _png(subsurface.draw(result, stresses))
@@ -223,7 +224,7 @@ def _png(figure):
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     """Return the HTML page of a result.
 
-    `poisson_ratio` and `body` are those of `app.cli.subsurface.stress`; stresses take longest.
+    `poisson_ratio` and `body` are those of `app.api.subsurface.stress`; stresses take longest.
     """
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []

@@ -25,12 +25,12 @@ def main(parsed):
 
     from app.api.refinement import refine
     from app.api.solver import ContactSolver
+    from app.api.summary import refinement_table, summary
     from app.base import numba_cache
     from app.base.mpi import MPI
     from app.cli import monitor
-    from app.cli.load_path import run_path
+    from app.cli.load_path import load_path_summary, run_path
     from app.cli.problem_options import Request, format_help, suggest_names
-    from app.cli.summary import load_path_summary, refinement_table, summary
     from app.contact.history import Monitor
     from app.options.option_table import format_options
 

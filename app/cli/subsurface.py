@@ -1,4 +1,4 @@
-"""Stress below a contact, by command or from Python.
+"""Stress below a contact, by command.
 
 ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]`` prints the largest von Mises and shear stresses. With -o
 it writes DIR/subsurface.png, the von Mises stress on a vertical section and stresses on a line through the largest one
@@ -10,21 +10,20 @@ rank.
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
+from app.api.subsurface import stress, survey
 from app.base.errors import InputError
 from app.base.units import choose_length_unit
 from app.cli import streams
 from app.cli.arguments import Parser, argument_type, check_folder, command, count, report_write_errors
-from app.halfspace.stress.subsurface import COMPONENTS, StressMaximum, SubsurfaceStress, max_shear, von_mises
+from app.halfspace.stress.subsurface import COMPONENTS, max_shear, von_mises
 from app.io.files import atomic_hdf5, check_output_path
 from app.io.result import read_result
 from app.options.option_table import half, integer, pair_of_reals, real
 from app.plots import curves, figures, style
 
-_SECTION_DEPTH = 4.0  # over depth of the largest stress
 _point = pair_of_reals("X,Y, two finite numbers [mm]")
 _body = integer(1, "1 or 2", 2)
 _depth = real("one positive number [mm]", above=0)
@@ -33,107 +32,6 @@ _each_depth = real("numbers from 0 [mm], with commas between", lowest=0)
 
 def _depths(text):
     return tuple(map(_each_depth, text.split(",")))
-
-
-def stress(solution, poisson_ratio=None, body=None):
-    """Return the stress in a body below a solution.
-
-    For a solution on several ranks call it on one, with ``solution.gather()``.
-
-    Parameters
-    ----------
-    solution : Solution or Result
-    poisson_ratio : float, optional
-        Of the body; default: that of the problem.
-    body : int, optional
-        1 or 2, if the problem has both; default: the first that is not rigid.
-
-    Returns
-    -------
-    SubsurfaceStress
-
-    Raises
-    ------
-    InputError
-        If Poisson's ratio is unknown or not allowed, or `solution` is none or has rows of one rank only.
-
-    Examples
-    --------
-    >>> from app import ContactProblem, Grid, Material, solve
-    >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
-    >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / 40)
-    >>> hottest = stress(solve(sphere, approach=0.02)).maximum()
-    >>> round(hottest.depth, 1)  # 0.48 radii of the contact
-    0.3
-    """
-    if not hasattr(solution, "pressure"):
-        raise InputError(
-            f"stress: is {type(solution).__name__}; needed: a Solution, or read_result(FILE) of a result file"
-        )
-    grid, facts = solution.grid, solution.attributes
-    if poisson_ratio is None:
-        poisson_ratio = find_poisson_ratio(facts, body)
-    elif body is not None:
-        raise InputError("body: has no effect with a Poisson ratio")
-    if poisson_ratio is None:
-        raise InputError(
-            "Poisson's ratio of the body is not known: the material was given by its contact modulus alone; "
-            "needed: poisson_ratio= (--poisson NU)"
-        )
-    if solution.pressure.shape != grid.shape:
-        raise InputError("solution: has the rows of one rank; needed: solution.gather() on one rank")
-    return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
-
-
-def find_poisson_ratio(facts, body=None):
-    """Return Poisson's ratio of a body by a result's attributes, or None."""
-    if body not in (None, 1, 2):
-        raise InputError(f"body {body!r}: allowed: 1, 2")
-    each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
-    if len(each) == 2:
-        if body is None:
-            young = np.atleast_1d(facts.get("young", (1.0, 1.0)))
-            body = 1 if np.isfinite(young[0]) else 2
-        return float(each[body - 1])
-    if body is not None:
-        raise InputError(f"body {body}: the material of the pair was given, not those of the bodies")
-    return facts.get("poisson_ratio")
-
-
-def survey(below, depths=64, at=None, deepest=None, along="xy"):
-    """Return largest stresses, sections and a line.
-
-    Parameters
-    ----------
-    below : SubsurfaceStress
-    depths : int
-        Number of depths.
-    at : (float, float), optional
-        Point (x, y) [mm]; default: the most stressed one.
-    deepest : float, optional
-        Last depth [mm]; default: several times that of the largest stress.
-    along : str
-        Directions of the sections: "xy", "x" or "y".
-    """
-    hottest, sheared = below.maxima()
-    x, y = at or (hottest.x, hottest.y)
-    cell = max(below.grid.dx, below.grid.dy)
-    depths = np.linspace(0.0, deepest or max(_SECTION_DEPTH * hottest.depth, 4 * cell), depths)
-    line = below.line(depths, x, y)
-    largest = hottest
-    if at is not None:
-        k = int(np.argmax(von_mises(line)))
-        largest = StressMaximum(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
-    return SimpleNamespace(
-        hottest=hottest,
-        sheared=sheared,
-        at=largest,
-        depths=depths,
-        section_x=below.section(depths, y=y) if "x" in along else None,
-        section_y=below.section(depths, x=x) if "y" in along else None,
-        line=line,
-        poisson_ratio=below.nu,
-    )
 
 
 def draw(result, stresses, along="x"):

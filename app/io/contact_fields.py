@@ -7,11 +7,34 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
+from app.base.quantities import QUANTITIES
+from app.base.units import format_quantity
+from app.io.frames import to_dataframe, to_xarray
 from app.options.option_table import find_similar_name
 
 # Name in a Solution -> name of the attribute in a file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
+_SHOWN = {
+    "converged",
+    "notes",
+    "error_bound",
+    "iterations",
+    "message",
+}  # by tab completion, with physical numbers
+_HIDDEN = {
+    "comm",
+    "slabs",
+    "traffic",
+    "distance",
+    "rtol",
+    "problem",
+    "options",
+    "fallbacks",
+    "inner_iterations",
+}
+_MAX_SHOWN = 12  # contact spots that are printed
 _MIN_MEAN_VECTOR = 1e-9  # mean length of unit vectors; below, cells lie all around the period
 
 
@@ -30,6 +53,7 @@ class Patches(NamedTuple):
         [mm2], [N], [N/mm2].
     centre_x, centre_y : ndarray of float64, shape (spots,)
         Centre of the area [mm]. Meaningless or NaN for a spot that surrounds a periodic patch.
+    grid : Grid
     """
 
     labels: np.ndarray
@@ -39,6 +63,30 @@ class Patches(NamedTuple):
     max_pressure: np.ndarray
     centre_x: np.ndarray
     centre_y: np.ndarray
+    grid: object = None
+
+    def to_dataframe(self):
+        """Return a pandas.DataFrame with a row for each spot, units in ``attrs["units"]``."""
+        units = dict(zip(self._fields[2:7], ("mm2", "N", "N/mm2", "mm", "mm"), strict=True))
+        columns = {name: getattr(self, name) for name in self._fields[1:7]}
+        labels = {"label": np.arange(1, len(self.cells) + 1)}
+        return to_dataframe(labels | columns, "label", units)
+
+    def __repr__(self):
+        from tabulate import tabulate  # loads slowly
+
+        names = self._fields[1:7]
+        columns = zip(*(getattr(self, name)[:_MAX_SHOWN].tolist() for name in names), strict=True)
+        rows = [dict(zip(names, values, strict=True)) for values in columns]
+        count = len(self.cells)
+        more = f"... {count - _MAX_SHOWN} more\n" if count > _MAX_SHOWN else ""
+        table = tabulate(rows, headers="keys", floatfmt=".4g") + "\n" if rows else ""
+        return (
+            f"{count} patch{'es'[: 2 * (count != 1)]} of contact; mm2, N, N/mm2, mm\n{table}{more}".rstrip()
+        )
+
+    def _repr_html_(self):
+        return views.load().patches_html(self)
 
 
 class ContactFields:
@@ -51,11 +99,43 @@ class ContactFields:
     def __repr__(self):
         count = len(self.notes)
         notes = f", {count} note{'s'[: count > 1]}: see .notes" if count else ""
+        load, approach = format_quantity(self.load, "N", 6), format_quantity(self.approach, "mm", 6)
         return (
-            f"<{type(self).__name__}: {self.grid.nx} x {self.grid.ny} cells, load {self.load:g} N, approach "
-            f"{self.approach:g} mm, {'converged' if self.converged else 'NOT converged'}, error bound "
+            f"<{type(self).__name__}: {self.grid.nx} x {self.grid.ny} cells, load {load}, approach "
+            f"{approach}, {'converged' if self.converged else 'NOT converged'}, error bound "
             f"{self.error_bound:.1g}{notes}>"
         )
+
+    def _repr_html_(self):
+        return views.load().solution_html(self)
+
+    def summary(self):
+        """Return the lines that app.solve prints. Collective."""
+        return views.load().summarize(self)
+
+    def plot(self, name=None, ax=None):
+        """Draw a picture.
+
+        On several ranks call it on one, with ``solution.gather()``.
+
+        Parameters
+        ----------
+        name : str, optional
+            summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or one
+            panel: displacement, gap, section_x, section_y, residual.
+        ax : matplotlib axes, optional
+            Draws one panel there: contact, pressure (the default), or one of those named last.
+
+        Returns
+        -------
+        figure, axes
+            The axes of several panels are a list.
+        """
+        return views.load().plot_solution(self, name, ax)
+
+    def to_xarray(self):
+        """Return an xarray.Dataset of the fields (local rows), with units in ``attrs``."""
+        return to_xarray(self)
 
     def __getattr__(self, name):
         """Return an attribute by its name in file or `Solution`."""
@@ -63,14 +143,15 @@ class ContactFields:
         attributes = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
             return attributes[key]
-        similar = find_similar_name(
-            name, [public for public in dir(self) if public[0] != "_"] if attributes else ()
-        )
+        public = {*super().__dir__(), *attributes, *ATTRIBUTE_NAMES} if attributes else ()
+        similar = find_similar_name(name, [word for word in public if word[0] != "_"])
         hint = f"did you mean {similar}?" if similar else "what it has: .attributes"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
-        return {*super().__dir__(), *self.attributes, *ATTRIBUTE_NAMES}
+        """Return fields, physical numbers and methods; all other numbers are in `attributes`."""
+        known = {name for name in self.attributes if name.removeprefix("analytic_") in QUANTITIES}
+        return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
 
     def patches(self):
         """Return cells, area, load and centre of each contact spot. Collective.
@@ -113,6 +194,7 @@ class ContactFields:
             -minimum_over(self.comm, -highest),
             centre(self.x[i], grid.x0, grid.nx * grid.dx),
             centre(self.y[j], grid.y0, grid.ny * grid.dy),
+            grid,
         )
 
     def contact_patches(self):

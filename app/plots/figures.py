@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from app.base.units import choose_length_unit
 from app.halfspace.grid import plan_grids
-from app.plots.maps import LENGTH_MAP, Canvas, cell_edges, finite_pressure
+from app.plots.maps import Canvas, cell_edges, finite_pressure
 from app.plots.style import (
     BLUE,
     DASHED,
@@ -98,9 +98,8 @@ def deformation_figure(result):
     size = (2 * canvas.width + 6.0, height) if side_by_side else (width, 2 * height - 0.4)
     figure = new_figure(*size, make_title(result))
     first, second = figure.subplots(*(1, 2) if side_by_side else (2, 1))
-    canvas.draw_length(first, result.displacement, LENGTH_MAP, "displacement u  [{}]")
-    gap = np.where(result.contact == 1, np.nan, result.gap)
-    canvas.draw_length(second, gap, LENGTH_MAP + "_r", "gap e  [{}]  (white: contact)")
+    canvas.draw_displacement(first)
+    canvas.draw_gap(second)
     return figure
 
 

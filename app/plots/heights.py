@@ -23,41 +23,56 @@ _MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 def surface_figure(surface):
     """Draw heights, middle profiles, distribution and radial spectrum.
 
-    The surface has a spacing and is levelled by "plane", as its numbers are [mm]. Missing points are grey; with them
-    there is no spectrum.
+    The surface has a spacing; its heights are drawn about their best plane. Missing points are grey; with them there is
+    no spectrum.
     """
-    grid, heights = surface.grid(), surface.heights()
-    low, high, extend = _find_limits(heights)
-    unit = choose_length_unit(max(-low, high))
-    heights_shown = heights * unit.per_mm
-    limits = low * unit.per_mm, high * unit.per_mm
-    patch = SimpleNamespace(grid=grid, undeformed_distance=heights)
-    canvas = Canvas(patch)
+    canvas, shown, limits, extend, unit = _prepare(surface)
+    grid, heights = canvas.grid, canvas.result.undeformed_distance
     width, height = canvas.size
     rows = max(height - 0.4, _MIN_MAP_ROW)
     figure = new_figure(max(2 * width, 13.0), rows + _LOWER_ROW, _title(surface, grid))
     panels = figure.subplot_mosaic(
         [["map", "x"], ["map", "y"], ["heights", "spectrum"]], height_ratios=[rows / 2, rows / 2, _LOWER_ROW]
     )
-    canvas.draw_field(
-        panels["map"],
-        heights_shown,
-        LENGTH_MAP,
-        f"height z  [{unit.name}]",
-        extend,
-        vmin=limits[0],
-        vmax=limits[1],
-    )
-    if canvas.outside.any():
-        panels["map"].legend(handles=[Patch(color=GREY, label="missing")], **LEGEND_ABOVE)
+    _draw_map(panels["map"], canvas, shown, limits, extend, unit)
     for along in "xy":
-        _draw_profile(panels[along], canvas, heights_shown, along, unit)
-    _draw_distribution(panels["heights"], heights_shown[np.isfinite(heights)], limits, unit)
-    roughness = extract_roughness(patch)
+        _draw_profile(panels[along], canvas, shown, along, unit)
+    _draw_distribution(panels["heights"], shown[np.isfinite(heights)], limits, unit)
+    roughness = extract_roughness(canvas.result)
     if surface.missing_points:
         annotate_empty(panels["spectrum"], "no spectrum: points are missing")
     elif roughness is None or draw_spectrum(panels["spectrum"], roughness, grid, "heights") is None:
         annotate_empty(panels["spectrum"], "no spectrum: too few points, or too smooth")
+    return figure
+
+
+def _prepare(surface):
+    """Return canvas, heights in their unit, limits, ends to extend, and unit."""
+    heights = surface.heights_about_plane()
+    low, high, extend = _find_limits(heights)
+    unit = choose_length_unit(max(-low, high))
+    canvas = Canvas(SimpleNamespace(grid=surface.grid(), undeformed_distance=heights))
+    return canvas, heights * unit.per_mm, (low * unit.per_mm, high * unit.per_mm), extend, unit
+
+
+def _draw_map(axes, canvas, shown, limits, extend, unit):
+    label, (low, high) = f"height z  [{unit.name}]", limits
+    canvas.draw_field(axes, shown, LENGTH_MAP, label, extend, vmin=low, vmax=high)
+    if canvas.outside.any():
+        axes.legend(handles=[Patch(color=GREY, label="missing")], **LEGEND_ABOVE)
+
+
+def draw_heights(axes, surface):
+    """Draw a map of the heights on given axes."""
+    _draw_map(axes, *_prepare(surface))
+
+
+@with_style
+def heights_figure(surface):
+    """Draw a map of the heights."""
+    canvas, *shown = _prepare(surface)
+    figure = new_figure(*canvas.size)
+    _draw_map(figure.subplots(), canvas, *shown)
     return figure
 
 

@@ -67,10 +67,10 @@ class Path(NamedTuple):
 def get_path(result, name=""):
     """Return the path of a result, or None."""
     columns = getattr(result, "path", None)
-    return _make_path(columns, name) if columns else None
+    return make_path(columns, name) if columns else None
 
 
-def _make_path(columns, name):
+def make_path(columns, name):
     """Make a path with its scale from Persson's fractions."""
     path = Path(columns, name)
     theory = path.select("persson_fraction", "mean_pressure")
@@ -299,4 +299,4 @@ def parse_numbers(texts):
 
 def get_csv_path(columns, name=""):
     """Return the path of a table without ``exit_status``."""
-    return _make_path({key: parse_numbers(texts) for key, texts in columns.items()}, name)
+    return make_path({key: parse_numbers(texts) for key, texts in columns.items()}, name)

@@ -156,6 +156,15 @@ class Canvas:
             field = field * unit.per_mm
         self.draw_field(axes, field, colours, label.format(unit.name), **limits)
 
+    def draw_displacement(self, axes):
+        """Draw a map of the displacement u."""
+        self.draw_length(axes, self.result.displacement, LENGTH_MAP, "displacement u  [{}]")
+
+    def draw_gap(self, axes):
+        """Draw a map of the gap e, white in contact."""
+        gap = np.where(self.result.contact == 1, np.nan, self.result.gap)
+        self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]  (white: contact)")
+
 
 def cell_edges(grid, along):
     """Return the edges of the cells along "x" or "y" [mm]."""

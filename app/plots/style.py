@@ -1,10 +1,13 @@
 """Style, axes and files of all figures.
 
-Figures are made without pyplot: they need no display and are freed when they are no longer used.
+Figures are made without pyplot, unless they are `interactive`: they need no display and are freed when they are no
+longer used.
 """
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import wraps
 
 import matplotlib
@@ -56,10 +59,28 @@ def with_style(draw):
     return wrapper
 
 
+_uses_pyplot = ContextVar("_uses_pyplot", default=False)
+
+
+@contextmanager
+def interactive():
+    """Let pyplot own new figures, so that notebooks and `pyplot.show` show them."""
+    token = _uses_pyplot.set(True)
+    try:
+        yield
+    finally:
+        _uses_pyplot.reset(token)
+
+
 def new_figure(width, height, title=None):
     """Return an empty figure [inch]."""
-    figure = Figure(figsize=(width, height))
-    FigureCanvasAgg(figure)
+    if _uses_pyplot.get():
+        from matplotlib import pyplot
+
+        figure = pyplot.figure(figsize=(width, height))
+    else:
+        figure = Figure(figsize=(width, height))
+        FigureCanvasAgg(figure)
     if title:
         figure.suptitle(title)
     return figure

@@ -6,7 +6,7 @@ from cases import APPROACH, hertz
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material, read_result
-from app.cli.summary import summary
+from app.api.summary import summary
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from numbers import Real
 
 import numpy as np
 
+from app.base import views
 from app.base.errors import InputError
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -93,6 +94,10 @@ class SubsurfaceStress:
 
     def __repr__(self):
         return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
+
+    def plot(self, along="x"):
+        """Draw the stress on a section along x or y, and on a line; return figure and axes."""
+        return views.load().plot_stress(self, along)
 
     def plane(self, depth):
         """Return the stress on a horizontal plane below the cell centres.

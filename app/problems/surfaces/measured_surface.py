@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from app.base import views
 from app.base.errors import InputError
 from app.base.units import UNITS, format_lengths
 from app.halfspace.grid import Grid
@@ -237,6 +238,23 @@ class Surface:
         with np.errstate(invalid="ignore"):
             means = np.where(known, blocks, 0.0).sum(axis=(1, 3)) / known.sum(axis=(1, 3))
         return add_polynomial(means, tilt, start, self.shape[0])
+
+    def heights_about_plane(self):
+        """Return all heights about their best plane [mm]."""
+        heights = add_polynomial(self.heights(), self._tilt, 0, self.shape[0], sign=-1)
+        return heights - np.nanmean(heights) if self.level == "none" else heights
+
+    def plot(self, ax=None):
+        """Draw heights, profiles, distribution and spectrum; on given axes the heights alone.
+
+        Returns
+        -------
+        figure, axes
+        """
+        return views.load().plot_surface(self, ax)
+
+    def _repr_html_(self):
+        return views.load().surface_html(self)
 
     def heights_on(self, grid, rows=slice(None)):
         """Return `heights`, filled around the grid's period."""

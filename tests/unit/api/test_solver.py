@@ -26,8 +26,8 @@ from app import (
     Sphere,
     solve,
 )
+from app.api.subsurface import stress
 from app.base.errors import InputError
-from app.cli.subsurface import stress
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
 from app.halfspace.fft.multiplier import EvenMultiplier

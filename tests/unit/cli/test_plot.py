@@ -9,11 +9,12 @@ import pytest
 from mpi4py import MPI
 from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
 
+from app.api.subsurface import stress, survey
 from app.cli import convert, report, subsurface, xdmf
-from app.cli.plot import PICTURES, analytic_reference, main, pictures_of, save_pictures
-from app.cli.subsurface import stress, survey
+from app.cli.plot import main, save_pictures
 from app.io.result import HISTORY
 from app.parallel.slabs import Slabs
+from app.plots.pictures import PICTURES, analytic_reference, pictures_of
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}

@@ -10,9 +10,9 @@ from results import MAX_PRESSURE, with_attributes
 
 import app.subsurface
 from app import ContactProblem, Grid, Material, Sphere, read_result, solve
+from app.api.subsurface import find_poisson_ratio, stress, survey
 from app.base.errors import InputError
 from app.cli import subsurface
-from app.cli.subsurface import stress
 from app.halfspace.stress.subsurface import SubsurfaceStress, von_mises
 
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
@@ -92,9 +92,9 @@ def test_uniform_stress_has_no_position(made, pressure):
     even = replace(made, pressure=np.full_like(made.pressure, pressure) * (1 + 1e-14 * np.arange(64)))
     periodic = with_attributes(even, periodic_symbol="spectral")
     for result in (periodic, even):  # beside a free patch there is no pressure
-        below = subsurface.stress(result)
+        below = stress(result)
         texts = subsurface.summary(*below.maxima(), result, below.nu)
-        figure = subsurface.draw(result, subsurface.survey(below, depths=9))
+        figure = subsurface.draw(result, survey(below, depths=9))
         (told,) = figure.axes[0].get_legend().get_texts()
         for text in (*texts, told.get_text()):
             assert ("everywhere" in text) == ("depth" not in text) == (result is periodic or not pressure)
@@ -108,16 +108,16 @@ def test_stress_of_a_solution_is_that_of_its_file(tmp_path):
     solution = solve(problem, mean_pressure=100)
     solution.save(tmp_path / "waves.h5")
     with pytest.raises(InputError, match="Poisson's ratio of the body is not known"):
-        subsurface.stress(solution)
-    one = subsurface.stress(solution, 0.3).plane(0.1)
-    other = subsurface.stress(read_result(tmp_path / "waves.h5"), 0.3).plane(0.1)
+        stress(solution)
+    one = stress(solution, 0.3).plane(0.1)
+    other = stress(read_result(tmp_path / "waves.h5"), 0.3).plane(0.1)
     assert von_mises(one) == pytest.approx(von_mises(other))
     assert one[2].mean() == pytest.approx(-100)
 
 
 def test_poisson_ratio_is_that_of_the_chosen_body():
     facts = {"poisson": np.array([0.3, 0.35]), "young": np.array([np.inf, 3000.0]), "poisson_ratio": 0.2}
-    assert subsurface.find_poisson_ratio(facts) == 0.35  # the other one is rigid
-    assert subsurface.find_poisson_ratio(facts, 1) == 0.3
-    assert subsurface.find_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
-    assert subsurface.find_poisson_ratio({}) is None
+    assert find_poisson_ratio(facts) == 0.35  # the other one is rigid
+    assert find_poisson_ratio(facts, 1) == 0.3
+    assert find_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
+    assert find_poisson_ratio({}) is None

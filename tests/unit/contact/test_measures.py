@@ -5,7 +5,7 @@ import pytest
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.cli.summary import summary
+from app.api.summary import summary
 from app.problems.statistics import roughness
 
 SHAPE = 20, 24

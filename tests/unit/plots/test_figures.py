@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from results import made_up_result, with_attributes
 
-from app.cli.plot import analytic_reference
 from app.plots import figures
+from app.plots.pictures import analytic_reference
 
 
 def test_sections_show_computed_and_exact_pressure(result):

@@ -1,4 +1,4 @@
-"""Text that app.solve prints about a solution."""
+"""Text about a solution, which app.solve prints, too."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
 from app.base.quantities import label_of
 from app.base.units import round_to_cell
-from app.cli.load_path import format_steps
 from app.io.table import format_text
 
 _MIN_ERROR = 1e-9  # relative; smaller ones are of prescribed quantities
@@ -41,13 +40,13 @@ def summary(facts, grid, output=None):
         )
     lines += [_describe_material(facts), _describe_contact(facts, grid), *_describe_pressure(facts, grid)]
     lines += _describe_accuracy(facts)
-    ranks = _count(facts["ranks"], "rank")
+    ranks = format_count(facts["ranks"], "rank")
     if facts["solving_ranks"] < facts["ranks"]:
         ranks = f"{facts['solving_ranks']} of {ranks}"
     lines += [
         f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (relative, energy norm), "
         f"largest penetration {facts['largest_penetration']:.2g} mm, residual {facts['residual']:.3g}",
-        f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
+        f"{format_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
         f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
         f"{facts['solve_seconds']:.3g} s on {ranks}, set-up {facts['setup_seconds']:.3g} s",
     ]
@@ -89,7 +88,7 @@ def _describe_contact(facts, grid):
         corrected = facts["contact_area"] * facts["contact_fraction_corrected"] / fraction
         text += f" ({corrected:.6g} corrected for the stepped contact edge)"
     whole = "those where contact is possible" if cells and round(cells / fraction) < grid.n else "all"
-    text += f": {_count(cells, 'cell')}, {100 * fraction:.4g}% of {whole}"
+    text += f": {format_count(cells, 'cell')}, {100 * fraction:.4g}% of {whole}"
     if facts.get("contact_patches", 0) > 1:
         text += f", in {facts['contact_patches']} patches, the largest {facts['largest_patch']:.6g} mm2"
     if "persson_fraction" in facts:
@@ -137,24 +136,17 @@ def _describe_accuracy(facts):
     return lines
 
 
-def load_path_summary(path, request):
-    """Return a summary of a load path."""
-    failed = [row["step"] for row in path.rows if not row["converged"]]
-    state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
-    table = f"; table in {request.csv}" if request.csv else ""
-    return (
-        f"path of {_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "
-        f"{path.solve_seconds:.3g} s{table}"
-    )
+def format_grids(rows):
+    """Return the rows of a `Refinement` as a table."""
+    return format_text(rows, formats={name: ".1e" for name in rows[0] if name.endswith("_error")})
 
 
 def refinement_table(refined, until):
     """Return a table of the grids of a refinement."""
-    formats = {name: ".1e" for name in refined.rows[0] if name.endswith("_error")}
     state = "is below" if refined.reached else "is NOT below"
-    table = format_text(refined.rows, formats=formats)
-    return f"{table}the largest of the errors {state} {format_exact(until)}"
+    return f"{format_grids(refined.rows)}the largest of the errors {state} {format_exact(until)}"
 
 
-def _count(number, what):
+def format_count(number, what):
+    """Return a number with a noun, in the plural if needed."""
     return f"{number} {what}{'s' if number != 1 else ''}"

@@ -1,0 +1,199 @@
+"""Pictures and small tables of solutions, paths, surfaces and stresses, as in notebooks."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+
+import numpy as np
+from tabulate import tabulate
+
+from app.api.subsurface import survey
+from app.api.summary import summary
+from app.base.errors import InputError
+from app.base.quantities import label_of, unit_of
+from app.base.units import format_lengths, format_quantity
+from app.io.result import Result
+from app.plots import curves, figures, heights, load_curves, pictures, style
+
+_ROWS = "load", "approach", "max_pressure", "contact_area", "contact_fraction"
+_PERIODIC_ROWS = "mean_pressure", "mean_gap"
+_DPI = 60  # of pictures in tables
+_MAX_ROWS = 12  # of a table
+
+
+def as_result(solution):
+    """Return a solution as a `Result`, to draw and describe.
+
+    Raises
+    ------
+    InputError
+        If it has the rows of one rank only.
+    """
+    if isinstance(solution, Result):
+        return solution
+    if solution.pressure.shape != solution.grid.shape:
+        raise InputError("solution: has the rows of one rank; use solution.gather() on one rank")
+    names = "pressure", "gap", "displacement", "undeformed_distance", "contact", "x", "y"
+    return Result(
+        **{name: getattr(solution, name) for name in names},
+        attributes=solution.attributes | solution.count_patches(),
+        history={name: np.asarray(column) for name, column in solution.history.items()},
+    )
+
+
+def summarize(solution):
+    """Return the lines that app.solve prints."""
+    facts = solution.attributes
+    return summary(facts if "contact_patches" in facts else facts | solution.count_patches(), solution.grid)
+
+
+def plot_solution(solution, name=None, axes=None):
+    """Draw a solution or result; see `app.plots.pictures.plot`."""
+    default = "summary" if axes is None else "pressure"
+    return pictures.plot(as_result(solution), name or default, axes)
+
+
+def _path_figure(path):
+    columns = {name: np.asarray(column, float) for name, column in path.table.items()}
+    return load_curves.path_figure(
+        [load_curves.make_path(columns, "")], f"{len(path.rows)} steps of a load path"
+    )
+
+
+def plot_path(path):
+    """Draw the curves of a load path."""
+    return pictures.show(lambda: _path_figure(path), "path")
+
+
+def plot_surface(surface, axes=None):
+    """Draw heights, profiles, distribution and spectrum, or the heights alone on given axes."""
+    if axes is not None:
+        heights.draw_heights(axes, surface)
+        return axes.figure, axes
+    return pictures.show(lambda: heights.surface_figure(surface), "surface")
+
+
+def plot_stress(below, along="x"):
+    """Draw the stress on a section and on a line through the largest von Mises stress."""
+    if along not in ("x", "y"):
+        raise InputError(f"plot along {along!r}: must be x or y")
+    stresses, grid = survey(below, along=along), below.grid
+    section = stresses.section_x if along == "x" else stresses.section_y
+    heading = f"Stress below {grid.nx} × {grid.ny} cells, ν = {below.nu:.3g}"
+    shown = along, grid, stresses.depths, section, stresses.line, stresses.at, heading
+    return pictures.show(lambda: curves.stress_figure(*shown), "stress")
+
+
+def _as_html(heading, table, figure=None, lines=()):
+    """Return a heading, a table, lines, and a picture."""
+    parts = [f"<b>{html.escape(heading)}</b>", table]
+    parts += [f"<p style='margin:2px'>note: {html.escape(line)}</p>" for line in lines]
+    text = f"<div style='max-width:36em'>{''.join(parts)}</div>"
+    if figure is None:
+        return text
+    png = io.BytesIO()
+    style.write_figure(figure, png, "png", _DPI)
+    code = base64.b64encode(png.getvalue()).decode()
+    picture = f"<img alt='{html.escape(heading)}' src='data:image/png;base64,{code}'>"
+    return f"<div style='display:flex;flex-wrap:wrap;gap:1em;align-items:flex-start'>{text}{picture}</div>"
+
+
+def _quantities_table(solution, names):
+    values = [(name, getattr(solution, name)) for name in names]
+    rows = [
+        (label_of(name), format_quantity(value, unit_of(name))) for name, value in values if value == value
+    ]
+    rows += [
+        ("proved error bound", f"{solution.error_bound:.2g}"),
+        ("converged", "yes" if solution.converged else "NO"),
+    ]
+    return tabulate(rows, tablefmt="html", disable_numparse=True)
+
+
+def _rows_table(columns):
+    """Return an HTML table of columns of quantities, shortened in its middle."""
+    shown = {label: [*map(str, column)] for label, column in columns.items()}
+    rows = [*zip(*shown.values(), strict=True)]
+    if len(rows) > _MAX_ROWS:
+        rows[_MAX_ROWS // 2 : -_MAX_ROWS // 2] = [("...",) * len(shown)]
+    return tabulate(rows, [*shown], tablefmt="html", disable_numparse=True, stralign="right")
+
+
+def _format_columns(columns, names):
+    """Return columns by label and unit, with numbers of four digits."""
+    units = {name: unit_of(name) for name in names}
+    labels = {name: label_of(name) + (f" [{unit}]" if unit != "1" else "") for name, unit in units.items()}
+    return {labels[name]: [f"{value:.4g}" for value in columns[name]] for name in names}
+
+
+def solution_html(solution):
+    """Return numbers, notes and the pressure of a solution or result."""
+    grid = solution.grid
+    names = (*_ROWS, *_PERIODIC_ROWS) if grid.periodic else _ROWS
+    whole = solution.pressure.shape == grid.shape
+    return _as_html(
+        f"{type(solution).__name__}, {grid.nx} x {grid.ny} cells",
+        _quantities_table(solution, names),
+        figures.pressure_figure(as_result(solution)) if whole else None,
+        solution.notes,
+    )
+
+
+def path_html(path):
+    """Return the table of a load path, with its curves."""
+    heading = f"Load path, {len(path.rows)} of {len(path)} steps done"
+    if not path.rows:
+        return _as_html(heading, "")
+    columns = path.table
+    table = _rows_table(_format_columns(columns, _ROWS) | {"converged": columns["converged"]})
+    return _as_html(heading, table, _path_figure(path) if len(path.rows) > 1 else None)
+
+
+def refinement_html(refined):
+    """Return the table of the grids, with the pressure on the finest."""
+    solution = refined.solution
+    columns = {name: [row[name] for row in refined.rows] for name in refined.rows[0]}
+    names = "load", "approach", "max_pressure", "contact_area"
+    table = {"cells": [f"{nx} x {ny}" for nx, ny in zip(columns["nx"], columns["ny"], strict=True)]}
+    table |= _format_columns(columns, names)
+    largest = [max(row[f"{name}_error"] for name in names) for row in refined.rows]
+    table["largest error"] = [f"{100 * error:.2g}%" for error in largest]
+    whole = solution.pressure.shape == solution.grid.shape
+    figure = figures.pressure_figure(as_result(solution)) if whole else None
+    state = "reached" if refined.reached else "NOT reached"
+    return _as_html(
+        f"Refinement, {len(refined.rows)} grids, {state}", _rows_table(table), figure, solution.notes
+    )
+
+
+def surface_html(surface):
+    """Return what is known of a measured surface, with its picture."""
+    ny, nx = surface.shape
+    rows = [("file", surface.file), ("points", f"{nx} x {ny}"), ("level", surface.level)]
+    if surface.spacing:
+        rows.append(("cell", format_lengths(*surface.spacing, digits=4)))
+        rows.append(("rms slope", f"{surface.rms_slope():.3g}"))
+    rows += [
+        ("rms height", format_quantity(surface.rms_level, "mm")),
+        ("missing points", surface.missing_points),
+    ]
+    table = tabulate(rows, tablefmt="html", disable_numparse=True)
+    figure = heights.heights_figure(surface) if surface.spacing else None
+    return _as_html("Surface", table, figure, surface.notes)
+
+
+def patches_html(patches):
+    """Return the table of the contact spots, with a map of them."""
+    columns = {"patch": [*range(1, len(patches.cells) + 1)], "cells": patches.cells}
+    names = "area", "load", "max_pressure", "centre_x", "centre_y"
+    units = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}
+    columns |= {
+        f"{name.replace('_', ' ')} [{units[name]}]": [f"{value:.4g}" for value in getattr(patches, name)]
+        for name in names
+    }
+    whole = patches.grid is not None and patches.labels.shape == patches.grid.shape
+    figure = pictures.spots_figure(patches) if whole else None
+    count = len(patches.cells)
+    return _as_html(f"{count} patch{'es'[: 2 * (count != 1)]} of contact", _rows_table(columns), figure)

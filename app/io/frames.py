@@ -1,0 +1,65 @@
+"""Tables for pandas and fields for xarray, which are optional."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+import numpy as np
+
+from app.base.quantities import QUANTITIES, unit_of
+
+_FIELD_UNITS = {"pressure": "N/mm2", "contact": "1"}  # of others mm
+_LONG_NAMES = {
+    "pressure": "pressure p",
+    "gap": "gap e",
+    "displacement": "displacement u",
+    "undeformed_distance": "undeformed distance h",
+    "contact": "contact",
+}
+
+
+def _import(package, what):
+    try:
+        return import_module(package)
+    except ImportError:
+        raise ImportError(f"{what} needs {package}: pip install {package}", name=package) from None
+
+
+def to_dataframe(columns, index=None, units=()):
+    """Return a pandas.DataFrame with units in ``attrs["units"]``.
+
+    Parameters
+    ----------
+    columns : mapping of str to sequence
+    index : str, optional
+        Column that numbers the rows.
+    units : mapping of str to str
+        Of columns that are no quantities of `app.base.quantities`.
+    """
+    frame = _import("pandas", "to_dataframe()").DataFrame(dict(columns))
+    known = {name: unit_of(name) for name in frame if name.removeprefix("analytic_") in QUANTITIES}
+    frame.attrs["units"] = known | {name: unit for name, unit in dict(units).items() if name in frame}
+    return frame if index is None else frame.set_index(index)
+
+
+def to_xarray(result):
+    """Return an xarray.Dataset of the fields, with units in ``attrs``.
+
+    Numbers and texts are attributes of the Dataset. It has the local rows.
+    """
+    xarray = _import("xarray", "to_xarray()")
+    fields = {name: getattr(result, name) for name in _LONG_NAMES}
+    fields |= {name: field for name, field in getattr(result, "extra", {}).items() if np.ndim(field) == 2}
+    variables = {
+        name: (
+            ("y", "x"),
+            field,
+            {"units": _FIELD_UNITS.get(name, "mm"), "long_name": _LONG_NAMES.get(name, name)},
+        )
+        for name, field in fields.items()
+    }
+    axes = {name: (name, getattr(result, name), {"units": "mm"}) for name in "xy"}
+    facts = {
+        name: int(value) if isinstance(value, bool) else value for name, value in result.attributes.items()
+    }
+    return xarray.Dataset(variables, axes, facts)

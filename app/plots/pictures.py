@@ -1,0 +1,150 @@
+"""Figures of a result by name."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+
+from app.base.errors import InputError
+from app.plots import curves, figures, load_curves
+from app.plots.maps import Canvas
+from app.plots.style import interactive, new_figure, with_style
+from app.reference.hertz import EllipticHertz
+
+
+def analytic_reference(result):
+    """Return the Hertz contact of a result, or None for other contacts.
+
+    InputError if a number of the Hertz contact is missing.
+    """
+    values = result.attributes
+    if (
+        values.get("problem") not in ("hertz", "sphere")
+        or not (values["load"] > 0 and 0 < values["approach"] < math.inf)
+        or result.grid.periodic
+        or values.get("surfaces")
+    ):
+        return None
+    if (
+        "contact_modulus" not in values and {"shear_modulus", "poisson_ratio"} <= values.keys()
+    ):  # version < 0.3
+        values = values | {"contact_modulus": values["shear_modulus"] / (1 - values["poisson_ratio"])}
+    needed = ("hertz_rx", "hertz_ry", "contact_modulus")
+    missing = [name for name in needed if name not in values]
+    if missing:
+        raise InputError(f"problem is {values['problem']}, but attribute {', '.join(missing)} is missing")
+    return EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
+
+
+def _path_figure(result, _):
+    path = load_curves.get_path(result)
+    return path and load_curves.path_figure([path], figures.make_title(result, path=True))
+
+
+# Name -> function of a result and its `analytic_reference` that returns a figure or None.
+PICTURES = {
+    "contact": lambda result, _: figures.contact_figure(result),
+    "pressure": lambda result, _: figures.pressure_figure(result),
+    "deformation": lambda result, _: figures.deformation_figure(result),
+    "sections": figures.section_figure,
+    "distributions": lambda result, _: curves.distribution_figure(result),
+    "spectrum": lambda result, _: curves.spectrum_figure(result),
+    "path": _path_figure,
+    "history": lambda result, _: figures.history_figure(result),
+    "summary": figures.summary_figure,
+}
+
+
+def pictures_of(result, names):
+    """Yield name and figure of the available figures of a result."""
+    reference = analytic_reference(result)
+    for name in names:
+        if figure := PICTURES[name](result, reference):
+            yield name, figure
+
+
+def _draw_section(along):
+    def draw(axes, result, reference):
+        figures.draw_section(axes, result, along, *figures.hottest_cell(result), reference)
+
+    return draw
+
+
+# Name -> function that draws one panel on given axes.
+PANELS = {
+    "contact": lambda axes, result, _: Canvas(result).draw_contact(axes),
+    "pressure": lambda axes, result, _: Canvas(result).draw_pressure(axes),
+    "displacement": lambda axes, result, _: Canvas(result).draw_displacement(axes),
+    "gap": lambda axes, result, _: Canvas(result).draw_gap(axes),
+    "section_x": _draw_section("x"),
+    "section_y": _draw_section("y"),
+    "residual": lambda axes, result, _: figures.draw_residual(axes, result),
+}
+
+
+@with_style
+def _panel_figure(name, result, reference):
+    size = Canvas(result).size if name in ("displacement", "gap") else (7.4, 4.4)
+    figure = new_figure(*size, figures.make_title(result))
+    PANELS[name](figure.subplots(), result, reference)
+    return figure
+
+
+def plot(result, name="summary", axes=None):
+    """Draw a picture of a result, or one panel on given axes.
+
+    Parameters
+    ----------
+    result : Result
+    name : str
+        One of `PICTURES` or `PANELS`; of the latter with axes.
+    axes : matplotlib axes, optional
+
+    Returns
+    -------
+    figure, axes
+        The axes of several panels are a list.
+    """
+    allowed = [*PANELS] if axes is not None else dict.fromkeys((*PICTURES, *PANELS))
+    if name not in allowed:
+        where = " with ax=" if axes is not None else ""
+        raise InputError(f"plot {name!r}: must be one of {', '.join(allowed)}{where}")
+    reference = analytic_reference(result)
+    if axes is not None:
+        PANELS[name](axes, result, reference)
+        return axes.figure, axes
+    draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
+    return show(partial(draw, result, reference), name)
+
+
+@with_style
+def spots_figure(patches):
+    """Draw a map of `Patches`."""
+    contact = patches.labels > 0
+    shown = SimpleNamespace(
+        grid=patches.grid,
+        contact=contact,
+        undeformed_distance=np.zeros(contact.shape),
+        attributes={"contact_fraction": contact.mean()},
+        patches=lambda: patches,
+    )
+    canvas = Canvas(shown)
+    figure = new_figure(*canvas.size)
+    canvas.draw_contact(figure.subplots())
+    return figure
+
+
+@with_style
+def show(draw, name):
+    """Call a function that draws a figure, for a notebook; return figure and axes."""
+    with interactive():
+        figure = draw()
+    if figure is None:
+        raise InputError(f"plot {name!r}: there is nothing of it to draw")
+    figure.draw_without_rendering()  # ticks are made in this style
+    panels = {axes.get_subplotspec(): axes for axes in reversed(figure.axes)}
+    panels = list(reversed(panels.values()))
+    return figure, panels[0] if len(panels) == 1 else panels
