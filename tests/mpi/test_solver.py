@@ -122,7 +122,7 @@ def test_what_some_ranks_only_are_given_is_refused_everywhere(comm):
         with pytest.raises(InputError, match="start: not the same"):
             solver.solve(approach=APPROACH, start=found.gather())
         for numbers in ([1.0] * (1 + comm.rank), None if comm.rank else [1.0]):
-            with pytest.raises(InputError, match="path: .*(not the same|needed)"):
+            with pytest.raises(InputError, match="path: .*(not the same|must be)"):
                 solver.path(load=numbers)
         assert solver.solve(approach=APPROACH).converged
     few = comm.Split(0 if comm.rank else MPI.UNDEFINED)
@@ -323,7 +323,7 @@ def test_what_is_saved_or_told_is_the_same_on_all_ranks(comm, tmp_path):
         ({} if last else {"contact_patches": 1, "largest_patch": 1.0}, "not the same on all ranks"),
         ({"wear": wear} if last else {"wear": 1.0}, "not the same on all ranks"),
         ({"wear": wear if last else wear.astype(int)}, "types of fields: not the same on all ranks"),
-        ({"wear": np.zeros(10**4)}, "needed: an array of the cells, or less than 64 KB"),
+        ({"wear": np.zeros(10**4)}, "must be an array of the cells, or less than 64 KB"),
     ):
         with pytest.raises(InputError, match=message):
             found.save(path, **given)
