@@ -12,8 +12,6 @@ from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.options.option_table import format_value
 
 RESULT = "result.h5"
-
-
 DEFAULT = [*solve_arguments("hertz")[2:], "-grid", "8"]
 COMMAND = [*solve_arguments("hertz", "norm"), "-grid", "8"]
 HERTZ = COMMAND[2:]

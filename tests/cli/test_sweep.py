@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import TESTS
+from processes import OPTIONS, TESTS
 
 from app.cli.sweep import main
 from app.contact.grid_errors import GridErrors
@@ -24,15 +24,9 @@ from app.parameter_study.sweep_file import read_sweep
 from app.plots.sweeps import sweep_figure
 
 ROOT = TESTS.parent
-
-
-HERTZ = ROOT / "petsc_options/hertz.opts"
-
-
-NORM = ROOT / "petsc_options/norm.opts"
-
-
-FMG = ROOT / "petsc_options/fmg_v11.opts"
+HERTZ = OPTIONS / "hertz.opts"
+NORM = OPTIONS / "norm.opts"
+FMG = OPTIONS / "fmg_v11.opts"
 
 
 def write(tmp_path, text):

@@ -17,8 +17,6 @@ from app.cli.convert import find_instruments_python, main
 from app.problems.surfaces.moments import Moments
 
 HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
-
-
 SDF = """aISO-1.0
 ManufacID = TEST
 CreateDate = 010120260000

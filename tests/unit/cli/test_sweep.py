@@ -4,17 +4,14 @@ from pathlib import Path
 
 import h5py
 import pytest
-from processes import TESTS
+from processes import OPTIONS
 from results import full_disk
 
 from app.cli.sweep import SUFFIXES, main
 from app.parameter_study import batch
 from app.parameter_study.run import CHECKS
 
-ROOT = TESTS.parent
-
-
-HERTZ = ROOT / "petsc_options/hertz.opts"
+HERTZ = OPTIONS / "hertz.opts"
 
 
 def write(tmp_path, text):

@@ -39,30 +39,13 @@ def test_circular_links_in_a_result_are_refused(tmp_path):
 
 
 SELF = MPI.COMM_SELF
-
-
 DATASETS = ["pressure", "gap", "displacement", "undeformed_distance", "contact", "x", "y"]
-
-
 COLUMNS = ["level", "contact_cells", "changed_cells", "residual", "inner_iterations", "work_units"]
-
-
 ATTRIBUTES = (
     "converged reason active_set_iterations work_units operator_applications inner_iterations residual load "
     "approach max_pressure contact_cells contact_fraction solve_seconds setup_seconds ranks options "
     "command_line version"
 ).split()
-
-
-@pytest.fixture(scope="module")
-def result():
-    return made_up_result(64, 48, punch_radius=4.5)
-
-
-@pytest.fixture
-def path(result, tmp_path):
-    write(tmp_path / "result.h5", SELF, Slabs(48), result)
-    return tmp_path / "result.h5"
 
 
 def test_round_trip_is_exact(result, tmp_path):

@@ -22,20 +22,7 @@ def test_interrupted_writing_leaves_no_file(tmp_path, monkeypatch):
 
 
 SELF = MPI.COMM_SELF
-
-
 COLUMNS = ["level", "contact_cells", "changed_cells", "residual", "inner_iterations", "work_units"]
-
-
-@pytest.fixture(scope="module")
-def result():
-    return made_up_result(64, 48, punch_radius=4.5)
-
-
-@pytest.fixture
-def path(result, tmp_path):
-    write(tmp_path / "result.h5", SELF, Slabs(48), result)
-    return tmp_path / "result.h5"
 
 
 def test_history_without_iterations_is_empty(result, tmp_path):

@@ -28,12 +28,12 @@ def items(path):
     return root, arrays
 
 
-def test_xdmf_names_the_fields(path, made, capsys):
+def test_xdmf_names_the_fields(path, result, capsys):
     assert xdmf.main([str(path)]) == 0
     assert capsys.readouterr().out == f"{path.with_suffix('.xdmf')}\n"
     root, arrays = items(path.with_suffix(".xdmf"))
     assert arrays.keys() == {"pressure", "gap", "displacement", "undeformed_distance", "contact"}
-    assert np.array_equal(arrays["pressure"][0], made.pressure)
+    assert np.array_equal(arrays["pressure"][0], result.pressure)
     assert root.find(".//Topology").get("Dimensions") == "2 49 65"  # points; fields are on cells
     origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
     assert origin[1:] == pytest.approx([-6, -10]) and steps[1:] == pytest.approx([12 / 48, 20 / 64])
@@ -70,9 +70,9 @@ def test_xdmf_of_a_link_names_the_link(path, tmp_path, capsys):
     assert ">link.h5:/pressure<" in (folder / "link.xdmf").read_text()
 
 
-def test_xdmf_of_several_results_is_a_series(path, made, tmp_path):
+def test_xdmf_of_several_results_is_a_series(path, result, tmp_path):
     for number, load in enumerate((10.0, 20.0)):
-        write(tmp_path / f"{number} & more.h5", MPI.COMM_SELF, Slabs(48), with_attributes(made, load=load))
+        write(tmp_path / f"{number} & more.h5", MPI.COMM_SELF, Slabs(48), with_attributes(result, load=load))
     files = [str(tmp_path / f"{number} & more.h5") for number in (0, 1)]
     assert xdmf.main([*files, "-o", str(tmp_path / "series.xdmf")]) == 0
     root, arrays = items(tmp_path / "series.xdmf")

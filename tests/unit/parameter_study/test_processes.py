@@ -7,19 +7,14 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
-from processes import TESTS
+from processes import OPTIONS
 
 from app.parameter_study import processes
 from app.parameter_study.processes import perform, run_command
 from app.parameter_study.run import Run
 
-ROOT = TESTS.parent
-
-
-HERTZ = ROOT / "petsc_options/hertz.opts"
-
-
-NORM = ROOT / "petsc_options/norm.opts"
+HERTZ = OPTIONS / "hertz.opts"
+NORM = OPTIONS / "norm.opts"
 
 
 def test_simultaneous_serial_runs_share_no_session_folder(tmp_path, monkeypatch):

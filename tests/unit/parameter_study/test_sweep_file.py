@@ -3,20 +3,14 @@
 from pathlib import Path
 
 import pytest
-from processes import TESTS
+from processes import OPTIONS, TESTS
 
 from app.parameter_study.sweep_file import read_sweep
 
 ROOT = TESTS.parent
-
-
-HERTZ = ROOT / "petsc_options/hertz.opts"
-
-
-NORM = ROOT / "petsc_options/norm.opts"
-
-
-FMG = ROOT / "petsc_options/fmg_v11.opts"
+HERTZ = OPTIONS / "hertz.opts"
+NORM = OPTIONS / "norm.opts"
+FMG = OPTIONS / "fmg_v11.opts"
 
 
 def write(tmp_path, text):
