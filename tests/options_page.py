@@ -17,7 +17,7 @@ from app.options.option_table import format_value
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "options.md"
 DEFAULT_METHODS = ("fast", "primal")
-_OF_SHAPES = ("hertz_", "body", "sphere_", "cylinder_", "cone_", "punch_")
+_OF_SHAPES = ("hertz_", "body", "sphere_", "cylinder_", "roller_", "cone_", "punch_")
 
 _HEAD = """# Options
 
@@ -31,14 +31,13 @@ Options come from three places, later ones override earlier ones: `PETSC_OPTIONS
 the last place count; two in one place are refused, and so is an option that can do nothing with the others.
 An empty default means that there is none: the option is needed where the problem asks for it, or off.
 """
-_PROBLEM = """The base shapes are in [surfaces](surfaces.md#base-shapes). Without
-`-domain`, `hertz` and `sphere` take 1.5 times Hertz's semi-axes to every side; a surface file that knows its
+_PROBLEM = """The base shapes are in [surfaces](surfaces.md#base-shapes). Without `-domain`,
+the patch follows from the shape's own theory; `-domain auto` fits it to the contact. A surface file that knows its
 spacing lies about the origin. `-periodic`: [periodic patches](periodic.md).
 """
 _MATERIALS = "Exactly one of three ways; the formulas are in [surfaces](surfaces.md#materials)."
-_SHAPES = (
-    "For `-problem hertz`, `sphere`, `cylinder`, `cone`, `punch`; see [surfaces](surfaces.md#base-shapes)."
-)
+_SHAPES = """For `-problem hertz`, `sphere`, `cylinder`, `roller`, `cone`, `punch`; see
+[surfaces](surfaces.md#base-shapes)."""
 _ROUGH = """On any base shape, several at once: [surfaces](surfaces.md#rough-surfaces). A punch has the paper's waves
 unless another surface is given; other shapes have them if `-surface_sigma`, `_decay` or `_modes` is given. A
 self-affine surface is periodic on the patch and counted from its mean plane; exactly one of its rms slope and

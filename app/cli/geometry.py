@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError
 from app.base.units import unit
 from app.halfspace.grid import SYMBOLS
 from app.options.option_table import (
@@ -28,8 +28,10 @@ from app.options.option_table import (
 from app.problems.surfaces.height_map import TURNS
 from app.problems.surfaces.reading import LEVELS, MISSING
 
+AUTO = "auto"  # value of -domain
 DEFAULT_CELLS = 256  # per side, of the default grid
-DEFAULT_PATCH = 1.5  # half side of the default patch over semi-axis of Hertz's contact
+
+
 grid_size = pair("nx,ny or n, whole numbers of at least 1")
 frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
@@ -38,6 +40,12 @@ radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", no
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
 
+
+def domain_or_auto(text):
+    """Kind: ``x0,x1,y0,y1``, or auto."""
+    return text if text == AUTO else domain(text)
+
+
 MATERIAL_OPTIONS = [
     Option("contact_modulus", positive, REQUIRED, "E* of the pair [N/mm2]; or else the next two, or the two after"),
     Option("young", moduli, REQUIRED, "E1,E2: Young's moduli of the two bodies [N/mm2]; inf: rigid"),
@@ -45,11 +53,11 @@ MATERIAL_OPTIONS = [
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
     Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
 ]  # fmt: skip
-SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "cone")
+SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "roller", "cone")
 GEOMETRY_OPTIONS = [
     Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
-    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's; hertz, sphere without -domain: 256)"),
-    Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm] (default: a file's, or Hertz's)"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's, or 256 without -domain)"),
+    Option("domain", domain_or_auto, REQUIRED, "x0,x1,y0,y1: patch [mm] (default: a file's, or by theory), or auto"),
     Option("periodic", flag, False, "the patch repeats in x and y"),
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
@@ -60,6 +68,13 @@ GEOMETRY_OPTIONS = [
     Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one, 1/R = 1/R1 + 1/R2 [mm]"),
     Option("cylinder_radius", positive, REQUIRED, "radius of a cylinder lying along y [mm]"),
     Option("cylinder_length", positive, None, "its length [mm] (default: beyond the patch)"),
+    Option("roller_radius", positive, REQUIRED, "radius in the middle of a roller lying along y [mm]"),
+    Option("roller_length", positive, REQUIRED, "its length over the chamfers [mm]"),
+    Option("roller_end_chamfer", from_zero, 0.0, "axial length of its chamfers, where contact is impossible [mm]"),
+    Option("roller_crown", choice("none", "log", "arc", "profile"), "none", "crown between the chamfers"),
+    Option("roller_design_load", positive, None, "crown log: load with nearly uniform pressure (default: -load) [N]"),
+    Option("roller_crown_radius", positive, REQUIRED, "crown arc: its radius [mm]"),
+    Option("roller_profile", word, REQUIRED, "crown profile: text file of y and its drop z, one pair a line [mm]"),
     Option("cone_angle", slant, REQUIRED, "angle between its flank and the flat body [degrees]"),
     Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
     Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
@@ -91,7 +106,7 @@ ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
 ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # at most one of each
 SURFACE_FILES = ("surface_file", "surface_file2")
-FILES = ("gap_file", "problem_type", *SURFACE_FILES)
+FILES = ("gap_file", "problem_type", "roller_profile", *SURFACE_FILES)
 _WAVY = ("surface_sigma", "surface_decay", "surface_modes")
 _SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
 
@@ -120,9 +135,9 @@ def make_problem(options, texts, comm):
     from app.problems.contact_problem import ContactProblem
 
     name, material, periodic = options["problem"], _make_material(options), _read_symbol(options)
-    shape = None if name == "python" else _make_shape(name, options)
+    shape = None if name == "python" else _make_shape(name, options, material)
     measured = _read_measured(options)
-    grid = _make_grid(options, name, shape, measured, material, periodic)
+    grid = _make_grid(options, name, shape, measured, material, periodic, texts)
     check_cells(grid)
     measured = [surface.filtered(grid, *_read_filters(options)) for surface in measured]
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
@@ -170,7 +185,7 @@ def _read_symbol(options):
     return ""
 
 
-def _make_shape(name, options):
+def _make_shape(name, options, material):
     """Make the base shape of a problem."""
     from app.problems import shapes
     from app.problems.gap_file import GapFile
@@ -188,6 +203,8 @@ def _make_shape(name, options):
         return shapes.Sphere(options["sphere_radius"])
     if name == "cylinder":
         return shapes.Cylinder(options["cylinder_radius"], options["cylinder_length"] or np.inf)
+    if name == "roller":
+        return _make_roller(options, material)
     if name == "cone":
         return shapes.Cone(options["cone_angle"])
     if name == "punch":
@@ -202,6 +219,27 @@ def _make_shape(name, options):
             "the two ways is needed"
         )
     return shapes.Paraboloid(options["hertz_rx"], options["hertz_ry"])
+
+
+def _make_roller(options, material):
+    """Make a roller with the crown of the options."""
+    from app.problems.roller import Roller, read_profile
+
+    crown, numbers = options["roller_crown"], {}
+    if crown == "profile":
+        crown = read_profile(options["roller_profile"])
+    elif crown == "arc":
+        numbers["crown_radius"] = options["roller_crown_radius"]
+    elif crown == "log":
+        load = options["roller_design_load"] or (options["load"] if options.given("load") else None)
+        if not load:
+            raise InputError(
+                "-roller_design_load is missing: crown log: load with nearly uniform pressure [N]"
+            )
+        numbers |= {"design_load": load, "contact_modulus": material.contact_modulus}
+    return Roller(
+        options["roller_radius"], options["roller_length"], crown, options["roller_end_chamfer"], **numbers
+    )
 
 
 def _read_measured(options):
@@ -231,12 +269,16 @@ def _read_filters(options):
     return options["surface_s_filter"], options["surface_l_filter"]
 
 
-def _make_grid(options, name, shape, measured, material, periodic):
-    """Make the grid by options, file or Hertz's contact."""
+def _make_grid(options, name, shape, measured, material, periodic, texts):
+    """Make the grid from options, a file or the shape's theory."""
     from app.halfspace.grid import Grid
     from app.problems.surfaces.resampling import common_grid
 
     domain = options["domain"] if options.given("domain") else None
+    if domain == AUTO and name != "punch":
+        if name in ("file", "rough") or periodic or measured or options.given(*_WAVY, *_SELF_AFFINE):
+            raise InputError("-domain auto: must be smooth shapes or functions on a free patch")
+        return _fit_grid(options, name, shape, material, texts)
     if measured:
         known = [surface for surface in measured if surface.spacing] or measured
         if options["surface_resample"]:
@@ -248,30 +290,52 @@ def _make_grid(options, name, shape, measured, material, periodic):
         if options.given("grid"):
             nx, ny = options["grid"]
         return Grid.from_domain(nx, ny, options["domain"], periodic)
-    if domain is None and name in ("hertz", "sphere"):
+    if domain in (None, AUTO) and name not in ("python", "rough"):
         n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2
         return Grid.from_domain(*n, _make_default_patch(options, shape, material, periodic))
     return Grid.from_domain(*options["grid"], options["domain"], periodic)
 
 
+def _fit_grid(options, name, shape, material, texts):
+    """Return a grid that is fitted to the contact."""
+    from app.api.fitted_grid import PROBE_CELLS, fit_grid
+    from app.halfspace.grid import Grid
+    from app.problems import user_problem
+
+    loading = find_loading(options)
+    if not loading:
+        raise InputError("-domain auto: needs -approach or -load, or a path of them")
+    cells = options["grid"] if options.given("grid") else DEFAULT_CELLS
+    if name == "python":
+        grid = Grid.from_domain(PROBE_CELLS, PROBE_CELLS, (-1, 1, -1, 1))
+        shape, _ = user_problem.create(options["problem_type"], grid, material, texts)
+    try:
+        return fit_grid(shape, material, cells, **loading)
+    except InputError as error:
+        raise InputError(f"-domain auto: {str(error).removeprefix('fit_grid: ')}") from None
+
+
 def _make_default_patch(options, shape, material, periodic):
-    """Return a patch around the contact area of Hertz."""
+    """Return a patch around the contact of the shape's own theory."""
+    from app.problems.default_patch import default_patch
+
+    loading = find_loading(options)
+    rough = options.given(*_WAVY, *_SELF_AFFINE) and shape.name != "punch"
+    if periodic or rough:
+        raise InputError(
+            "-domain is missing: x0,x1,y0,y1 [mm]; it follows from theory only for smooth bodies on a free patch"
+        )
+    try:
+        return default_patch(shape, material.contact_modulus, **loading)
+    except InputError as error:
+        raise InputError(f"-domain is missing: {error}") from None
+
+
+def find_loading(options):
+    """Return approach or load of the options, the largest of a path, or nothing."""
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
-    rough = options.given(*_WAVY, *_SELF_AFFINE)
-    if periodic or rough or loading is None:
-        raise InputError(
-            "-domain is missing: x0,x1,y0,y1 [mm]; it follows from Hertz's theory only for smooth bodies on a free "
-            "patch, by -approach or -load, or the largest of a path"
-        )
-    largest = float(np.max(options[loading]))
-    contact = shape.analytic(material.contact_modulus, **{loading.removesuffix("_path"): largest})
-    if not contact.a:
-        raise InputError(
-            f"-domain is missing: without contact (-{loading} {format_exact(largest)}) Hertz gives no patch"
-        )
-    a, b = DEFAULT_PATCH * contact.a, DEFAULT_PATCH * contact.b
-    return -a, a, -b, b
+    return {loading.removesuffix("_path"): float(np.max(options[loading]))} if loading else {}
 
 
 def _make_random_surfaces(options, name, grid, measured):
@@ -282,7 +346,7 @@ def _make_random_surfaces(options, name, grid, measured):
     if not (measured or wavy or self_affine):
         wavy, self_affine = name == "punch", name == "rough"
     x0, y0 = grid.x0, grid.y0
-    extent = options["domain"] if options.given("domain") else None
+    extent = options["domain"] if options.given("domain") and options["domain"] != AUTO else None
     extent = (extent[1] - x0, extent[3] - y0) if extent else (grid.nx * grid.dx, grid.ny * grid.dy)
     surfaces = []
     if wavy:

@@ -46,7 +46,8 @@ _ORIGIN = {
     "residual": "residual, (5.1)",
 }
 _REQUESTED = (
-    "hertz_", "sphere_", "cylinder_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_",
+    "hertz_", "sphere_", "cylinder_", "roller_", "cone_", "punch_", "surface_", "body",
+    "young", "poisson", "shear_", "gap_",
 )  # fmt: skip
 _IN_SUMMARY = ("contact", "pressure", "history")  # figures
 _MAX_ROWS = 200

@@ -25,7 +25,7 @@ from app.plots.style import (
 from app.problems.statistics import radial_spectrum
 from app.problems.surfaces.moments import Moments, add_polynomial
 
-_SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # problems without roughness of their own
+_SMOOTH = "hertz", "sphere", "cylinder", "roller", "cone", "punch"  # problems without roughness of their own
 _BINS_PER_DECADE = 8
 MIN_STRESS_VARIATION = 1e-9  # relative to the largest stress; below, the stress is uniform
 _SECTION_ASPECT = 0.6, 0.7  # smallest and largest height over width

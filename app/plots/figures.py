@@ -27,6 +27,7 @@ PROBLEMS = {
     "hertz": "Hertz contact",
     "sphere": "Sphere",
     "cylinder": "Cylinder",
+    "roller": "Roller",
     "cone": "Cone",
     "punch": "Flat punch",
     "file": "Gap from file",

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from app import Roller
 from app.base.errors import InputError
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.options.option_table import OptionReader
+from app.reference import EllipticHertz
 
 from ..problems.from_options import problem_from, rough_problem
 
@@ -73,6 +75,32 @@ def test_default_patch_is_about_hertz_s_ellipse(shape):
         assert (grid.nx * grid.dx, grid.ny * grid.dy) == pytest.approx((3 * exact.a, 3 * exact.b), rel=1e-12)
 
 
+def test_patch_is_fitted_to_the_contact_of_a_function(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own_valley.py").write_text("def valley(x, y):\n    return (x - 3)**2 / 8 + y**2 / 900\n")
+    own = problem_from(
+        problem="python", problem_type="own_valley.py:valley", domain="auto", load=10, grid="24,32"
+    )
+    exact = EllipticHertz.from_load(4, 450, 1e5, 10)
+    assert own.grid.shape == (32, 24)
+    assert own.grid.x0 + own.grid.nx * own.grid.dx / 2 == pytest.approx(3, abs=1e-2)
+    sides = own.grid.nx * own.grid.dx, own.grid.ny * own.grid.dy
+    assert sides == pytest.approx((3 * exact.a, 3 * exact.b), rel=0.15)
+
+
+def test_crowns_of_rollers_from_options(tmp_path):
+    roller = {"problem": "roller", "roller_radius": 9, "roller_length": 12, "load": 4000}
+    log = problem_from(**roller, roller_crown="log")
+    assert log.shape == Roller(9, 12, "log", design_load=4000, contact_modulus=1e5)
+    assert log.describe()["roller_design_load"] == 4000
+    arc = problem_from(**roller, roller_crown="arc", roller_crown_radius=700, roller_end_chamfer=0.5)
+    assert arc.shape == Roller(9, 12, "arc", 0.5, crown_radius=700)
+    file = tmp_path / "crown.txt"
+    file.write_text("0 0\n6 0.01\n")
+    table = problem_from(**roller, roller_crown="profile", roller_profile=file)
+    assert table.shape == Roller(9, 12, [(0, 0), (6, 0.01)])
+
+
 def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gap, heights = np.random.default_rng(3).random((2, 6, 8))
@@ -99,6 +127,12 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
         ({"problem": "sphere", "sphere_radius": 2, "load": 1, "periodic": ""}, "-domain is missing"),
         ({"problem": "sphere", "sphere_radius": 2, "load": 1, "surface_cutoff": 1}, "-domain is missing"),
         ({"problem": "sphere", "sphere_radius": 2, "approach": -1}, "without contact"),
+        ({"problem": "sphere", "sphere_radius": 2, "domain": "auto"}, "-domain auto: needs"),
+        ({"problem": "sphere", "sphere_radius": 2, "domain": "auto", "load": 1, "periodic": ""}, "must be smooth"),
+        ({"problem": "sphere", "sphere_radius": 2, "domain": "auto", "approach": -1}, "auto: without contact"),
+        ({"problem": "sphere", "sphere_radius": 2, "domain": "fit", "load": 1}, "-domain fit: must be x0,x1,y0,y1"),
+        ({"problem": "roller", "roller_radius": 2, "roller_length": 3, "roller_crown": "log", "approach": 0.1},
+         "-roller_design_load is missing"),
         ({"problem": "hertz"}, "neither -hertz_rx .* -body1_radii"),
         ({"problem": "hertz", "body1_radii": "1,2"}, "-body2_radii is missing"),
         ({"problem": "hertz", "body1_radii": "1,0", "body2_radii": "1,1"}, "-body1_radii 1,0: must be"),

@@ -1,0 +1,116 @@
+"""Grids whose patch is fitted to the contact."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from app.api.solver import ContactSolver
+from app.base.errors import InputError, format_exact
+from app.base.mpi import MPI
+from app.halfspace.grid import Grid
+from app.problems.contact_problem import ContactProblem
+from app.problems.default_patch import END_MARGIN, MARGIN, default_patch
+from app.problems.problem import Problem
+from app.problems.shapes import Shape
+
+PROBE_CELLS = 64  # per side of the grids on which the contact is sought
+MIN_PROBE_WIDTH = 20  # cells across the contact that give its size
+MAX_GROWTH = 4.0  # of a side that the contact reaches, from probe to probe
+MAX_PROBES = 16
+_UNIT_PATCH = (-1.0, 1.0, -1.0, 1.0)  # where a gap without a theory is first probed [mm]
+
+
+def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
+    """Return a grid around the contact of smooth bodies.
+
+    The contact is computed on small grids, usually one or two. The sides of the patch are 1.5 times the extent of the
+    contact. If the contact fills the bodies' length, they are 8/7 of it. Every rank works for itself.
+
+    Parameters
+    ----------
+    gap : Problem, shape, or callable
+        As of `ContactProblem`, but no array.
+    material : Material
+    cells : int or (int, int)
+        nx, ny of the grid.
+    patch : (float, float, float, float), optional
+        x0, x1, y0, y1 to begin with; default: by the shape's theory, or 2 mm about the origin [mm].
+    approach : float, optional
+        Either this [mm] or the load.
+    load : float, optional
+        [N]
+
+    Raises
+    ------
+    InputError
+        If there is no contact, or no patch contains it.
+
+    Examples
+    --------
+    >>> from app import Material
+    >>> steel = Material.isotropic(210e3, 0.3)
+    >>> grid = fit_grid(lambda x, y: (x - 3) ** 2 / 20 + y**2 / 900, steel, load=100)
+    >>> [round(float(end), 1) for end in (grid.x().mean(), grid.nx * grid.dx, grid.ny * grid.dy)]
+    [3.0, 0.3, 3.3]
+    """
+    if (approach is None) == (load is None):
+        raise InputError("fit_grid: exactly one of approach [mm] and load [N] is needed")
+    loading = {"approach": approach} if load is None else {"load": load}
+    if load is not None and not load > 0:
+        raise InputError(
+            f"fit_grid: load {load!r}: must be positive, there is no contact to fit the patch to"
+        )
+    if patch is None:
+        known = isinstance(gap, Shape)
+        patch = default_patch(gap, material.contact_modulus, **loading) if known else _UNIT_PATCH
+    nx, ny = (cells, cells) if np.ndim(cells) == 0 else cells
+    for _ in range(MAX_PROBES):
+        grid = Grid.from_domain(PROBE_CELLS, PROBE_CELLS, patch)
+        problem = gap.on(grid) if isinstance(gap, Problem) else ContactProblem(grid, material, gap)
+        contact, possible, found = _probe(problem, loading)
+        spans = [_fit_side(contact.any(axis=k), possible.any(axis=k)) for k in (0, 1)]
+        (a, b), (c, d) = (span for span, _ in spans)
+        patch = grid.x0 + a * grid.dx, grid.x0 + b * grid.dx, grid.y0 + c * grid.dy, grid.y0 + d * grid.dy
+        if found and all(done for _, done in spans):
+            return Grid.from_domain(nx, ny, patch)
+        if not (np.isfinite(patch).all() and min(patch[1] - patch[0], patch[3] - patch[2]) > 0):
+            break
+    if not found:
+        raise InputError(f"fit_grid: no contact at the approach {format_exact(approach)} mm")
+    sides = ", ".join(map(format_exact, patch))
+    raise InputError(f"fit_grid: no patch contains the contact, last tried {sides} mm; give the domain")
+
+
+def _probe(problem, loading):
+    """Return the contact set or the nearest cells, the admissible cells, and whether there is contact."""
+    shape = problem.shape_on(problem.grid)
+    if not np.isfinite(shape).any():
+        raise InputError("fit_grid: contact is impossible in all cells (NaN) of the patch to begin with")
+    with ContactSolver(problem, options={"lcp_precision": "double"}, comm=MPI.COMM_SELF) as solver:
+        contact = solver.solve(**loading).contact
+    found = contact.any()
+    return contact if found else shape == np.nanmin(shape), np.isfinite(shape), found
+
+
+def _fit_side(contact, possible):
+    """Return ends of the next patch along a side, in cells, and whether they fit.
+
+    Parameters are masks of the cells along the side.
+    """
+    n, cells, admissible = len(contact), np.flatnonzero(contact), np.flatnonzero(possible)
+    first, last = int(cells[0]), int(cells[-1]) + 1
+    middle, width = (first + last) / 2, last - first
+    fills = (first, last) == (int(admissible[0]), int(admissible[-1]) + 1)
+    if fills and first > 0 and last < n:  # the bodies end here
+        half = END_MARGIN * width / 2
+        return (middle - half, middle + half), width >= MIN_PROBE_WIDTH
+    if first == 0 or last == n:
+        half = MAX_GROWTH * n / 2
+        return (middle - half, middle + half), False
+    if width < MIN_PROBE_WIDTH:
+        half = MARGIN * (width / 2 + 1)
+        return (middle - half, middle + half), False
+    half = math.ceil(MARGIN * width / 2 + 1)
+    return (middle - half, middle + half), True

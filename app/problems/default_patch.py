@@ -1,0 +1,67 @@
+"""Default patches of the base shapes, from their own theories."""
+
+from __future__ import annotations
+
+import math
+
+from app.base.errors import InputError, format_exact
+from app.problems.roller import Roller
+from app.problems.shapes import Cylinder, FlatPunch, Paraboloid, Plane
+
+MARGIN = 1.5  # half side of the patch over the semi-axis of the contact
+LINE_MARGIN = 2.0  # the same for the half-width of a line contact, which is wider at the ends
+END_MARGIN = 8 / 7  # of known lengths; the ends are edges of cells if their number is a multiple of 16
+
+
+def default_patch(shape, contact_modulus, approach=None, load=None):
+    """Return a patch (x0, x1, y0, y1) around the contact of a smooth shape [mm].
+
+    Parameters
+    ----------
+    shape : app.problems.shapes.Shape
+    contact_modulus : float
+        [N/mm2]
+    approach : float, optional
+        Either this [mm] or the load; a flat punch needs neither.
+    load : float, optional
+        [N]
+
+    Raises
+    ------
+    InputError
+        If the shape has no theory, or there is no contact.
+    """
+    if isinstance(shape, FlatPunch):
+        return _centred(END_MARGIN * shape.diameter / 2, END_MARGIN * shape.diameter / 2)
+    if approach is None and load is None:
+        raise InputError("theory gives a patch for an approach or load only")
+    if isinstance(shape, Plane) or (isinstance(shape, Cylinder) and not math.isfinite(shape.length)):
+        kind = type(shape).__name__.lower()
+        raise InputError(f"the contact of this {kind} has no end")
+    (what, value), *_ = ((k, v) for k, v in (("load", load), ("approach", approach)) if v is not None)
+    if not value > 0:
+        raise InputError(f"without contact ({what} {format_exact(value)}) theory gives no patch")
+    loading = {what: value}
+    if isinstance(shape, Cylinder):
+        shape = Roller(shape.radius, shape.length)
+    if isinstance(shape, Roller):
+        return _centred(*_roller_sides(shape, contact_modulus, loading))
+    contact = shape.analytic(contact_modulus, **loading)
+    if contact is None:
+        raise InputError("this shape has no theory of its contact")
+    return _centred(MARGIN * contact.a, MARGIN * contact.b)
+
+
+def _roller_sides(roller, contact_modulus, loading):
+    """Return half sides by line contact, or by Hertz for a short ellipse."""
+    half_width = LINE_MARGIN * roller.line_contact(contact_modulus, **loading).a
+    half_length = END_MARGIN * roller.half_length
+    if roller.crown == "arc":
+        ellipse = Paraboloid(roller.radius, roller.crown_radius).analytic(contact_modulus, **loading)
+        if ellipse.b < roller.half_length:
+            return MARGIN * ellipse.a, min(MARGIN * ellipse.b, half_length)
+    return half_width, half_length
+
+
+def _centred(half_x, half_y):
+    return -half_x, half_x, -half_y, half_y

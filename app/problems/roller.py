@@ -1,0 +1,157 @@
+"""Rollers of finite length with a crown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from app.base.errors import InputError, format_exact
+from app.problems.arrays import real_numbers
+from app.problems.shapes import Shape, check_strip
+from app.reference.base import require_positive
+from app.reference.line import LineContact
+
+CROWNS = ("none", "log", "arc")
+
+
+@dataclass(frozen=True)
+class Roller(Shape):
+    """A roller lying along y, with its middle at the origin.
+
+    Contact is impossible on the chamfers and past the ends. The crown refers to the length between the chamfers.
+
+    Parameters
+    ----------
+    radius : float
+        Radius in the middle; of two rollers the relative one, 1/R = 1/R1 + 1/R2 [mm].
+    length : float
+        Over the chamfers [mm].
+    crown : str, callable or array_like, shape (n, 2)
+        "none"; "log", the profile of `app.reference.line.LineContact`, whose pressure is nearly uniform along the
+        roller at the design load; "arc"; a function z(y), the drop of the surface; or a table of y and z, linear
+        between its rows and the same on both sides if all y are at least 0 [mm].
+    end_chamfer : float
+        Axial length of the chamfer at each end [mm].
+    design_load : float, optional
+        Of the "log" crown [N].
+    contact_modulus : float, optional
+        Of the "log" crown, `Material.contact_modulus` [N/mm2].
+    crown_radius : float, optional
+        Of the "arc" crown [mm].
+
+    Examples
+    --------
+    >>> roller = Roller(10, 16, crown="log", design_load=20000, contact_modulus=115385)
+    >>> [round(1000 * float(drop), 2) for drop in roller.distance(0.0, np.array([0.0, 6.0, 8.0]))]
+    [0.0, 2.79, 14.7]
+    """
+
+    radius: float
+    length: float
+    crown: object = "none"
+    end_chamfer: float = 0.0
+    design_load: float | None = None
+    contact_modulus: float | None = None
+    crown_radius: float | None = None
+
+    name = "roller"
+
+    def __post_init__(self):
+        require_positive(radius=self.radius, length=self.length)
+        if not (isinstance(self.end_chamfer, Real) and 0 <= 2 * self.end_chamfer < self.length):
+            raise InputError(
+                f"chamfer of the roller {self.end_chamfer!r}: must be from 0 to less than half its length, "
+                f"{format_exact(self.length / 2)} mm"
+            )
+        if isinstance(self.crown, str) and self.crown not in CROWNS:
+            raise InputError(
+                f"crown of the roller {self.crown!r}: must be one of {', '.join(CROWNS)}, a function z(y), or a table"
+            )
+        needed = {"log": ("design_load", "contact_modulus"), "arc": ("crown_radius",)}
+        needed = needed.get(self.crown, ()) if isinstance(self.crown, str) else ()
+        for name in ("design_load", "contact_modulus", "crown_radius"):
+            value = getattr(self, name)
+            if name in needed and value is None:
+                raise InputError(f"crown {self.crown!r} of the roller: needs {name}")
+            if name not in needed and value is not None:
+                raise InputError(f"{name} of the roller: has no effect with this crown")
+        require_positive(**{name: getattr(self, name) for name in needed})
+        if not (isinstance(self.crown, str) or callable(self.crown)):
+            table = real_numbers("crown of the roller", self.crown)
+            object.__setattr__(self, "crown", self._checked_table(table))
+
+    def _checked_table(self, table):
+        if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
+            raise InputError("crown of the roller: must be a table of two columns, y and z [mm]")
+        if (np.diff(table[:, 0]) <= 0).any():
+            raise InputError("crown of the roller: y must increase from row to row")
+        low, high = table[0, 0], table[-1, 0]
+        if (low > 0 if low >= 0 else -low < self.half_length) or high < self.half_length:
+            raise InputError(
+                f"crown of the roller: y from {format_exact(low)} to {format_exact(high)} mm; must reach "
+                f"{format_exact(self.half_length)} mm, and from there to 0 or the other end"
+            )
+        return tuple(map(tuple, table.tolist()))
+
+    @property
+    def half_length(self):
+        """Half the length between the chamfers [mm]."""
+        return self.length / 2 - self.end_chamfer
+
+    def line_contact(self, contact_modulus, approach=None, load=None):
+        """Return the line contact without a crown, see `LineContact`."""
+        numbers = self.radius, 2 * self.half_length, contact_modulus
+        return LineContact.from_approach(*numbers, approach) if load is None else LineContact(*numbers, load)
+
+    def drop(self, y):
+        """Return the drop of the crown [mm]; NaN past the ends."""
+        y = np.asarray(y, dtype=float)
+        inside = np.where(np.abs(y) <= self.half_length, y, np.nan)
+        if callable(self.crown):
+            within = np.clip(y, -self.half_length, self.half_length)
+            return real_numbers("crown of the roller", self.crown(within)) + 0 * inside
+        if self.crown == "none":
+            return 0 * inside
+        if self.crown == "arc":
+            return inside**2 / (2 * self.crown_radius)
+        if self.crown == "log":
+            return self.line_contact(self.contact_modulus, load=self.design_load).crown(inside)
+        table = np.array(self.crown)
+        return np.interp(np.abs(inside) if table[0, 0] >= 0 else inside, *table.T) + 0 * inside
+
+    def distance(self, x, y):
+        """Return the undeformed distance in points [mm]."""
+        return x**2 / (2 * self.radius) + self.drop(y)
+
+    def check_grid(self, grid):
+        """Raise for a strip, or without cells under it."""
+        check_strip(grid)
+        if not (np.abs(grid.y()) <= self.half_length).any():
+            raise InputError(
+                f"length of the roller {format_exact(self.length)}: no cell centre of the patch lies under it"
+            )
+
+    def describe(self):
+        """See `Shape.describe`."""
+        facts = {"roller_radius": self.radius, "roller_length": self.length}
+        table = not (isinstance(self.crown, str) or callable(self.crown))
+        facts["roller_crown"] = self.crown if isinstance(self.crown, str) else "profile"
+        if table:
+            facts["roller_profile"] = [number for row in self.crown for number in row]
+        numbers = ("end_chamfer", "design_load", "crown_radius")
+        return facts | {f"roller_{name}": value for name in numbers if (value := getattr(self, name))}
+
+
+def read_profile(path):
+    """Read a crown from a text file of two columns, y and z [mm]."""
+    try:
+        with open(path, encoding="utf-8") as file:  # noqa: PTH123
+            rows = [line.replace(",", " ").split("#")[0] for line in file]
+        table = np.loadtxt(rows, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise InputError(f"profile {path}: cannot be read: {error}") from None
+    if table.ndim != 2 or table.shape[1] != 2:
+        raise InputError(f"profile {path}: must have two columns, y and z [mm]")
+    return table

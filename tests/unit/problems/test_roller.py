@@ -1,0 +1,104 @@
+"""Rollers: crowns, and their pressure against the theory of line contact."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, Grid, Material, Roller, solve
+from app.base.errors import InputError
+from app.problems.default_patch import default_patch
+from app.problems.roller import read_profile
+from app.reference import EllipticHertz
+from app.reference.line import LineContact
+
+RADIUS, LENGTH, LOAD = 10.0, 16.0, 20000.0
+STEEL = Material.isotropic(210e3, 0.3)
+LOG = {"crown": "log", "design_load": LOAD, "contact_modulus": STEEL.contact_modulus}
+
+
+def pressed(roller, n=64, load=LOAD):
+    patch = default_patch(roller, STEEL.contact_modulus, load=load)
+    return solve(ContactProblem(Grid.from_domain(n, n, patch), STEEL, roller), load=load)
+
+
+def test_logarithmic_crown_has_the_pressure_and_approach_of_line_contact():
+    """The formulas neglect terms of order (a / L)^2; 27 cells span the width."""
+    line = LineContact(RADIUS, LENGTH, STEEL.contact_modulus, LOAD)
+    solution = pressed(Roller(RADIUS, LENGTH, **LOG))
+    middle = np.abs(solution.y) < 0.35 * LENGTH
+    assert solution.pressure[middle].max(axis=1) == pytest.approx(line.max_pressure, rel=0.02)
+    assert solution.approach == pytest.approx(line.approach, rel=0.01)
+    assert solution.max_pressure < 1.2 * line.max_pressure  # the ends, with the drop of Johns and Gohar
+    assert solution.notes == ()
+
+
+def test_straight_roller_has_pressure_peaks_at_its_ends():
+    line = LineContact(RADIUS, LENGTH, STEEL.contact_modulus, LOAD)
+    solution = pressed(Roller(RADIUS, LENGTH))
+    middle = solution.pressure[len(solution.y) // 2].max()
+    assert 0.9 * line.max_pressure < middle < line.max_pressure < 0.6 * solution.max_pressure
+    row = np.unravel_index(solution.pressure.argmax(), solution.pressure.shape)[0]
+    assert abs(solution.y[row]) == pytest.approx(LENGTH / 2, abs=solution.grid.dy)
+
+
+def test_light_load_on_an_arc_is_the_contact_of_hertz():
+    roller = Roller(RADIUS, LENGTH, crown="arc", crown_radius=1000.0)
+    exact = EllipticHertz.from_load(RADIUS, 1000.0, STEEL.contact_modulus, 100.0)
+    solution = pressed(roller, load=100.0)
+    assert exact.b < LENGTH / 2
+    assert solution.approach == pytest.approx(exact.approach, rel=5e-3)
+    assert solution.max_pressure == pytest.approx(exact.max_pressure, rel=0.02)
+
+
+def test_crowns_are_counted_from_the_chamfers():
+    y = np.linspace(-9, 9, 37)
+    profile = Roller(10, 18, crown=[(0, 0), (4, 0), (8, 0.01)], end_chamfer=1)
+    whole = Roller(10, 18, crown=[(-8, 0.01), (-4, 0), (4, 0), (8, 0.01)], end_chamfer=1)
+    function = Roller(10, 18, crown=lambda y: 0.01 * np.maximum(np.abs(y) - 4, 0) / 4, end_chamfer=1)
+    expected = np.where(np.abs(y) <= 8, 0.01 * np.maximum(np.abs(y) - 4, 0) / 4, np.nan)
+    for roller in (profile, whole, function):
+        np.testing.assert_allclose(roller.drop(y), expected, atol=1e-15)
+    arc = Roller(10, 18, crown="arc", crown_radius=500, end_chamfer=1)
+    np.testing.assert_allclose(arc.distance(0.3, 6.0), 0.3**2 / 20 + 36 / 1000, rtol=1e-12)
+    short, chamfered = (Roller(10, n, end_chamfer=c, **LOG) for n, c in ((16, 0), (18, 1)))
+    np.testing.assert_array_equal(short.drop(y), chamfered.drop(y))
+
+
+def test_ends_are_edges_of_cells_of_the_default_patch():
+    grid = Grid.from_domain(64, 64, default_patch(Roller(10, 18, end_chamfer=1), 1e5, load=100))
+    assert ((8 - grid.y0) / grid.dy) % 1 == pytest.approx(0, abs=1e-9)
+    assert np.count_nonzero(np.abs(grid.y()) <= 8) * grid.dy == pytest.approx(16, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"end_chamfer": 8}, "chamfer of the roller 8: must be"),
+        ({"end_chamfer": -1}, "chamfer of the roller"),
+        ({"crown": "barrel"}, "must be one of none, log, arc"),
+        ({"crown": "log"}, "needs design_load"),
+        ({"crown": "arc"}, "needs crown_radius"),
+        ({"crown_radius": 4}, "crown_radius .* has no effect"),
+        ({"crown": "arc", "crown_radius": -4}, "crown_radius -4: must be positive"),
+        ({"crown": [1, 2, 3]}, "two columns"),
+        ({"crown": [(0, 0), (0, 1)]}, "y must increase"),
+        ({"crown": [(0, 0), (7, 1)]}, "must reach 8 mm"),
+        ({"crown": [(-7, 0), (8, 1)]}, "must reach 8 mm"),
+        ({"crown": [(1, 0), (8, 1)]}, "from there to 0"),
+        ({"radius": 0}, "radius 0: must be positive"),
+    ],
+)
+def test_wrong_rollers_are_refused(parts, message):
+    with pytest.raises(InputError, match=message) as refused:
+        Roller(**{"radius": RADIUS, "length": LENGTH} | parts)
+    assert "\n" not in str(refused.value)
+
+
+def test_profiles_are_read_from_text(tmp_path):
+    file = tmp_path / "crown.txt"
+    file.write_text("# y, z\n0, 0\n6 0.001\n8, 0.02 # end\n")
+    np.testing.assert_array_equal(read_profile(str(file)), [(0, 0), (6, 0.001), (8, 0.02)])
+    file.write_text("1 2 3\n")
+    with pytest.raises(InputError, match="two columns"):
+        read_profile(str(file))
+    with pytest.raises(InputError, match="cannot be read"):
+        read_profile(str(tmp_path / "missing.txt"))
