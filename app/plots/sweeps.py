@@ -22,10 +22,13 @@ _WORK = {  # and labels
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proportional on one patch
 _SOLVER_OPTIONS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")
 _UNITS = (
-    ("N", "load"),
+    ("N", "load|.+_design_load"),
     ("N/mm²", "young|.+_modulus|mean_pressure"),
     ("degrees", ".+_angle"),
-    ("mm", "domain|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter"),
+    (
+        "mm",
+        "domain|roller_(end_chamfer|profile)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
+    ),
     ("mm", "surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )
 _MIN_VARIATION = 1e-4  # relative; smaller differences may be errors of the solver
