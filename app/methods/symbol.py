@@ -65,12 +65,8 @@ def eigenvalues(grid, compliance, x, y):
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
-        return 2 * np.pi * compliance * side * _eigenvalues(_kind(grid), grid.dx / side, grid.dy / side, x, y)
-
-
-def _kind(grid):
-    """Return the symbol of the grid; ``love`` on a free patch."""
-    return grid.periodic or "love"
+        values = _eigenvalues(grid.periodic or "love", grid.dx / side, grid.dy / side, x, y)
+    return 2 * np.pi * compliance * side * values
 
 
 def _eigenvalues(kind, dx, dy, x, y):
@@ -122,7 +118,7 @@ def fit_stencils(grid, power=-1):
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
-        return _stencils(_kind(grid), grid.dx / side, grid.dy / side, power)
+        return _stencils(grid.periodic or "love", grid.dx / side, grid.dy / side, power)
 
 
 @lru_cache(maxsize=32)
@@ -134,19 +130,15 @@ def _stencils(kind, dx, dy, power):
         x, y = t / cells[1], t / cells[0]
         values = _powers(kind, dx, dy, x, y, power)
         fitted = coarsen_symbol(values, near, x, y)
-        fy, fx = factors = _coarsening(cells[1] * dx, cells[0] * dy)
+        wide, high = cells[1] * dx, cells[0] * dy
+        factors = (2, 1) if wide > MAX_ASPECT * high else (1, 2) if high > MAX_ASPECT * wide else (2, 2)
+        fy, fx = factors
         short = np.hypot((fx - 1) * t[:, None], (fy - 1) * t) > MIN_FITTED_WAVE
         weight = np.where(short, 1.0, 1e-3) / values
         system = (weight[..., None, None] * shapes).reshape(t.size**2, -1)
         stencil, *_ = np.linalg.lstsq(system, (weight * fitted).reshape(-1), rcond=None)
         near.append(StencilLevel(stencil.reshape(REACH + 1, REACH + 1), factors))
     return tuple(near)
-
-
-def _coarsening(dx, dy):
-    if dx > MAX_ASPECT * dy:
-        return 2, 1
-    return (1, 2) if dy > MAX_ASPECT * dx else (2, 2)
 
 
 def near_field_correction(grid, levels):

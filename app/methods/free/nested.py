@@ -65,7 +65,8 @@ def nested_iteration(
                 boxes = level.boxes_for_next(coarse_minimum, loading.predict(state.depth))
                 if nested:
                     grids.grid_numbers.append(compute_grid_numbers(state, state.comm))
-        level.end_verification()
+        if level.verification:
+            level.verification.end(state)
         boxes = grids.broadcast_to_next(state, boxes)
         if nested and target and not first:
             difference = pressure_difference(comm, level.transfer, coarse_pressure, state)

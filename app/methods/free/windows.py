@@ -95,6 +95,7 @@ class WindowedLevel:
         Between these.
     windowed : bool
         `state` is that of a window.
+    verification : VerificationProduct or None
     """
 
     def __init__(self, hierarchy, cache, number, distance, coarse, boxes=None):
@@ -102,7 +103,7 @@ class WindowedLevel:
         self._predicted = boxes and boxes.predicted
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         self._level = level = hierarchy.levels[number]
-        self._verification, self._window, coarse_window = None, whole_window(level.grid), None
+        self.verification, self._window, coarse_window = None, whole_window(level.grid), None
         if coarse is not None:
             distance.move_to(coarse.depth)
             if hierarchy.may_be_windowed(level):
@@ -124,8 +125,8 @@ class WindowedLevel:
         slabs, few = hierarchy.ranks.distribute(grid)
         self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
-            self._verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
-        fine = self._cache.window((self._number, "fine"), grid, slabs, few, self._verification)
+            self.verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
+        fine = self._cache.window((self._number, "fine"), grid, slabs, few, self.verification)
         below = self._cache.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
         cut = Scatter(coarse_window.relative_to(outer), coarse.operator.slabs, below.slabs, comm).forward
@@ -152,11 +153,6 @@ class WindowedLevel:
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
         return Boxes(self._window, contact, others[0] if others else predicted)
 
-    def end_verification(self):
-        """End the iteration in a window, on all ranks."""
-        if self._verification:
-            self._verification.end(self.state)
-
     def close(self):
         """Release the operators of a window."""
         if self.windowed:
@@ -169,7 +165,7 @@ class WindowedLevel:
         It is incomplete if the bodies penetrate outside of a window that has `converged`.
         """
         inside, scatter = self.state, self._scatter
-        u = self._verification.displacement(inside, converged)
+        u = self.verification.displacement(inside, converged)
         self._distance.move_to(inside.depth)
         inside.distance.destroy()
         inside.distance = inside.u = None  # room for the state of all cells

@@ -75,7 +75,11 @@ class TwoGrid:
         self.operator = operator
         self.weights = _weights(operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
-        (low, high), highest = DAMPED_EIGENVALUES, _highest(*self.weights[1:])
+        (low, high), (_, x, y, diagonal) = DAMPED_EIGENVALUES, self.weights
+        alternating = (x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y)
+        highest = 1 + 2 * float(
+            max(alternating)
+        )  # eigenvalue of the sweeps, of waves that alternate in x or y
         if highest > low + high:
             high = DAMPED_FRACTION * highest
         self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
@@ -172,20 +176,6 @@ def _weights(centre, grid):
     return 1.0 / middle, *(np.float32(value / middle) for value in around)
 
 
-def _highest(x, y, diagonal):
-    """Return the largest eigenvalue of the sweeps, of alternating waves."""
-    alternating = (x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y)
-    return 1 + 2 * float(max(alternating))
-
-
-def _factor(n, coarse):
-    """Return the cells per coarse cell, a power of two."""
-    factor = 1
-    while -(-n // factor) > coarse:
-        factor *= 2
-    return factor
-
-
 class _LongWaves:
     """A on a coarser grid, for long waves. Collective.
 
@@ -195,7 +185,8 @@ class _LongWaves:
     def __init__(self, fine, width, springs):
         self.coarse, (self._compliance, self._stiffness) = fine.coarser, springs
         coarse = self.coarse
-        self._factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
+        ratios = (-(-n // m) for n, m in zip(fine.grid.shape, coarse.grid.shape, strict=True))
+        self._factors = fy, _ = tuple(1 << (ratio - 1).bit_length() for ratio in ratios)  # powers of two
         coarse_slabs, comm = fine.slabs.coarsen(fy), fine.comm
         ranks, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         first, last = fine.slabs.bounds(ranks)
