@@ -212,7 +212,7 @@ def refusals(comm):
     yield "exactly one", lambda: solve(hertz(8), None)
     yield "a number", lambda: solve(hertz(8), np.nan)
     yield "stick", lambda: solve(hertz(8), None, "fast", -1.0)
-    yield "allowed", lambda: solve(hertz(8), 0.1, "faster")
+    yield "must be one of", lambda: solve(hertz(8), 0.1, "faster")
     yield "lcp_rtool", lambda: solve(hertz(8), 0.1, lcp_rtool=1e-3)
     yield "no effect", lambda: solve(hertz(8), 0.1, lcp_predictor=1.0)
     yield "ksp_rtoll", lambda: solve(hertz(8), 0.1, ksp_rtoll=1e-3)
