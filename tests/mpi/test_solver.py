@@ -108,14 +108,14 @@ def test_a_start_from_all_ranks(comm):
 
 
 @pytest.mark.mpi(2, 3)
-def test_a_start_of_other_ranks_is_refused_everywhere(comm):
+def test_a_start_of_other_ranks_is_refused_on_all(comm):
     own = solve(hertz(24), APPROACH, comm=MPI.COMM_SELF)
     with ContactSolver(hertz(24)) as solver, pytest.raises(InputError, match="as many ranks"):
         solver.solve(approach=APPROACH, start=own)
 
 
 @pytest.mark.mpi(2, 3)
-def test_what_some_ranks_only_are_given_is_refused_everywhere(comm):
+def test_arguments_that_differ_between_ranks_are_refused_on_all(comm):
     """They would wait for each other."""
     with ContactSolver(hertz(24)) as solver:
         found = solver.solve(approach=APPROACH)
@@ -224,18 +224,18 @@ def refusals(comm):
 
 @pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize("number", range(11))
-def test_every_rank_hears_of_what_cannot_be(comm, number):
+def test_a_refusal_on_one_rank_is_an_error_on_all(comm, number):
     message, action = list(refusals(comm))[number]
     with pytest.raises(InputError, match=message):
         action()
-    assert solve(hertz(8), APPROACH).converged  # nobody waits for anybody
+    assert solve(hertz(8), APPROACH).converged  # no rank is left waiting
 
 
 @pytest.mark.mpi(2)
 @pytest.mark.parametrize(
     "other", [{"dx": 2.0}, {"periodic": "spectral"}, {"nx": 9}, {"shear_modulus": 70000.0}], ids=str
 )
-def test_ranks_of_one_solver_have_one_problem(comm, other):
+def test_problems_that_differ_between_ranks_are_refused(comm, other):
     grid, material = Grid(8, 8, 1.0, 1.0), Material.combined(80000, 0.3)
     if comm.rank:
         material = replace(material, **other) if "shear_modulus" in other else material
