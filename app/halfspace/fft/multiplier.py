@@ -28,7 +28,7 @@ from app.halfspace.fft.strips import (
     ROWS,
     STRIP,
     convolve_columns,
-    put_rows,
+    copy_rows,
     rows_to_strips,
     strips_to_rows,
 )
@@ -193,7 +193,7 @@ class EvenMultiplier:
             block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
             block = transform_even(block, nx_fft)
             for first, last, strips in pieces:
-                put_rows(block[:, first:last].copy(), strips, slabs.local, start - slabs.rows.start)
+                copy_rows(block[:, first:last].copy(), strips, slabs.local, start - slabs.rows.start, True)
         spectrum = np.empty((sum(group.count for group in groups), half_y + 1), self.dtype)
         done = 0
         for group in groups:

@@ -108,31 +108,24 @@ def _copy_strip(source, i, target, k):
 
 
 @njit()
-def put_rows(rows, strips, height, start):
-    """Store rows from row `start` on in strips of `height` rows."""
+def copy_rows(rows, strips, height, start, store):
+    """Store rows from row `start` on in strips of `height` rows, or load them."""
     whole = rows.shape[1] // STRIP * STRIP
     for strip in range(0, whole, STRIP):
         at = height * strip + start * STRIP
         for j in range(rows.shape[0]):
-            _copy_strip(rows[j], np.uint64(strip), strips, np.uint64(at + j * STRIP))
+            if store:
+                _copy_strip(rows[j], np.uint64(strip), strips, np.uint64(at + j * STRIP))
+            else:
+                _copy_strip(strips, np.uint64(at + j * STRIP), rows[j], np.uint64(strip))
     width = rows.shape[1] - whole
     for j in range(rows.shape[0]):
+        rest = strips[height * whole + (start + j) * width :]
         for c in range(width):
-            strips[height * whole + (start + j) * width + c] = rows[j, whole + c]
-
-
-@njit()
-def _take_rows(strips, height, start, rows):
-    """Undo `put_rows`."""
-    whole = rows.shape[1] // STRIP * STRIP
-    for strip in range(0, whole, STRIP):
-        at = height * strip + start * STRIP
-        for j in range(rows.shape[0]):
-            _copy_strip(strips, np.uint64(at + j * STRIP), rows[j], np.uint64(strip))
-    width = rows.shape[1] - whole
-    for j in range(rows.shape[0]):
-        for c in range(width):
-            rows[j, whole + c] = strips[height * whole + (start + j) * width + c]
+            if store:
+                rest[c] = rows[j, whole + c]
+            else:
+                rows[j, whole + c] = rest[c]
 
 
 @njit()
@@ -146,7 +139,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
         rows[:] = 0
     for m in range((count + 1) // 2 if active else 0):
         _split(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
-    put_rows(rows, strips, height, start)
+    copy_rows(rows, strips, height, start, True)
 
 
 @njit()
@@ -156,7 +149,7 @@ def _fetch_pairs(transforms, length, first, count, scratch, strips, height, star
         return
     columns = strips.size // height
     rows = scratch[: count * columns].reshape(count, columns)
-    _take_rows(strips, height, start, rows)
+    copy_rows(rows, strips, height, start, False)
     for m in range((count + 1) // 2):
         _unite(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
 
@@ -171,30 +164,6 @@ def _gather_row(row, columns, at):
 def _scatter_row(columns, at, row):
     for c in range(np.uint64(STRIP)):
         row[c] = columns[c, at]
-
-
-@njit()
-def _gather_columns(strip, columns, start):
-    """Compute columns[c, start + r] = strip[r, c]."""
-    width = strip.shape[1]
-    for r in range(strip.shape[0]):
-        if width == STRIP:
-            _gather_row(strip[r], columns, np.uint64(start + r))
-        else:
-            for c in range(width):
-                columns[c, start + r] = strip[r, c]
-
-
-@njit()
-def _scatter_columns(strip, columns, start):
-    """Undo `_gather_columns`."""
-    width = strip.shape[1]
-    for r in range(strip.shape[0]):
-        if width == STRIP:
-            _scatter_row(columns, np.uint64(start + r), strip[r])
-        else:
-            for c in range(width):
-                strip[r, c] = columns[c, start + r]
 
 
 @njit()
@@ -279,10 +248,17 @@ def _copy_columns(own, received, places, heights, rank, count, first, last, colu
         height = heights[q]
         strips = own if q == rank else received[places[q] : places[q] + height * count]
         strip = strips[height * first : height * last].reshape(height, last - first)
-        if gather:
-            _gather_columns(strip, columns, start)
-        else:
-            _scatter_columns(strip, columns, start)
+        for r in range(height):
+            if last - first == STRIP and gather:
+                _gather_row(strip[r], columns, np.uint64(start + r))
+            elif last - first == STRIP:
+                _scatter_row(columns, np.uint64(start + r), strip[r])
+            else:
+                for c in range(last - first):
+                    if gather:
+                        columns[c, start + r] = strip[r, c]
+                    else:
+                        strip[r, c] = columns[c, start + r]
         start += height
     return start
 
