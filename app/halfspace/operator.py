@@ -287,7 +287,7 @@ class InfluenceOperator(MatMethods):
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = (a C A C + s I) x, from which PCMG computes the defect."""
+        """Compute y = (a C A C + s I) x."""
         self.products += 1
         a, s = scale_and_shift(mat)
         with y as out:

@@ -109,7 +109,7 @@ def _copy_strip(source, i, target, k):
 
 @njit()
 def copy_rows(rows, strips, height, start, store):
-    """Store rows from row `start` on in strips of `height` rows, or load them."""
+    """Store rows in strips from row `start` on, or load them."""
     whole = rows.shape[1] // STRIP * STRIP
     for strip in range(0, whole, STRIP):
         at = height * strip + start * STRIP
