@@ -84,7 +84,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
 
 
 def _probe(problem, loading):
-    """Return the contact set or the nearest cells, the admissible cells, and whether there is contact."""
+    """Return contact set or nearest cells, admissible cells, and whether there is contact."""
     shape = problem.shape_on(problem.grid)
     if not np.isfinite(shape).any():
         raise InputError("fit_grid: contact is impossible in all cells (NaN) of the patch to begin with")

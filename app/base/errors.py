@@ -12,7 +12,7 @@ MAX_WORD, MAX_PATH, MAX_MESSAGE = 60, 255, 4000  # characters
 
 
 def shorten(text, longest=MAX_WORD):
-    """Shorten a text for a message to its beginning and its end."""
+    """Shorten a text to its beginning and end."""
     return text if len(text) <= longest else f"{text[: longest - 18]}...{text[-15:]}"
 
 
@@ -43,7 +43,7 @@ class OtherRankError(RuntimeError):
 
 
 def format_exact(number):
-    """Write a number so that it differs from every other one.
+    """Write a number with all its digits.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def format_exact(number):
 
 
 def format_distinct(number, other, digits=3):
-    """Write a number with few digits that differ from another's.
+    """Write a number distinctly from another, briefly.
 
     Examples
     --------
@@ -69,12 +69,12 @@ def format_distinct(number, other, digits=3):
 
 
 def format_message(error):
-    """Return the text of an exception, or its type, on one line."""
+    """Return an exception's text on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def format_error(error):
-    """Return type and text of an exception on one line."""
+    """Return an exception's type and text."""
     name, text = type(error).__name__, format_message(error)
     return name if text == name else f"{name}: {text}"
 
@@ -125,7 +125,7 @@ def call_collectively(comm, function, *args, only_root=False):
 
 
 def check_equal_on_ranks(comm, value, what):
-    """Check that a value has the same `repr` on all ranks.
+    """Check that a value is equal on all ranks.
 
     Collective over the mpi4py communicator `comm`. Ranks with different input would deadlock later. `what` names the
     value in the message.
@@ -135,7 +135,7 @@ def check_equal_on_ranks(comm, value, what):
 
 
 def warn_caller(message):
-    """Issue a RuntimeWarning at the line outside `app` that called it."""
+    """Issue a RuntimeWarning at the user's line."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "app":
         level, frame = level + 1, frame.f_back

@@ -59,7 +59,7 @@ def doubles_in_strips(grid):
 
 
 def check_host_memory(comm, grid, doubles):
-    """Check on all ranks that a grid fits into memory.
+    """Check that a grid fits into memory.
 
     Collective. Each host must hold its ranks, and each process its share.
 
@@ -96,7 +96,7 @@ def check_address_space():
 
 
 def check_rank_memory(grid, cells):
-    """Check that this rank can hold its cells of a grid."""
+    """Check that this rank can hold some cells."""
     _check(grid, 8.0 * MIN_DOUBLES * cells, available_memory(), "on one host")
 
 
@@ -109,7 +109,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Check that a number of bytes for `what` is free."""
+    """Check that bytes for something are free."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())
@@ -172,6 +172,6 @@ def _lines(path):
 
 
 def _size(size, other):
-    """Write a number of bytes so that it differs from another one."""
+    """Write a number of bytes distinctly from another."""
     unit, name = (2**30, "GiB") if size >= 2**29 else (2**20, "MiB")
     return f"{format_distinct(size / unit, other / unit)} {name}"

@@ -51,7 +51,7 @@ def njit(makes_arrays=False, **options):
 
 
 class LockedCache(FunctionCache):
-    """Cache of a function, locked while one process compiles it.
+    """Cache that is locked while one process compiles.
 
     Two processes that save a function at once may mix up its types in numba's own cache.
     """
@@ -109,7 +109,7 @@ def release_lock_after(compile_, cache):
 
 
 def cache_folder_of(function):
-    """Return the cache folder of a Python function, or None."""
+    """Return a function's cache folder, or None."""
     with suppress(RuntimeError):  # numba finds no folder for its cache
         return Path(FunctionCache(function).cache_path)
     return None

@@ -42,7 +42,7 @@ def _library():
 
 
 def call(name, *arguments):
-    """Call a C function of PETSc. Collective as that function."""
+    """Call a C function of PETSc."""
     if code := getattr(_library(), name)(*arguments):
         raise PETSc.Error(code)
 
@@ -138,7 +138,7 @@ def _counter(name):
 
 
 def log_messages(count, size):
-    """Add messages and their bytes to PETSc's counters for -log_view."""
+    """Count messages and bytes for -log_view."""
     _counter("petsc_isend_ct").value += count
     _counter("petsc_isend_len").value += size
 
@@ -154,7 +154,7 @@ _INCOMPATIBLE = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 def error_message(error):
-    """Return the message of a PETSc.Error on one line, without its stack."""
+    """Return a PETSc.Error's message without its stack."""
     noise = ("error code", "See ", "#")
     entries = re.sub(r"\n(?!\[\d+\] )\s*", " ", str(error)).splitlines()  # some have several lines
     lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in entries)
@@ -180,7 +180,9 @@ def to_input_error(error):
 
 
 class unwrap_errors:
-    """Raise exceptions of Python callbacks as they were; newer petsc4py wraps them in PETSc.Error.
+    """Raise exceptions of Python callbacks unwrapped.
+
+    Newer petsc4py wraps them in PETSc.Error.
 
     No garbage is collected inside the block. petsc4py formats texts while an exception is set. Since Python 3.12
     garbage may be collected then: a callback of a weak reference fails, the exception is lost, and petsc4py crashes.
@@ -205,7 +207,7 @@ class unwrap_errors:
 
 @cache
 def restricts_by_transpose():
-    """Return whether MatRestrict multiplies by the transpose of a square matrix.
+    """Return whether MatRestrict multiplies by a transpose.
 
     On some numbers of ranks vectors of replicated grids are as long as those of the next finer grid.
     """
@@ -234,7 +236,7 @@ def report_no_entries(mat):
 
 
 def check_cells(grid):
-    """Check that PETSc's integers can number the cells of a grid."""
+    """Check that PETSc can number a grid's cells."""
     most = np.iinfo(PETSc.IntType).max
     if grid.n > most:
         raise InputError(

@@ -55,12 +55,12 @@ QUANTITIES = {
 
 
 def unit_of(name):
-    """Return the unit of a quantity or its analytic value."""
+    """Return the unit of a quantity."""
     return QUANTITIES.get(name.removeprefix("analytic_"), Quantity()).unit
 
 
 def label_of(name):
-    """Return the label of a quantity, or of its analytic value."""
+    """Return the label of a quantity."""
     quantity = name.removeprefix("analytic_")
     label = QUANTITIES.get(quantity, Quantity()).label or quantity.replace("_", " ")
     return label if quantity == name else f"analytic {label}"

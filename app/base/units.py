@@ -13,14 +13,14 @@ ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 
 
 class Unit(NamedTuple):
-    """A unit of length: its number in a mm, and its name."""
+    """A unit of length: number per mm, name."""
 
     per_mm: float
     name: str
 
 
 def find_unit(name):
-    """Return the name of a unit in `UNITS`, or None."""
+    """Return a unit's name in `UNITS`, or None."""
     if isinstance(name, bytes):
         name = name.decode(errors="replace")
     # Two code points mean micro, and two angstrom: NFKC makes them one.
@@ -79,7 +79,7 @@ def format_quantity(value, unit, digits=4):
 
 
 def round_to_cell(value, cell):
-    """Round a position to a thousandth of a cell size.
+    """Round a position to thousandths of a cell.
 
     Examples
     --------

@@ -26,7 +26,10 @@ FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file
 
 
 def find_option_file(path):
-    """Return the path of an option file, also of one of `FILES`, also without ``.opts``."""
+    """Return the path of an option file.
+
+    It may be one of `FILES`, and given without ``.opts``.
+    """
     for name in (path, f"{path}.opts"):
         own = FILES / Path(name).name
         if os.path.exists(name):  # noqa: PTH110: accepts names of any length

@@ -73,7 +73,10 @@ class SolverOptions:
 
     @contextmanager
     def inserted(self):
-        """Insert the options into PETSc's database inside the block; note which are used."""
+        """Insert the options into PETSc's database inside the block.
+
+        Afterwards `used` has those that were read.
+        """
         if self._is_inserted:
             yield
             return
