@@ -139,7 +139,7 @@ def spots_figure(patches):
 
 @with_style
 def show(draw, name):
-    """Call a function that draws a figure, for a notebook; return figure and axes."""
+    """Draw a figure for a notebook; return figure and axes."""
     with interactive():
         figure = draw()
     if figure is None:

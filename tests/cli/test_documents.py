@@ -20,13 +20,7 @@ NAV = next(
     if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
 )
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
-OTHERS = {
-    "options_file",
-    "skip_petscrc",
-    "help",
-    "citations",
-    "cone_slope",
-}
+OTHERS = {"options_file", "skip_petscrc", "help", "citations", "cone_slope"}
 PETSCS = re.compile(
     r"((punch_|gear_)?ksp|pc|mg_levels|mg_coarse|snes|tao|log|malloc|objects|options|prefix|on_error)_\w*|info|citations"
 )

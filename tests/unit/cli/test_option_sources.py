@@ -113,10 +113,7 @@ def test_flags_read_at_petscs_end_are_checked(read, files, name):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (
-            "# a comment\ngrid 8\n",
-            "Unknown first token in options file a.opts line 2: grid",
-        ),
+        ("# a comment\ngrid 8\n", "Unknown first token in options file a.opts line 2: grid"),
         ("-grid 8 -approach 1\n", "Error in options file a.opts line 1: extra token -approach"),
         (
             "-grid 8\r\n\n-lcp_monitor -load 1 # N\n",
@@ -127,10 +124,7 @@ def test_flags_read_at_petscs_end_are_checked(read, files, name):
         ("-\n", "a.opts line 1: invalid option -"),
         ("-inf 3\n", "a.opts line 1: invalid option -inf"),
         ('-grid 8\n-title "a b\n', 'line 2: -title "a b: a quote is not closed'),
-        (
-            "-title 'a b'\n",
-            "a.opts line 1: extra token b'",
-        ),
+        ("-title 'a b'\n", "a.opts line 1: extra token b'"),
         ('-size 5"\n-grid 8\n', 'line 1: -size 5": a quote is not closed'),
         ('-title "a"b\n', "a.opts line 1: extra token b"),
         ("alias -force\n", "a.opts line 1: alias missing for -force"),
@@ -138,10 +132,7 @@ def test_flags_read_at_petscs_end_are_checked(read, files, name):
         ("-grid 8\n-prefix_pop\n", "option file a.opts: More prefixes popped than pushed"),
         (bytes(range(128, 256)), "option file a.opts: is not a text file"),
         (b"\x01\x1b[2J", "option file a.opts: is not a text file"),
-        (
-            "\ufeff-grid 8\n",
-            "Unknown first token in options file a.opts line 1: \ufeff-grid",
-        ),
+        ("\ufeff-grid 8\n", "Unknown first token in options file a.opts line 1: \ufeff-grid"),
         ("-options_file a.opts\n", "option file a.opts: includes itself"),
         ("-grid 8\n-options_file b.opts\n", "option file ./a.opts: includes itself (included by"),
         ("-options_file\n", "options file"),
@@ -233,7 +224,4 @@ def test_options_are_split_by_source(read, files):
     files(a__opts="-a 1\n-b 1\n-c 1\n", b__opts="-b 2\n-d 2\n")
     given = read("-d 0 -options_file a.opts -c 3 -options_file b.opts", a="0", e="0")
     found = given.split_by_source(set("abcde"))
-    assert found == (
-        {"a.opts": {"a": "1", "b": "1", "c": "1"}, "b.opts": {"b": "2", "d": "2"}},
-        {"c": "3"},
-    )
+    assert found == ({"a.opts": {"a": "1", "b": "1", "c": "1"}, "b.opts": {"b": "2", "d": "2"}}, {"c": "3"})

@@ -64,10 +64,7 @@ def test_default_folder_is_named_after_the_file(path, tmp_path, capsys):
         ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
         (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),
         (["RESULT", "-o", "DIR", "--dpi", "many"], "--dpi many: must be"),
-        (
-            ["RESULT", "-o", "DIR", "--dpi", "5"],
-            "--dpi 5: must be a whole number from 20 to 1200",
-        ),
+        (["RESULT", "-o", "DIR", "--dpi", "5"], "--dpi 5: must be a whole number from 20 to 1200"),
         (["RESULT", "-o", "DIR/below"], "does not exist"),
         (["RESULT", "-o", "RESULT"], "not a folder"),
     ],

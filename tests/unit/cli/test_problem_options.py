@@ -6,12 +6,7 @@ import pytest
 
 from app.base.errors import InputError
 from app.cli.option_sources import ParsedOptions
-from app.cli.problem_options import (
-    list_input_files,
-    read_loading,
-    resolve_alternatives,
-    suggest_names,
-)
+from app.cli.problem_options import list_input_files, read_loading, resolve_alternatives, suggest_names
 
 
 @pytest.fixture
