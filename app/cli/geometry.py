@@ -332,7 +332,10 @@ def _make_default_patch(options, shape, material, periodic):
 
 
 def find_loading(options):
-    """Return approach or load of the options, if any."""
+    """Return approach or load of the options, if any.
+
+    Of a path it is the largest.
+    """
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
     return {loading.removesuffix("_path"): float(np.max(options[loading]))} if loading else {}
