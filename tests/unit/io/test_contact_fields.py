@@ -58,7 +58,7 @@ def test_contact_spots_have_loads_and_centres(tmp_path, corner):
 
 
 def test_contact_spots_may_be_absent_or_periodic():
-    assert [len(column) for column in solve(hertz(16), -1.0, None).patches()] == [16] + [0] * 6
+    assert [len(column) for column in solve(hertz(16), -1.0, None).patches()[:-1]] == [16] + [0] * 6
     flat = ContactProblem(Grid.from_domain(8, 4, (0, 2, 0, 1), True), hertz(16).material, np.zeros((4, 8)))
     patches = solve(flat, None, None, load=2.0).patches()
     assert (patches.cells, patches.load) == (32, pytest.approx(2.0))
