@@ -15,7 +15,13 @@ from pygments.util import ClassNotFound
 
 ROOT = Path(__file__).resolve().parents[1]
 NAV = {  # heading -> page -> its name there; None: that of the page
-    "Begin": {"install": None, "cluster": "On a cluster", "tutorial": None, "faq": "Questions"},
+    "Begin": {
+        "install": None,
+        "cluster": "On a cluster",
+        "tutorial": None,
+        "gallery": None,
+        "faq": "Questions",
+    },
     "Guide": {
         "python": None,
         "commands": None,
