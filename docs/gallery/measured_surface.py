@@ -1,6 +1,6 @@
 """A measured surface under a ball.
 
-A map of heights comes from an instrument as a file. Here the script writes such a file first: a ground plate, heights in
+A map of heights comes from an instrument as a file. The script first writes such a file: a ground plate, heights in
 micrometres, tilted as measured maps are.
 """
 
@@ -24,7 +24,7 @@ rough = solve(ContactProblem(surface.grid(), steel, Sphere(5), surfaces=[surface
 smooth = solve(ContactProblem(surface.grid(), steel, Sphere(5)), load=20)
 for name, solution in (("rough", rough), ("smooth", smooth)):
     print(
-        f"{name:6} contact {1e6 * solution.contact_area:6.0f} um2, maximum pressure {solution.max_pressure:5.0f} N/mm2, "
+        f"{name:6} contact {1e6 * solution.contact_area:6.0f} um2, maximum {solution.max_pressure:5.0f} N/mm2, "
         f"approach {1e3 * solution.approach:.2f} um, {len(solution.patches().cells)} contact spots"
     )
 
