@@ -3,8 +3,6 @@
 Started by `benchmarks.measure` as ``mpiexec -n P python -m benchmarks.again`` with the options of app.solve.
 """
 
-from __future__ import annotations
-
 from app.cli import session
 
 _FEWEST = 8

@@ -3,8 +3,6 @@
 Run by ``run/bench``; see there.
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

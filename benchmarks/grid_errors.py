@@ -4,8 +4,6 @@ Every problem is solved on some grids under some loadings; true errors are diffe
 that on 1024 x 1024 cells. Prints the table of docs/load-paths.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from tqdm import tqdm
 

@@ -3,8 +3,6 @@
 Started by `benchmarks.bench` as ``mpiexec -n P python -m benchmarks.kernels N``.
 """
 
-from __future__ import annotations
-
 import sys
 import tracemalloc
 from functools import partial

@@ -4,8 +4,6 @@ Started by `benchmarks.bench` as ``mpiexec -n P python -m benchmarks.loads N [ME
 problem. The approach is the one that belongs to the load, so that both end with the same pressure.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What the pages of `run/bench` have in common: heads, measured solves, memory."""
 
-from __future__ import annotations
-
 import datetime
 import os
 import platform

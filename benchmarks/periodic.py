@@ -1,7 +1,5 @@
 """Periodic self-affine surfaces under given mean pressures: the problems, and the page of `run/bench --periodic`."""
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The unit of all timings, and a check that shares no code with the solver: both are plain scipy FFTs."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -10,8 +10,6 @@ of a machine share its way to others. Computing is divided by the ranks of a gri
 Started by ``run/bench --replay``.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

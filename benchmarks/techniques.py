@@ -7,8 +7,6 @@ Prints the tables of docs/notebook/performance.md: geometric means of operator a
 Counts do not depend on the load of the machine.
 """
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import dataclass
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Analytic values and theories to compare a solution with."""
 
-from __future__ import annotations
-
 from app.reference.base import NormalContact
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
 

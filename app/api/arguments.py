@@ -1,7 +1,5 @@
 """Checks of the arguments of `ContactSolver`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Grids whose patch is fitted to the contact."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ periodic, 20 loads over three decades take 196 and 241 operator applications fro
 solution; in steps of a percent 204 and 247 against 145 and 233.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Notes on wrong units, coarse grids, and the limits of the theory."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.errors import format_distinct

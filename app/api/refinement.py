@@ -1,7 +1,5 @@
 """Refinement of the grid down to a discretisation error."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Solutions: fields, numbers and history, on any number of ranks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np

@@ -11,8 +11,6 @@ Options are PETSc's and those of `app.options.method`. Each solver has them in P
 own, during set-up and solves only.
 """
 
-from __future__ import annotations
-
 import time
 import weakref
 from contextlib import ExitStack

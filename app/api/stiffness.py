@@ -4,8 +4,6 @@ It is dx dy sum(q), with ``A q = 1`` on C and q = 0 elsewhere. For a fixed conta
 approach. Cells enter and leave with p = 0, so this is the exact derivative in any case.
 """
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 
 import numpy as np

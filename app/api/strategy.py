@@ -1,7 +1,5 @@
 """Strategies (-lcp_type), which run the iteration of a method."""
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 

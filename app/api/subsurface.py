@@ -1,7 +1,5 @@
 """Stress below the surface of a solution."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

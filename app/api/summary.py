@@ -1,7 +1,5 @@
 """Text about a solution, which app.solve prints, too."""
 
-from __future__ import annotations
-
 from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
 from app.base.quantities import label_of

@@ -1,7 +1,5 @@
 """Pictures and small tables of solutions, paths, surfaces and stresses, as in notebooks."""
 
-from __future__ import annotations
-
 import base64
 import html
 import io

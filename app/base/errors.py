@@ -1,7 +1,5 @@
 """Errors on one rank or all, and numbers in messages."""
 
-from __future__ import annotations
-
 import re
 import socket
 import sys

@@ -4,8 +4,6 @@ Peak resident memory of set-up and solve was measured in doubles per cell of the
 the solution; see docs/notebook/scaling.md. Ranks of one host share its memory.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import resource

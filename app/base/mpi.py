@@ -4,8 +4,6 @@
 mpi4py.
 """
 
-from __future__ import annotations
-
 import os
 from contextlib import contextmanager
 

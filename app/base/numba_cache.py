@@ -4,8 +4,6 @@ numba's cache lies in the folder of the source, in ``NUMBA_CACHE_DIR``, or in th
 read-only. If none of these is writable, it is a private folder in the temporary one.
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import stat

@@ -3,8 +3,6 @@
 ``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide the differences.
 """
 
-from __future__ import annotations
-
 import atexit
 import ctypes
 import gc

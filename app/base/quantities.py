@@ -1,7 +1,5 @@
 """Units, labels and meanings of the numbers of solutions and load paths."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

@@ -1,7 +1,5 @@
 """Units of length in files, options and messages."""
 
-from __future__ import annotations
-
 import math
 import unicodedata
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Shell-style command lines (``--jobs 2``) and exit statuses."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

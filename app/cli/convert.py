@@ -11,8 +11,6 @@ dataset            meaning
 Root attributes: ``source`` (file name), ``sha256`` (of it), ``format``, ``channel``, ``version``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

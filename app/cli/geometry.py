@@ -1,7 +1,5 @@
 """Problems from options."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.errors import InputError

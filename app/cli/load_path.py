@@ -1,7 +1,5 @@
 """Load paths of app.solve: options, checkpoint, and output of steps and notes."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Progress bar of a solve."""
 
-from __future__ import annotations
-
 import math
 import sys
 

@@ -8,8 +8,6 @@
 PETSc reads the files, on rank 0; its options are broadcast.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import dataclass, field

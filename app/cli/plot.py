@@ -8,8 +8,6 @@ each, and their paths are drawn together in DIR/paths. The default folder has th
 Prints the names of the figures. Exit status 0, or 2 after an error. One rank.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from app.base import units

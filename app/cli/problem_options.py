@@ -1,7 +1,5 @@
 """Options of problem, loading and output, and the request they make."""
 
-from __future__ import annotations
-
 import re
 from contextlib import contextmanager
 

@@ -6,8 +6,6 @@ ratio is known (or given by ``--poisson``). It needs no other file and no networ
 folder of the result. Exit status 0, or 2 after an error. One rank.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import re

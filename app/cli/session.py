@@ -4,8 +4,6 @@ Exit statuses: 0 done, 2 bad input (one line on standard error), 3 not converged
 (traceback and a line, with the rank if ranks differ). All ranks end in any case.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform

@@ -3,8 +3,6 @@
 Run ``mpiexec -n 2 python -m app.solve -options_file petsc_options/hertz.opts ...``.
 """
 
-from __future__ import annotations
-
 import sys
 
 from app.base.errors import InputError

@@ -1,7 +1,5 @@
 """Standard streams, which may be closed, full or unread."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys

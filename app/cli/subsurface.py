@@ -7,8 +7,6 @@ y, on the line and on the planes of ``--planes``, [N/mm2], compression negative.
 rank.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -7,8 +7,6 @@ unchanged. Exit status: 0 all runs solved; 3 some not; 2 all refused, or bad inp
 a table of finished runs.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from app.cli import streams

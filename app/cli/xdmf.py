@@ -5,8 +5,6 @@ result with ``.xdmf``. Several results of one folder, such as the steps of a loa
 the loads if they rise, else 0, 1, 2. Exit status 0, or 2 after an error.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from app.cli import streams

@@ -4,8 +4,6 @@ Options of the linear solver decide how far it solves the system of a contact se
 multigrid cycle (MG + active set, Sec. 4.1). The pressure carries over from one set to the next.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from app.contact.history import Outcome

@@ -6,8 +6,6 @@ methods use them. An upper bound is a subclass that overrides the methods below.
 the pressure of a cell outside C is that of its bound.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 

@@ -3,8 +3,6 @@
 Arrays are as in `app.contact.kernels`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.numba_cache import njit

@@ -41,8 +41,6 @@ unit in the last place, and full contact neglects a mean gap m. On a periodic pa
 ``n m sqrt(B_II / k)``, spread over the k cells without pressure.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary

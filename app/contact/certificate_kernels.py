@@ -3,8 +3,6 @@
 Arrays are as in `app.contact.kernels`. In inadmissible cells e counts as zero.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 They are NaN on a periodic patch, which has no origin.
 """
 
-from __future__ import annotations
-
 from math import atan2, degrees, hypot, nan, sqrt
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The undeformed distance h on one grid, as shape and depth."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import sqrt, ulp
 from typing import NamedTuple

@@ -8,8 +8,6 @@ Means over cells are smoother than the cells, and mostly need less pressure. If 
 the iteration runs first, and full contact is tried only if that closes all cells or fails.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.contact.history import Outcome

@@ -3,8 +3,6 @@
 With the target grid alone it is the active set iteration (Sec. 3 and 4.1).
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -15,8 +15,6 @@ docs/load-paths.md says how often this holds. Coarser grids are solved to -lcp_c
 less certain.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import NamedTuple
 

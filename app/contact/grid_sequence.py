@@ -1,7 +1,5 @@
 """Loop over the grids of a nested iteration (Sec. 4.3)."""
 
-from __future__ import annotations
-
 import itertools
 
 from app.contact.grid_errors import UNKNOWN, compute_grid_numbers, estimate_errors

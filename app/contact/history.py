@@ -1,7 +1,5 @@
 """History, listeners, and outcome of a solve."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass, field
 from functools import partial

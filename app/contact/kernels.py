@@ -4,8 +4,6 @@ Arrays are (rows, nx) of a rank; `b` is -h at depth 0, so that (2.3) is ``e = u 
 row, which keeps their rounding small on large grids.
 """
 
-from __future__ import annotations
-
 from app.base.numba_cache import njit
 from app.parallel.reductions import add_tuples, njit_reassoc
 

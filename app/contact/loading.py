@@ -8,8 +8,6 @@ The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_d
 A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Loadings from the numbers of users: validation and construction."""
 
-from __future__ import annotations
-
 from math import ulp
 from numbers import Real
 

@@ -4,8 +4,6 @@ A *face* lies between two neighbouring cells; on a periodic patch also between i
 patch nothing is in contact.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The contact state on a periodic patch, where A is singular."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.contact.state import ContactState

@@ -7,8 +7,6 @@ exceeds what the residual can explain. `settle` makes the load exact. Where that
 solved problems does on any grid, because F is monotone.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from math import isclose, sqrt
 

@@ -14,8 +14,6 @@ r (defect)                ``h + u`` on C                   mm
 The order of the steps is that of the iteration, see `active_set`.
 """
 
-from __future__ import annotations
-
 from enum import IntEnum
 from functools import cached_property
 from math import sqrt

@@ -1,7 +1,5 @@
 """The stopping test (5.1), and iteration limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 ROUNDING_RESIDUAL = 1e-13  # of ||h|| on C: residual that rounding of displacements leaves

@@ -1,7 +1,5 @@
 """Chebyshev and Lagrange interpolation, and Chebyshev step lengths of iterations."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

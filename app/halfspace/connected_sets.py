@@ -1,7 +1,5 @@
 """Sets of cells connected by sides, also across a periodic boundary."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import ndimage
 

@@ -12,8 +12,6 @@ Children and parents are numbered as usual, and the last coarse cell has one chi
 cell later, so that no coarse cell is further than that from the middle of its children.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite

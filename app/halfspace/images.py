@@ -11,8 +11,6 @@ points and interpolated by polynomials. Then ``G = K + F``. Up to half the box `
 G repeats.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

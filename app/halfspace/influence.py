@@ -13,8 +13,6 @@ A_(0,0),(i,j)             ``quadrant[j, i]``           mm / (N/mm2)
 ========================  ===========================  ==============
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.halfspace.love import love_coefficients

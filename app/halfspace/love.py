@@ -3,8 +3,6 @@
 Love's closed form is used near the cell, a Taylor series farther away.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import lru_cache

@@ -3,8 +3,6 @@
 A Mat is ``a C A C + s I``. The factors a and s belong to the Mat. All Mats share the operator with its contact set.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 

@@ -1,7 +1,5 @@
 """Elastic constants of the two bodies, Sec. 2.2."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ The Mat is the *masked* operator ``C A C``: rows and columns outside the contact
 that is zero outside C keeps this property, so it solves the system (2.11) on C.
 """
 
-from __future__ import annotations
-
 import weakref
 from contextlib import contextmanager
 from functools import cached_property, partial

@@ -12,8 +12,6 @@ depends on the meaning of a cell's value; ``Grid.periodic`` chooses:
 without bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

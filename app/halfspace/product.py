@@ -8,8 +8,6 @@ grid itself. On large grids it is one on a box only a quarter larger than the pa
 patch there is smooth, and subtracted by `app.halfspace.images`.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from math import ceil
 

@@ -5,8 +5,6 @@ does not matter during the iteration. So all work can be done on a window around
 verification needs the cells outside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Methods that solutions and result files share; importable without MPI or numba."""
 
-from __future__ import annotations
-
 from numbers import Integral
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 A file is written under a temporary name in the target's folder and renamed when it is complete.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import secrets

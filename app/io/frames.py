@@ -1,7 +1,5 @@
 """Tables for pandas and fields for xarray, which are optional."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import numpy as np

@@ -23,8 +23,6 @@ Root attributes are Python numbers, strings or small numeric arrays: lengths and
 describes the others. Additional datasets and attributes are kept.
 """
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -3,8 +3,6 @@
 A table is a sequence of mappings, one per row. A missing key or a value of None is an empty cell.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 from numbers import Integral, Real

@@ -1,7 +1,5 @@
 """Parallel and atomic writing of a result file."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ ParaView's readers put a two-dimensional mesh (``2DCoRectMesh``) in the y-z plan
 layer without thickness.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 

@@ -1,7 +1,5 @@
 """Direct solver of the coarsest grid: Sec. 4.2, 4 and Sec. 4.3, 1."""
 
-from __future__ import annotations
-
 import numpy as np
 from petsc4py import PETSc
 from scipy.linalg.lapack import dpotrf, dpotrs

@@ -4,8 +4,6 @@ Operators are rediscretised on every grid (no Galerkin products). All ranks shar
 fewer ranks (`app.parallel.rank_groups.RankGroups`), and a coarsest grid for a direct solve is on one.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from itertools import pairwise
 from weakref import WeakKeyDictionary

@@ -4,8 +4,6 @@ Values belong to the centres of cells. Bilinear interpolation is the paper's (Se
 in x and y have an error of sixth order and take the same time, which access to memory determines.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

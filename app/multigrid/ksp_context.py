@@ -1,7 +1,5 @@
 """Base class of our Krylov methods."""
 
-from __future__ import annotations
-
 from petsc4py import PETSc
 
 from app.parallel.reductions import sum_over

@@ -4,8 +4,6 @@ All of PETSc's solvers for a matrix with a product can be chosen: ``-ksp_type cg
 jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg`` is the multigrid method of `pcmg`.
 """
 
-from __future__ import annotations
-
 import math
 
 from petsc4py import PETSc

@@ -21,8 +21,6 @@ Sec. 4.2                       here
 =============================  ========================================================================
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -5,8 +5,6 @@ Gauss-Seidel and SOR are PETSc's PCSOR on the operator's own sweeps, damped Jaco
 all of them at once are a Jacobi step, which converges for no useful damping.
 """
 
-from __future__ import annotations
-
 from app.multigrid.ksp_context import KspContext
 
 

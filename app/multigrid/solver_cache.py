@@ -1,7 +1,5 @@
 """Cache of linear solvers between solves, for small grids and the target."""
 
-from __future__ import annotations
-
 MAX_CACHED_CELLS = 256 * 256  # of grids and windows whose solvers stay between solves
 
 

@@ -5,8 +5,6 @@ and ranks. The rank that owns the first child of a coarse row computes that row,
 and sends it to its owner. For prolongation ranks fetch the parents of their rows. Nothing moves if the slabs fit.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -13,8 +13,6 @@ override it. The strategies (-lcp_type) are
 ==============  ======================================================================================
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field, fields, replace
 

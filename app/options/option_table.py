@@ -4,8 +4,6 @@
 linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) are PETSc's and in no table.
 """
 
-from __future__ import annotations
-
 import difflib
 import os
 import re

@@ -4,8 +4,6 @@ PETSc's database holds 512 options. Those of a solver are in it during set-up an
 set under the prefix stay there, and override the solver's.
 """
 
-from __future__ import annotations
-
 import ctypes
 import re
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 PETSc itself checks them only when there is something to view, and aborts at some of them.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

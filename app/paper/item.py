@@ -1,7 +1,5 @@
 """Tables, studies and figures of the reproduction, with their runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Figures of the paper, and work against grid size."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables of the paper's numbers and ours, as text and Markdown."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ A call adds its items to those in DIR. Exit status: 0 all items done; 1 a run cr
 left out; 2 bad input; 130 interrupted, with the complete items written.
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

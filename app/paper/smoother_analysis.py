@@ -19,8 +19,6 @@ eigenvalue 0, which undamped Gauss-Seidel always has, and the others follow by d
 `paper_mode_index`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Beyond the paper's tables: other random surfaces."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables 1 to 8: their runs, and the paper's counts."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

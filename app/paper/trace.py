@@ -16,8 +16,6 @@ dataset                 shape             unit   meaning
 ======================  ================  =====  ==================================================================
 """
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 

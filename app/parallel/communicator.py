@@ -3,8 +3,6 @@
 Every message between ranks goes through a `Communicator`. Which ranks share a grid: `app.parallel.rank_groups`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cached_property
 

@@ -1,7 +1,5 @@
 """Redistribution of rows between two layouts, point to point."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.parallel.slabs import none_if_single

@@ -1,7 +1,5 @@
 """Ghost rows of a slab, from other ranks or over the period."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.parallel.fetch import Fetch

@@ -4,8 +4,6 @@ MPI cannot call a rank back from a collective call. The other ranks would wait f
 aborts them. If all ranks have failed, each ends by itself.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from contextlib import suppress

@@ -6,8 +6,6 @@ when they next own rows. A rank has the same number in every communicator here. 
 layouts (`fetch`).
 """
 
-from __future__ import annotations
-
 from app.parallel.communicator import Communicator
 from app.parallel.slabs import Slabs
 

@@ -1,7 +1,5 @@
 """Vectorised loops over rows, and reductions over ranks."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

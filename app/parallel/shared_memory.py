@@ -4,8 +4,6 @@ The parts of all ranks are in one anonymous file (memfd). The system frees it wi
 a rank ends.
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import secrets

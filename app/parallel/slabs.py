@@ -1,7 +1,5 @@
 """Rows of a grid that each rank owns."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

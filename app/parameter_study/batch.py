@@ -1,7 +1,5 @@
 """Simultaneous runs of a parameter study, and the rows of its table."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from threading import Event
 

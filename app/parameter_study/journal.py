@@ -1,7 +1,5 @@
 """Checkpoint of finished runs or steps on disk."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Runs as separate processes, with mpiexec for several ranks."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

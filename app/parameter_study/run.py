@@ -1,7 +1,5 @@
 """One run of a parameter study: command line, inputs and collected numbers."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

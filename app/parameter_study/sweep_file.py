@@ -1,7 +1,5 @@
 """Sweep files: combinations of option values, see docs/commands.md."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Figures of distributions, spectrum and stress below the contact."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.units import choose_length_unit

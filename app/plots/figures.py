@@ -1,7 +1,5 @@
 """Figures of a result: maps, sections and history."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from pathlib import Path

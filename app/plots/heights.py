@@ -1,7 +1,5 @@
 """Figure of a measured surface with numbers of ISO 25178."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

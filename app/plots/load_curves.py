@@ -7,8 +7,6 @@ A path is a mapping of columns with an entry for each step, as in group ``path``
 are bands around the curves.
 """
 
-from __future__ import annotations
-
 import csv
 from functools import partial
 from typing import NamedTuple

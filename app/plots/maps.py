@@ -3,8 +3,6 @@
 White means zero (no pressure, no contact), grey that contact is impossible.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures of a result by name."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from types import SimpleNamespace

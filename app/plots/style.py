@@ -4,8 +4,6 @@ Figures are made without pyplot, unless they are `interactive`: they need no dis
 longer used.
 """
 
-from __future__ import annotations
-
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps

@@ -1,7 +1,5 @@
 """Figure of the table of a parameter study."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

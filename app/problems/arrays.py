@@ -1,7 +1,5 @@
 """Validation of arrays: real numbers, of a lattice, not too large."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.errors import InputError, format_exact

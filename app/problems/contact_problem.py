@@ -1,7 +1,5 @@
 """The contact problem: a base shape, and rough surfaces on it."""
 
-from __future__ import annotations
-
 from dataclasses import InitVar, dataclass, replace
 from itertools import chain, count
 

@@ -1,7 +1,5 @@
 """Default patches of the base shapes, from their own theories."""
 
-from __future__ import annotations
-
 import math
 
 from app.base.errors import InputError, format_exact

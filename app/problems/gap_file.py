@@ -1,7 +1,5 @@
 """Undeformed distance from a file, as a base shape."""
 
-from __future__ import annotations
-
 from app.base.errors import InputError
 from app.problems.arrays import check_size
 from app.problems.surfaces.array_file import StoredArray, read_array

@@ -4,8 +4,6 @@ The paper's h(x, y) is ``shape - approach``, its delta ``approach`` [mm]. `shape
 approach. It is NaN in *inadmissible* cells, where contact is impossible: outside a punch, at holes in measured data.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ All ranks sample the same function. Coarse grids sample `WavySurface` in their o
 `SelfAffineSurface`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral

@@ -1,7 +1,5 @@
 """Rollers of finite length with a crown."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from numbers import Real
 

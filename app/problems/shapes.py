@@ -4,8 +4,6 @@ A shape has a `name`, `sampled`, `shape_on` and `describe` as `app.problems.prob
 raises for a grid that does not fit.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from numbers import Real

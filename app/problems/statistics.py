@@ -5,8 +5,6 @@ Heights are taken about their mean. The Fourier transform of heights z on n_y x 
 ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -17,8 +17,6 @@ its own, it lists them in `OPTIONS` and reads them in ``from_options``::
             return cls(grid, material, options["cone_slope"])
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import re

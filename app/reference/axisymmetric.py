@@ -6,8 +6,6 @@ K. L. Johnson, Contact Mechanics, Cambridge 1985, Sec. 3.4, 4.2 and 5.2.
 I. N. Sneddon, Int. J. Engng. Sci. 3 (1965), 47-57.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

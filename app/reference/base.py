@@ -1,7 +1,5 @@
 """Interface of analytic solutions."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace

@@ -13,8 +13,6 @@ References
 K. L. Johnson, Contact Mechanics, Cambridge 1985, Sec. 3.5 and 4.2. DLMF, Sec. 19.16 (R_F, R_D).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache

@@ -10,8 +10,6 @@ References
 G. Lundberg, Forsch. Ing.-Wes. 10 (1939) 201-211. P. M. Johns and R. Gohar, Tribol. Int. 14 (1981) 131-136.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -11,8 +11,6 @@ H.M. Westergaard, Bearing pressures and cracks, J. Appl. Mech. 6 (1939) A49. K. 
 Int. J. Mech. Sci. 27 (1985) 383.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 p' is the mean pressure over E* times the rms slope.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

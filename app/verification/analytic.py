@@ -1,7 +1,5 @@
 """Comparisons with analytic solutions, and observed orders of convergence."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import gammaln
 

@@ -1,7 +1,5 @@
 """Checks of the certificate: a bound of the true error, and sharp."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.contact.certificate import certify

@@ -1,7 +1,5 @@
 """Check, and Figure: a measured number with its limits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

@@ -10,8 +10,6 @@ F.M. Pires, A block principal pivoting algorithm for large-scale strictly monoto
 Computers Ops Res. 21 (1994) 587.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from math import ulp
 

@@ -1,7 +1,5 @@
 """Tables and pictures of the verification document."""
 
-from __future__ import annotations
-
 import datetime
 import platform
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Checks of invariance under translation, rotation and changes of units."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

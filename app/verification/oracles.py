@@ -1,7 +1,5 @@
 """Comparisons with independent solvers: they share only the coefficients or the product."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.verification.check import Check, Figure

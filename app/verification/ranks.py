@@ -3,8 +3,6 @@
 ``mpiexec -n 2 python -m app.verification.ranks OUT.npz`` writes the answers of two ranks.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Solutions and random problems for the checks."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

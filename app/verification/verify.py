@@ -8,8 +8,6 @@ on one core; ``--quick`` runs small cases in half a minute.
 Exit status: 0 all limits are kept; 1 some are not; 2 bad input; 130 interrupted, with nothing written.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``run/challenge``: solve what is not in the tables yet, write tables, pictures and page."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Numbers and distributions of one solution."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Page and pictures, from the tables alone."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import sys

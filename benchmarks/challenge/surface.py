@@ -1,7 +1,5 @@
 """The Challenge's surface on any grid: a look-alike from its published parameters, or the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

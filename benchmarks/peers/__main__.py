@@ -1,7 +1,5 @@
 """``run/bench-peers``: install, measure, write the page."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from pathlib import Path

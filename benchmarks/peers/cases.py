@@ -1,7 +1,5 @@
 """Problems in files that the adapters read, and the judge of all answers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cached_property, partial

@@ -1,7 +1,5 @@
 """Solve one problem on one grid with every package that can."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The packages: how each is installed in an environment of its own, and what it can do."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Write the page in Markdown."""
 
-from __future__ import annotations
-
 import datetime
 import math
 import os

@@ -1,7 +1,5 @@
 """Commands that are started, and what they say when they fail."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Measure solves: ours, and those of packages with the loosest tolerance that is accurate enough."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """FFTW plans for compiled code, as addresses."""
 
-from __future__ import annotations
-
 import ctypes
 import weakref
 from functools import cache

@@ -1,7 +1,5 @@
 """Lengths of fast transforms."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 from scipy.fft import next_fast_len

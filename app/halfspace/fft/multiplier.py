@@ -13,8 +13,6 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
   share memory send nothing. Large transfers are split into column groups, so the receive buffer is a fraction of n.
 """
 
-from __future__ import annotations
-
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 

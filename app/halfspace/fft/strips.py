@@ -13,8 +13,6 @@ LLVM vectorises these loops only if indices are unsigned (not tested for being n
 real products (not tested for NaN), and the loop over a row is a function of its own.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.numba_cache import njit

@@ -4,8 +4,6 @@ It is done for one group of columns at a time. Ranks that share memory (`app.par
 works on its columns where the other ranks store them.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Kernel of a sweep in x-Fourier space, and its range in y."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

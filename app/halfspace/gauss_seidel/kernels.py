@@ -4,8 +4,6 @@ Leaves and transfers are explained in `app.halfspace.gauss_seidel.sweep`. Freque
 so that a loop over the lanes of a chunk is vectorised.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

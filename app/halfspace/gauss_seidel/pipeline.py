@@ -12,8 +12,6 @@ The owners of the rows of a leaf send the defect to rank 0 and receive the corre
 Rank 0 waits for effects from the others, and they wait for solved leaves.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

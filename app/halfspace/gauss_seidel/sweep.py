@@ -27,8 +27,6 @@ cost nothing. A backward sweep is a forward sweep on arrays flipped in both dire
 Several ranks: see `app.halfspace.gauss_seidel.pipeline`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.halfspace.fft.lengths import transform_length

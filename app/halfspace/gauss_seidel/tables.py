@@ -1,7 +1,5 @@
 """Tables for sweeps over a number of columns: kernels, plans, storage."""
 
-from __future__ import annotations
-
 import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import rfft

@@ -17,8 +17,6 @@ References
 A. E. H. Love, Phil. Trans. R. Soc. A 228 (1929) 377. K. L. Johnson, Contact Mechanics, 1985, Sec. 3.2 and 13.2.
 """
 
-from __future__ import annotations
-
 from math import atan2, log, pi, sqrt
 
 import numpy as np

@@ -7,8 +7,6 @@ Only the bounding box of the loaded cells is summed over. A plane needs memory f
 the loaded cells together, a section for those of a few rows.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from numbers import Real
 

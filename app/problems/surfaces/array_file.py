@@ -1,7 +1,5 @@
 """Two-dimensional arrays in files of several formats."""
 
-from __future__ import annotations
-
 import codecs
 import gzip
 import zipfile

@@ -1,7 +1,5 @@
 """Missing points of a height map, filled harmonically."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import spsolve

@@ -7,8 +7,6 @@ points that is the weighted mean; near them planes are kept, as by the retained 
 patch, which has no rim, it is the weighted mean of the known points (order zero).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.errors import InputError, format_exact

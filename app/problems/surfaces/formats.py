@@ -1,7 +1,5 @@
 """Formats of files with heights or gaps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Height maps: heights, units, spacing and orientation."""
 
-from __future__ import annotations
-
 import os
 from itertools import islice
 from operator import index

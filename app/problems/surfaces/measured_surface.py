@@ -3,8 +3,6 @@
 Each rank keeps its own rows only. Each rank fills all missing points, so that they are the same on any number of ranks.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

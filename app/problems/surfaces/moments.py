@@ -1,7 +1,5 @@
 """Moments of a height map: level, tilt, roughness."""
 
-from __future__ import annotations
-
 from operator import itemgetter
 
 import numpy as np

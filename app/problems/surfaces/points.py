@@ -1,7 +1,5 @@
 """Points x, y, z on a lattice; line scans."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from app.base.errors import format_distinct, format_exact

@@ -4,8 +4,6 @@ Heights are read in runs of rows. Each rank keeps its own rows only. Each rank c
 all heights, in the same order, so that they are the same on any number of ranks.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from numbers import Integral
 

@@ -5,8 +5,6 @@ increase over a cell of the grid is its mean height (*histosplines*: heights are
 volumes are kept, whole blocks of cells get their mean, and quadratic surfaces are exact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from operator import attrgetter
 

@@ -1,7 +1,5 @@
 """Heads and channels of texts: Gwyddion, ESRI grids."""
 
-from __future__ import annotations
-
 import re
 from itertools import takewhile
 

@@ -6,8 +6,6 @@ decimal. Between semicolons or tabs a comma begins decimals, unless there are po
 decimals, those outside separate. Exponents may begin with D, as Fortran writes them.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

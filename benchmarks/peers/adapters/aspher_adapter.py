@@ -1,7 +1,5 @@
 """aspher: nested grids, preconditioned projected CG by load; FMM (h2) or FFT products, square patches only."""
 
-from __future__ import annotations
-
 import aspher
 from protocol import Outcome, Variant, serve
 

@@ -1,7 +1,5 @@
 """ContactMechanics: Polonsky and Keer's CG, and NuMPI's bound-constrained CG on the pressures (`dual`)."""
 
-from __future__ import annotations
-
 import numpy as np
 from ContactMechanics import FreeFFTElasticHalfSpace, PeriodicFFTElasticHalfSpace
 from ContactMechanics.Systems import NonSmoothContactSystem

@@ -1,7 +1,5 @@
 """This project: the default method on one rank, to the accuracy that all are held to."""
 
-from __future__ import annotations
-
 from protocol import Outcome, Variant, serve
 
 from app import ContactProblem, ContactSolver, Grid, Material

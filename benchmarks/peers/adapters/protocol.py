@@ -8,8 +8,6 @@ problem once unmeasured, then the problem itself, up to three times while the se
 pressure, the first and the shortest time.
 """
 
-from __future__ import annotations
-
 import json
 import platform
 import sys

@@ -4,8 +4,6 @@ The functions are those its `StaticStep` calls, in the same way. Square cells on
 wrong on others, although they take two spacings.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import slippy
 

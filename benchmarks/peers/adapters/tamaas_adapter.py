@@ -1,7 +1,5 @@
 """tamaas: Polonsky and Keer's CG by Rey et al., periodic at heart; its ``dcfft`` operator is the free half-space."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 
