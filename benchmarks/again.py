@@ -1,4 +1,4 @@
-"""Seconds of a second solve of a problem on the same solver, the shortest of some.
+"""Time further solves of a problem on the same solver.
 
 Started by `benchmarks.measure` as ``mpiexec -n P python -m benchmarks.again`` with the options of app.solve.
 """

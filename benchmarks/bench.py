@@ -1,4 +1,4 @@
-"""One page of speed: kernels and whole solves as ratios to a plain FFT product measured in the same run.
+"""Page of speed: kernels and solves as ratios to a plain FFT product of the same run.
 
 Run by ``run/bench``; see there.
 """
@@ -171,12 +171,12 @@ def run_kernels(size, count, plain):
 
 
 def paper_grid(size):
-    """The Hertz patch of the paper."""
+    """Return the grid of the paper's Hertz problem."""
     return Grid.from_domain(size, size, (-10, 10, -6, 6))
 
 
 def self_affine(size, folder):
-    """A self-affine surface pressed on by a flat rigid body, as a gap file; options to solve it."""
+    """Write the gap of a self-affine surface under a flat body; return options to solve it."""
     path = folder / f"self-affine-{size}.npy"
     grid = Grid.from_domain(size, size, (0, 1, 0, 1))
     if not path.exists():
@@ -216,14 +216,14 @@ def solve(name, size, count, options, folder, memory):
 
 
 def padded_product(result):
-    """The plain product of a free patch that a result is of."""
+    """Return the plain product of the free patch of a result."""
     facts = result.attributes
     grid = Grid(*result.pressure.shape[::-1], *(float(axis[1] - axis[0]) for axis in (result.x, result.y)))
     return PlainProduct(grid, (1 - facts["poisson_ratio"]) / (np.pi * facts["shear_modulus"]))
 
 
 def load_sweep(sizes, ranks, options, output):
-    """Measure `benchmarks.loads` on all grids and numbers of ranks; write the page, and every row beside it as CSV."""
+    """Measure `benchmarks.loads` on all grids and numbers of ranks; write page and CSV."""
     rows, failures = [], []
     surfaces = len(loads.SPECTRA) * len(loads.SEEDS)
     with tqdm(total=len(sizes) * len(ranks) * surfaces * len(loads.LOADS), desc="loads", disable=None) as bar:
@@ -247,7 +247,7 @@ def load_sweep(sizes, ranks, options, output):
 
 
 def run_loads(size, count, method, rows, bar):
-    """Run `benchmarks.loads` on some ranks and add what it finds to `rows`; return why it failed, if it did."""
+    """Run `benchmarks.loads` on some ranks and append its rows; return why it failed, or nothing."""
     command = ["mpiexec", "-n", str(count), sys.executable, "-m", "benchmarks.loads", str(size)]
     command += [Path(file).stem for file in method]
     with tempfile.TemporaryFile("w+") as errors:
@@ -262,7 +262,7 @@ def run_loads(size, count, method, rows, bar):
 
 
 def loads_summary(rows):
-    """One row for each grid, number of ranks and load, over all surfaces."""
+    """Return one row for each grid, number of ranks and load, over all surfaces."""
     groups = {}
     for row in rows:
         groups.setdefault((row["grid"], row["ranks"], row["load"]), []).append(row)
@@ -290,7 +290,7 @@ def loads_summary(rows):
 
 
 def worst_row(row):
-    """A problem by itself."""
+    """Return the row of a single problem."""
     return {
         "grid": f"{row['grid']}^2",
         "ranks": row["ranks"],

@@ -1,4 +1,4 @@
-"""How often the errors that a solution estimates are upper bounds: ``python -m benchmarks.grid_errors``.
+"""Count how often estimated grid errors are upper bounds: ``python -m benchmarks.grid_errors``.
 
 Every problem is solved on some grids under some loadings; true errors are differences from Hertz's solution, or from
 that on 1024 x 1024 cells. Prints the table of docs/load-paths.md.
@@ -33,7 +33,7 @@ NUMBERS = {
 
 
 def _problems(shape=None, *, seed=None, slope=0.1, cut_off=1 / 32, periodic=False):
-    """A problem of n on a patch of 1 mm."""
+    """Return a function that makes the problem on n x n cells of a patch of 1 mm."""
     surfaces = [SelfAffineSurface(0.8, 1 / 4, cut_off, (1.0, 1.0), seed, rms_slope=slope)] if seed else ()
 
     def problem(n):
@@ -48,7 +48,7 @@ def _off_centre(x, y):
 
 
 def _rounded_punch(flat, radius):
-    """A flat round face of a radius, with a rim of another [mm]."""
+    """Return the shape of a flat round punch with a rounded edge [mm]."""
     return lambda x, y: np.maximum(np.hypot(x, y) - flat, 0.0) ** 2 / (2 * radius)
 
 
@@ -82,7 +82,7 @@ PROBLEMS = {
 
 
 def _solve_all(problem, loadings, size):
-    """Solutions under all loadings on size x size cells; none, where these cannot carry the waves of the surface."""
+    """Solve under all loadings on size x size cells; nothing if the cells are too large for the waves."""
     try:
         asked = problem(size)
     except InputError:
@@ -92,14 +92,17 @@ def _solve_all(problem, loadings, size):
 
 
 def _error(name, solution, finest):
-    """Relative error against Hertz's number, or that on the finest grid; of the approach beyond first touch."""
+    """Return the relative error against Hertz, or against the finest grid.
+
+    The approach counts from first touch.
+    """
     value, right = getattr(solution, name), solution.attributes.get(f"analytic_{name}", getattr(finest, name))
     touching = np.nanmin(solution.undeformed_distance) if name == "approach" else 0.0
     return abs(value - right) / (right - touching) if np.isfinite(right) else 1.0
 
 
 def cases():
-    """Of all problems, by load and by the approach found: name, number, true and estimated error."""
+    """Yield name, number, true and estimated error of all problems, by load and by approach."""
     work = [(name, *each) for name, group in PROBLEMS.items() for each in group]
     for name, problem, shares in tqdm(work, disable=None):
         by_load = [{"mean_pressure": share * STEEL.contact_modulus} for share in shares]
@@ -115,7 +118,7 @@ def cases():
 
 
 def rows(found):
-    """A row for each problem: how many estimates are upper bounds, and how many call what converges divergent."""
+    """Yield a row for each problem: the share of upper bounds, and of false divergence."""
     for name in PROBLEMS:
         row = {"": name}
         for number, title in NUMBERS.items():

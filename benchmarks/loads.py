@@ -1,4 +1,4 @@
-"""Self-affine surfaces from first touch to full contact: what solving by load costs against solving by approach.
+"""Cost of solving by load and by approach, for self-affine surfaces.
 
 Started by `benchmarks.bench` as ``mpiexec -n P python -m benchmarks.loads N [METHOD]``; prints a line of JSON for each
 problem. The approach is the one that belongs to the load, so that both end with the same pressure.
@@ -22,7 +22,7 @@ LOADS = (0.0004, 0.003, 0.02, 0.09, 0.2, 0.4, 0.9, 2.0)
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Hurst exponent, roll-off wavelength [mm], shortest wavelength in cells of the grid or in mm."""
+    """Hurst exponent, roll-off wavelength [mm], shortest wavelength in cells or mm."""
 
     hurst: float
     rolloff: float
@@ -51,7 +51,7 @@ SPECTRA = (
 
 
 def measure(size, spectrum, seed, method=None, comm=MPI.COMM_WORLD):
-    """Solve for all `LOADS` and the approaches that belong to them; yield a row for each.
+    """Solve for all `LOADS` and for their approaches; yield a row for each.
 
     Collective.
     """

@@ -1,4 +1,4 @@
-"""What the pages of `run/bench` have in common: heads, measured solves, memory."""
+"""Heads, measured solves and memory for the pages of `run/bench`."""
 
 import datetime
 import os
@@ -25,12 +25,12 @@ def publish(path, page):
 
 
 def note_on(accurate):
-    """What a row says of its accuracy: nothing if it is enough."""
+    """Return the note of a row about its accuracy: nothing if accurate enough."""
     return "" if accurate else "not accurate enough"
 
 
 def insist(rows):
-    """End with exit status 1 if rows of a page have a note: no result, or one that is not accurate enough."""
+    """Exit with status 1 if rows of a page lack an accurate result."""
     noted = sum(bool(row.get("note")) for row in rows)
     if noted:
         sys.exit(f"{noted} of {len(rows)} solves: no result, or not accurate enough; see `note`")
@@ -52,7 +52,7 @@ def _commit():
 
 
 def head(options, title):
-    """Return the title and how the page was made: command, date, machine, versions."""
+    """Return title, command, date, machine and versions for the head of a page."""
     from petsc4py import PETSc
 
     from app import __version__
@@ -81,7 +81,7 @@ def solve_command(problem, methods, count, output):
 
 
 def quickest(command, repeats, make_product):
-    """Run a solve a few times, and plain products between the runs; in the end, solves on one solver.
+    """Time a solve some times, with plain products in between, and second solves.
 
     Parameters
     ----------
@@ -127,13 +127,13 @@ def _run(command):
 
 
 class Memory:
-    """Peak resident size above that of the smallest grid of the same problem, in doubles per additional cell."""
+    """Return peak memory above that of the smallest grid, in doubles per additional cell."""
 
     def __init__(self):
         self._smallest = {}
 
     def __call__(self, key, size, peak):
-        """Text for one run of problem and number of ranks `key`; the smallest grid has none."""
+        """Return the memory of a run as text; nothing for the smallest grid."""
         n = size * size
         n0, peak0 = self._smallest.setdefault(key, (n, peak))
         return "-" if n <= n0 else f"{(peak - peak0) / 8 / (n - n0):.1f}"

@@ -1,4 +1,4 @@
-"""Periodic self-affine surfaces under given mean pressures: the problems, and the page of `run/bench --periodic`."""
+"""Periodic self-affine surfaces under mean pressures: the page of `run/bench --periodic`."""
 
 import itertools
 import tempfile
@@ -38,12 +38,12 @@ symbol, `irfft2`, without padding, one thread, measured in the same run (shortes
 
 
 def surface_grid(size):
-    """The patch, cut into cells. Our solver is told that it is periodic by option."""
+    """Return the grid of the patch; an option makes it periodic."""
     return Grid.from_domain(size, size, (0.0, SIDE, 0.0, SIDE))
 
 
 def distance(size, seed=1):
-    """Undeformed distance of the surface and a flat body in the cells, least 0 [mm]."""
+    """Return the undeformed distance between surface and flat body; the least is 0 [mm]."""
     grid = surface_grid(size)
     surface = SelfAffineSurface(0.8, SIDE / 8, 8 * SIDE / size, (SIDE, SIDE), seed, rms_slope=SLOPE)
     height = surface.height(grid.x(), grid.y())
@@ -81,7 +81,10 @@ def write_page(sizes, ranks, options, output):
 
 
 def _row(command, size, load, count, repeats, memory, first):
-    """A line of the table; `first`: seconds of size and load on the first number of ranks."""
+    """Return a line of the table.
+
+    `first` has the seconds of each size and load on the first number of ranks.
+    """
     row = {"grid": f"{size}^2", "load": f"{load:g}", "ranks": count}
 
     def plain_product(_):

@@ -1,4 +1,4 @@
-"""The unit of all timings, and a check that shares no code with the solver: both are plain scipy FFTs."""
+"""Plain FFT products by scipy: the unit of all timings, and an independent check."""
 
 import time
 
@@ -9,7 +9,10 @@ from app.halfspace.influence import influence_quadrant
 
 
 class PlainProduct:
-    """u = A p the plain way: zero-padded rfft2, multiply, irfft2, one thread, double precision."""
+    """Plain product u = A p: padded rfft2, multiply, irfft2.
+
+    One thread, double precision.
+    """
 
     def __init__(self, grid, compliance=1.0):
         ny, nx = self.shape = grid.shape
@@ -30,7 +33,10 @@ class PlainProduct:
 
 
 class PlainPeriodicProduct:
-    """u = A p on a periodic patch the plain way: rfft2, multiply by 2 / (E* |q|), irfft2; one thread, no padding."""
+    """Plain product on a periodic patch: rfft2, multiply by 2 / (E* |q|), irfft2.
+
+    One thread, no padding.
+    """
 
     def __init__(self, grid, contact_modulus):
         ny, nx = self.shape = grid.shape
@@ -54,7 +60,7 @@ def seconds(function, repeats=5):
 
 
 def check(product, p, h):
-    """Accuracy of a pressure: residual of (5.1), penetration over the largest |h|, smallest over largest pressure.
+    """Return residual of (5.1), penetration over max |h|, and smallest over largest pressure.
 
     `h` is NaN in inadmissible cells.
     """
@@ -70,7 +76,7 @@ def check(product, p, h):
 
 
 def check_periodic(product, p, distance, mean_pressure):
-    """Accuracy of a pressure on a periodic patch, over the rms of the distance about its mean.
+    """Return the same on a periodic patch, over the standard deviation of h.
 
     A mean pressure says nothing of the approach: it is the one that fits the cells under pressure best. `residual`: rms
     of the gap there; `penetration`: the largest; `tension`: smallest over largest pressure; `load_error`: of the mean

@@ -1,4 +1,4 @@
-"""What a solve sends on many ranks: recorded on two, laid out for any number, costed for some networks.
+"""Messages of a solve on many ranks: recorded on two, replayed for any number and network.
 
 Two ranks that share every grid and window write down what they say to each other, in order: on which grid, what for.
 For P ranks the program lays out the same grids itself (`RankGroups`, `Slabs`, `Halo`, `Transfer`, `Scatter`, columns
@@ -53,7 +53,7 @@ ALL, AROUND = "all", "around"
 
 
 class Network(NamedTuple):
-    """Ranks of a machine; latency of a message, time to the next one [s], bytes per second of a machine."""
+    """Network: ranks of a machine, latency and gap of messages [s], bytes per second."""
 
     name: str
     ranks: int
@@ -78,7 +78,7 @@ def _of_petsc():
 
 
 class _Events(list):
-    """What was said, with what PETSc has said besides, on the grid that was last spoken of."""
+    """Record of a message, with PETSc's own messages on the same grid."""
 
     def append(self, event):
         """Add an event; sums will be counted by PETSc, too."""
@@ -102,7 +102,7 @@ class _Events(list):
 
 @contextmanager
 def recording():
-    """Write down what is said inside the block; gives the list of it. Collective."""
+    """Record the messages inside the block in a list. Collective."""
     events, holders, made = _Events(), [], set()
 
     def wrap(owner, name, before=lambda *a, **k: None, after=lambda result, *a, **k: result):
@@ -189,12 +189,12 @@ def recording():
 
 
 def size_of(sent):
-    """Bytes of the arrays of a collective; what is small counts as nothing."""
+    """Return the bytes of the arrays of a collective call; small ones count as 0."""
     return max((part.nbytes for part in sent if isinstance(part, np.ndarray)), default=0)
 
 
 def recipe_of(holder, arguments, named):
-    """What a holder is made of, layouts by their keys; communicators are left out."""
+    """Return the arguments that made an object, layouts by their keys, without communicators."""
 
     def known(value):
         if isinstance(value, Slabs):
@@ -211,13 +211,13 @@ def recipe_of(holder, arguments, named):
 
 
 def hertz(n):
-    """The paper's problem, its approach, and nothing else."""
+    """Return the paper's problem and its approach."""
     grid = Grid.from_domain(n, n, (-10.0, 10.0, -6.0, 6.0))
     return ContactProblem(grid, Material.combined(82000.0, 0.28), Paraboloid(300.0, 163.0)), 0.1091
 
 
 def record(n, comm=None):
-    """Solve Hertz's problem on n x n cells; return what was said in the first solve. Collective over two ranks."""
+    """Solve Hertz's problem; return the messages of the first solve. Collective over two ranks."""
     problem, approach = hertz(n)
     with recording() as events, ContactSolver(problem, "fast", {"lcp_cells_per_rank": 1}, comm) as solver:
         events.clear()
@@ -234,7 +234,7 @@ def record(n, comm=None):
 
 
 class Counting:
-    """In place of a communicator of `size` ranks, seen by one of them: counts what it sends, to whom."""
+    """Stand-in for a communicator of `size` ranks that counts the messages of one rank."""
 
     def __init__(self, size, rank=0):
         self.size, self.rank, self.traffic, self.sent = size, rank, Traffic(), Counter()
@@ -256,7 +256,7 @@ class Counting:
 
 
 class Replay:
-    """What the recorded solve sends on some ranks.
+    """Messages of the recorded solve on a number of ranks.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ class Replay:
         return self.computing + self.communicating
 
     def size(self, key):
-        """How many ranks share a grid."""
+        """Return how many ranks share a grid."""
         return self.sharing if key == ALL else self._slabs(key).size
 
     def _tree(self, size, nbytes=0):
@@ -324,7 +324,7 @@ class Replay:
             self.communicating += number * self._tree(self.size(key))
 
     def _told(self, key, wide):
-        """Those that have no part in a grid, but in a wider one, are told something."""
+        """Count a broadcast to the ranks that share only wider grids."""
         if self.size(key) < self.size(wide):
             self._sum(ALL)
 
@@ -378,14 +378,14 @@ class Replay:
         self.communicating += seconds
 
     def _row(self, width):
-        """A row to the next rank of the target grid."""
+        """Count a row sent to the next rank of the target grid."""
         if self.sharing > 1:
             self.traffic.messages += 1
             self.traffic.message_bytes += width
             self.communicating += (self._network if self.sharing > self._network.ranks else INSIDE).latency
 
     def _rows(self, recipe, name, width):
-        """Messages and bytes of rank 0, seconds of the slowest of a sample."""
+        """Return messages and bytes of rank 0, and seconds of the slowest sampled rank."""
         kind, arguments, _ = recipe
         size = (
             self.size(arguments[0][1]) if kind in (Halo, CoarseHalo) else self.sharing
@@ -446,7 +446,10 @@ def recorded_on_two(n):
 
 
 def table(recorded, counts):
-    """Rows of all networks and numbers of ranks; what is on one machine is the same on all."""
+    """Return rows of all networks and numbers of ranks.
+
+    Rows of a single machine are the same for all networks.
+    """
     alone = Replay(recorded, 1).seconds
     for network in NETWORKS:
         for count in counts:
@@ -467,7 +470,7 @@ def table(recorded, counts):
 
 
 def write_page(sizes, counts, output):
-    """Replay Hertz's problem on grids of some sizes; write or show the tables."""
+    """Replay Hertz's problem on some grids; write or show the tables."""
     parts = []
     for n in sizes:
         recorded = recorded_on_two(n)

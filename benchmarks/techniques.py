@@ -43,7 +43,7 @@ TECHNIQUES = {
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant of a module of app/, or an option of the method if there is no module."""
+    """Constant of a module of app/, or option of a method."""
 
     name: str
     meaning: str
@@ -171,7 +171,7 @@ def periodic_problems(n):
 
 
 def counted(problems, options, progress):
-    """Return mean applications as text, with the number of failures if there are any."""
+    """Return mean applications as text, with the number of failures."""
     means, unsolved, fallbacks = [], 0, 0
     for kind, pairs in problems.items():
         applications = []

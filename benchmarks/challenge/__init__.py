@@ -1,4 +1,4 @@
-"""The Contact Mechanics Challenge's surface, or a look-alike of it, without adhesion, from first touch to full contact.
+"""Contact Mechanics Challenge without adhesion, from first touch to full contact.
 
 Run by ``run/challenge``; see there.
 

@@ -1,4 +1,4 @@
-"""``run/challenge``: solve what is not in the tables yet, write tables, pictures and page."""
+"""Solve the loads that the tables lack; write tables, pictures and page (``run/challenge``)."""
 
 import argparse
 import csv
@@ -55,7 +55,7 @@ def main():
 
 
 def run(heights, name, sizes, output, loads=LOADS, solve=pressed):
-    """Solve what is missing, and write everything after every solution, so that a run may be stopped and gone on with.
+    """Solve the missing loads, and write all files after each, so that a run can be resumed.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def run(heights, name, sizes, output, loads=LOADS, solve=pressed):
 
 
 def read_rows(path):
-    """Rows of a CSV table of ours; none if there is no such file."""
+    """Read the rows of a CSV table; none without the file."""
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8") as file:

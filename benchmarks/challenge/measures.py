@@ -19,13 +19,16 @@ def persson_pressures(pressure, load):
 
 
 def patch_cells(contact):
-    """Cells of every patch of contact, largest first; patches hang together by sides of cells, over the period, too."""
+    """Return the cells of every contact spot, the largest first.
+
+    Spots are connected by sides of cells, also across the period.
+    """
     _, cells = label_connected_sets(contact, periodic=True)
     return np.sort(cells)[::-1]
 
 
 def corrected_fraction(contact):
-    """Contact fraction less what the staircase of cells adds to it, by the length of the perimeter."""
+    """Return the contact fraction corrected for the stepped contact edge."""
     faces = sum(np.count_nonzero(contact != np.roll(contact, 1, axis)) for axis in (0, 1))
     return contact.mean() - (math.pi - 1 + math.log(2)) / 24 * faces / contact.size
 
@@ -82,7 +85,7 @@ def densities(pressure, gap, unit, rms_height):
 
 
 def middles(kind):
-    """Where the densities of a kind belong: middles of the bins."""
+    """Return the middles of the bins of a density."""
     if kind == "pressure":
         return (PRESSURES[1:] + PRESSURES[:-1]) / 2
     edges = GAPS if kind == "gap" else AREAS
@@ -90,7 +93,7 @@ def middles(kind):
 
 
 def stiffness(rows):
-    """-d(load) / d(mean gap) between neighbouring loads at their geometric means, in the units of the two.
+    """Return -d(load) / d(mean gap) between neighbouring loads, at their geometric means.
 
     A pressure that falls exponentially with the gap, as it does under light loads, gives it exactly.
 

@@ -85,7 +85,7 @@ def _sizes(rows):
 
 
 def _line(row, key):
-    """A line of a table; `key`: what it begins with."""
+    """Return a line of a table that begins with `key`."""
     first = {"grid": f"{row['size']}²", "rms slope": f"{row['rms_slope']:.3f}"}
     if key == "load":
         first = {"load": f"{row['load']:g}"}
@@ -111,7 +111,7 @@ def _figure(columns, rows=1):
 
 
 def _by_size(rows):
-    """Yield number of cells, rows and colour, the finest grid last and darkest."""
+    """Yield cells per side, rows and colour of each grid, the finest last and darkest."""
     sizes = _sizes(rows)
     shades = matplotlib.colormaps["Blues"](np.linspace(0.4, 1, len(sizes)))
     for (size, group), shade in zip(groupby(rows, lambda row: row["size"]), shades, strict=True):
@@ -119,7 +119,7 @@ def _by_size(rows):
 
 
 def loads_figure(rows):
-    """Contact fraction, its ratio to the load, mean gap and stiffness against the load."""
+    """Draw contact fraction, its ratio to the load, mean gap and stiffness against load."""
     figure, ((area, ratio), (gap, stiff)) = _figure(2, 2)
     for size, group, shade in _by_size(rows):
         load, contact = (np.array([row[key] for row in group]) for key in ("load", "contact_fraction"))
@@ -151,7 +151,7 @@ def loads_figure(rows):
 
 
 def distributions_figure(rows, densities):
-    """Pressures, gaps and patches at the loads of `SHOWN`; the finest grid in full, the others pale."""
+    """Draw pressures, gaps and contact spots at the loads of `SHOWN`, the finest grid darkest."""
     figure, axes = _figure(3)
     sizes = _sizes(rows)
     finest = sizes[-1] if sizes else 0

@@ -1,4 +1,4 @@
-"""The Challenge's surface on any grid: a look-alike from its published parameters, or the file."""
+"""Surface of the Challenge on any grid: from its parameters, or from its file."""
 
 from pathlib import Path
 
@@ -15,14 +15,16 @@ RESOLVED = 2048  # cells per side: 2.05 per shortest wave
 
 
 def look_alike(seed=1):
-    """Heights of a surface with the published parameters on the coarsest grid that has all waves, (n, n) [mm]."""
+    """Return heights with the published parameters on the coarsest grid of all waves, (n, n) [mm]."""
     grid = Grid.from_domain(RESOLVED, RESOLVED, (0.0, SIDE, 0.0, SIDE))
     surface = SelfAffineSurface(HURST, ROLLOFF, CUTOFF, (SIDE, SIDE), seed, rms_slope=SLOPE)
     return surface.height(grid.x(), grid.y())
 
 
 def read_surface(path):
-    """Heights in the Challenge's file: dataset `surface`, units of 0.1 mm, summits up; (n, n) [mm].
+    """Read the heights of the Challenge's file, (n, n) [mm].
+
+    They are in the dataset `surface`, in units of 0.1 mm, with summits up.
 
     Raises
     ------
@@ -42,7 +44,10 @@ def read_surface(path):
 
 
 def resample(heights, n):
-    """The same waves on n x n points of the period; those of two spacings and less of either grid are left out."""
+    """Sample the waves on n x n points of the period.
+
+    Waves of two spacings or less of either grid are left out.
+    """
     m = len(heights)
     if n == m:
         return heights
@@ -55,7 +60,7 @@ def resample(heights, n):
 
 
 def rms_slope(heights):
-    """Root mean square of the gradient's length of the waves that a square period of side `SIDE` carries."""
+    """Return the rms slope of the waves on a square period of side `SIDE`."""
     n = len(heights)
     waves = np.abs(scipy.fft.rfft2(heights, norm="forward")) ** 2
     waves[:, 1 : (n + 1) // 2] *= 2  # and their conjugates

@@ -75,7 +75,7 @@ def main():
 
 
 def cases(problem, size, folder, field, packages, periodic):
-    """Yield the patches that a problem needs, and who takes part on each."""
+    """Yield the patches of a problem, and the solvers on each."""
     if periodic:
         yield PeriodicCase(problem, size, folder), dict(field)
         return

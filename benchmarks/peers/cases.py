@@ -1,4 +1,4 @@
-"""Problems in files that the adapters read, and the judge of all answers."""
+"""Problems in files for the adapters, and the test of their answers."""
 
 import math
 from dataclasses import replace
@@ -29,10 +29,10 @@ def described(words):
 
 
 class Files:
-    """What every case has: `gap`, `grid`, `material`, `approach`, `load`, `stem`, and a file of them."""
+    """Base of all cases: gap, grid, material, approach, load, and their file."""
 
     def known(self, control):
-        """Whether the value of "approach" or "load" is known."""
+        """Return whether the value of "approach" or "load" is known."""
         return not math.isnan(getattr(self, control))
 
     @property
@@ -174,14 +174,14 @@ PERIODIC_PROBLEMS = {f"load {load:g}": load for load in periodic.LOADS}
 
 
 def warm_up_periodic(folder):
-    """A small periodic problem, solved before anything is measured."""
+    """Write a small periodic problem, to be solved before anything is measured."""
     case = PeriodicCase("load 0.05", 128, folder)
     case.approach = float(case.gap.mean() / 2)
     return case.write()
 
 
 def warm_up(folder):
-    """A small Hertz problem, solved before anything is measured."""
+    """Write a small Hertz problem, to be solved before anything is measured."""
     case = Case("hertz", 128, folder, square=True)
     case.load = case.problem.reference(case.approach).load
     return case.write()

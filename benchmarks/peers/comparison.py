@@ -9,7 +9,7 @@ from benchmarks.peers.runs import Run
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs of one problem on one grid by one loading; `unit`: seconds of a plain product."""
+    """Runs of a problem on one grid by one loading; `unit` is the time of a plain product [s]."""
 
     problem: str
     size: int

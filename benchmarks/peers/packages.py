@@ -1,4 +1,4 @@
-"""The packages: how each is installed in an environment of its own, and what it can do."""
+"""Packages of the comparison, and how to install each in its own environment."""
 
 import json
 import os
@@ -13,7 +13,7 @@ ADAPTERS = Path(__file__).with_name("adapters")
 
 @dataclass(frozen=True)
 class Peer:
-    """How to install a package, and what it has that a table of times does not show."""
+    """Package: how to install it, and its features beyond the table of times."""
 
     requirement: str
     about: str
@@ -89,7 +89,7 @@ def install(name, folder):
 
 
 def find_python(versions):
-    """Path of an interpreter of one of these versions that can make environments; Debian's own if any will do."""
+    """Return an interpreter of one of these versions that can make environments."""
     if not versions:
         return "/usr/bin/python3"
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"

@@ -120,7 +120,7 @@ PETSc, MPI and HDF5, theirs Python and its imports.
 
 
 def wins(name, comparisons):
-    """Return a row of the summary: how often a package is better, and in what."""
+    """Return a row of the summary: how often, and in what, a package is better."""
     pairs = [(run, c.ours) for c in comparisons for run in c.others if run.solver.startswith(f"{name}:")]
     good = [(run, ours) for run, ours in pairs if run.accepted]
     return {

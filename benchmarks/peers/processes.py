@@ -15,11 +15,11 @@ def capture(command, **options):
 
 
 def reason(done):
-    """The last line in which a failed command speaks of an error, else its last line."""
+    """Return the last line of a failed command that names an error, else its last line."""
     lines = (done.stderr + done.stdout).strip().splitlines() or [f"exit status {done.returncode}"]
     return next((line.strip() for line in reversed(lines) if "error" in line.lower()), lines[-1].strip())
 
 
 def say(text):
-    """Tell the user how far we are."""
+    """Print a line of progress."""
     print(f"[peers] {text}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""Measure solves: ours, and those of packages with the loosest tolerance that is accurate enough."""
+"""Measured solves of all packages, with the loosest tolerance that is accurate enough."""
 
 import math
 import subprocess
@@ -17,7 +17,7 @@ TIGHTEST = 26  # tolerances are 10^(-k/2), k up to this
 
 @dataclass(frozen=True)
 class Run:
-    """One measured solve; `miss`: largest error over its limit, see `judge` of the case."""
+    """Measured solve; `miss` is the largest error over its limit."""
 
     solver: str
     control: str
@@ -46,7 +46,7 @@ class Run:
 
 
 class Solver:
-    """One variant of a package, or of this project, on free or periodic patches.
+    """Variant of a package, or of this project, on free or periodic patches.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ class Solver:
 
 
 class Search(Solver):
-    """The loosest tolerance that reaches the accuracy, and its fastest run; parameters as `description` says."""
+    """Find the loosest tolerance that is accurate enough, and its fastest run."""
 
     def __init__(self, python, name, variant, description, warmup, options):
         super().__init__(python, name, f"{name}: {variant}", variant, description["control"], warmup, options)

@@ -1,4 +1,7 @@
-"""aspher: nested grids, preconditioned projected CG by load; FMM (h2) or FFT products, square patches only."""
+"""Adapter of aspher: nested grids, preconditioned projected CG by load.
+
+Products are by FMM (h2) or FFT, on square patches only.
+"""
 
 import aspher
 from protocol import Outcome, Variant, serve

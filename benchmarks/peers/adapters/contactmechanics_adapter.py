@@ -1,4 +1,4 @@
-"""ContactMechanics: Polonsky and Keer's CG, and NuMPI's bound-constrained CG on the pressures (`dual`)."""
+"""Adapter of ContactMechanics: Polonsky and Keer's CG, and NuMPI's bound-constrained CG."""
 
 import numpy as np
 from ContactMechanics import FreeFFTElasticHalfSpace, PeriodicFFTElasticHalfSpace

@@ -1,4 +1,4 @@
-"""This project: the default method on one rank, to the accuracy that all are held to."""
+"""Adapter of this project: the default method on one rank."""
 
 from protocol import Outcome, Variant, serve
 

@@ -1,4 +1,7 @@
-"""What the driver and an adapter tell each other. Runs in the environments of the peers: numpy only, Python 3.9 on.
+"""Messages between driver and adapter.
+
+Runs in the environments of the packages: numpy only, Python 3.9 or newer.
+
 
     python X_adapter.py describe
     python X_adapter.py solve PROBLEM.npz WARMUP.npz ANSWER.npz VARIANT TOLERANCE BUDGET
@@ -62,7 +65,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to use a package: what it prescribes ("approach" or "load"), on which patches, its first tolerance."""
+    """Variant of a package: loading ("approach" or "load"), patches, first tolerance."""
 
     control: str
     first_tolerance: float = 1e-5
@@ -71,7 +74,7 @@ class Variant:
 
 @dataclass
 class Outcome:
-    """What one solve gave; a package that does not tell a number leaves it at -1."""
+    """Outcome of a solve; numbers that a package lacks are -1."""
 
     pressure: np.ndarray
     iterations: int = -1
@@ -81,7 +84,10 @@ class Outcome:
 
 
 def peak_memory():
-    """Peak resident size of this process in bytes; `resource` would count its parent's before exec, too."""
+    """Return the peak resident size of this process in bytes.
+
+    `resource` would include its parent's before exec.
+    """
     status = Path("/proc/self/status").read_text().splitlines()
     return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
 

@@ -1,4 +1,7 @@
-"""tamaas: Polonsky and Keer's CG by Rey et al., periodic at heart; its ``dcfft`` operator is the free half-space."""
+"""Adapter of tamaas: Polonsky and Keer's CG by Rey et al.
+
+Its ``dcfft`` operator serves patches that are not periodic.
+"""
 
 import os
 import tempfile
