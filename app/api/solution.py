@@ -176,7 +176,7 @@ class Solution(ContactFields):
         """Numbers and texts for the root of a result file."""
         from app import __version__
 
-        numbers = [field.name for field in fields(self) if field.type in ("bool", "int", "float", "str")]
+        numbers = [field.name for field in fields(self) if field.type in (bool, int, float, str)]
         return {
             **self.problem,
             **{ATTRIBUTE_NAMES.get(name, name): getattr(self, name) for name in numbers},
