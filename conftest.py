@@ -16,6 +16,11 @@ pytest.register_assert_rewrite("running", "cases", "results")
 pytest_plugins = ["on_ranks"]  # tests/on_ranks.py
 
 
+def pytest_configure(config):
+    """Hide notes on the solutions of tests."""
+    config.addinivalue_line("filterwarnings", "ignore::app.base.errors.NoteWarning")
+
+
 def pytest_ignore_collect(collection_path, config):
     """Collect test files, and the examples in app/; no other module is imported to look for examples."""
     if collection_path.suffix != ".py" or collection_path.name == "__init__.py":

@@ -25,6 +25,7 @@ _PLACES = {
     "InputError": "app.base.errors",
     "Listener": "app.contact.history",
     "Material": "app.halfspace.material",
+    "NoteWarning": "app.base.errors",
     "Paraboloid": "app.problems.shapes",
     "Plane": "app.problems.shapes",
     "Roller": "app.problems.roller",

@@ -3,7 +3,7 @@
 import sys
 import types
 
-from app.cli import session
+from app.cli import session, warm_up
 from app.cli.solve import main
 
 
@@ -19,4 +19,6 @@ class _Command(types.ModuleType):
 sys.modules[__name__].__class__ = _Command
 
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--warm-up"]:
+        session.run(warm_up.main, sys.argv[:1])
     session.run(main)

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 
 from app.api.solver import ContactSolver
+from app.base.errors import NoteWarning
 
 
 def solve(problem, approach, method="norm", load=None, comm=None, start=None, **options):
@@ -14,6 +15,7 @@ def solve(problem, approach, method="norm", load=None, comm=None, start=None, **
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
+        warnings.simplefilter("ignore", NoteWarning)
         with ContactSolver(problem, method, options, comm) as solver:
             return solver.solve(approach=None if load is not None else approach, load=load, start=start)
 

@@ -48,6 +48,8 @@ class LoadPath:
     rows : sequence of dict, optional
         Of finished steps of the same path, from the first on. Their solutions are left out. The last step is solved in
         any case.
+    progress : bool
+        Show a progress bar on rank 0.
 
     Attributes
     ----------
@@ -73,8 +75,9 @@ class LoadPath:
     ([0.1, 0.1, 0.2], array([200., 400., 800.]))
     """
 
-    def __init__(self, solver, kind, numbers, stiffness=False, rows=()):
+    def __init__(self, solver, kind, numbers, stiffness=False, rows=(), progress=False):
         self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
+        self._progress = progress
         self._problem = solver.problem
         self._rank = solver.comm.rank  # the table may be saved after the solver is closed
         self.numbers = call_collectively(solver.comm, _as_numbers, kind, numbers)
@@ -115,7 +118,12 @@ class LoadPath:
 
     def _solve(self):
         done = min(len(self.rows), len(self.numbers) - 1)
-        for step in range(done, len(self.numbers)):
+        steps = range(done, len(self.numbers))
+        if self._progress:
+            from tqdm.auto import tqdm  # loads slowly
+
+            steps = tqdm(steps, "path", len(self), initial=done, unit="step", disable=self._rank > 0)
+        for step in steps:
             if self._solver.problem is not self._problem:
                 raise InputError("path: its solver has been given another problem; make a path of that")
             solution = self._solver.solve(**{self._kind: self.numbers[step]})

@@ -1,26 +1,26 @@
 """Notes on wrong units, coarse grids, and the limits of the theory."""
 
+import re
+
 import numpy as np
 
-from app.base.errors import format_distinct
+from app.base.errors import format_distinct, warn_notes
 from app.base.units import format_lengths
 from app.contact.measures import contact_width
 from app.problems.contact_problem import is_measured
+from app.problems.surfaces.doubts import MAX_SLOPE, note_doubtful_units, note_spike
 
 MAX_ELASTIC_PRESSURE = 0.2  # of E*; hardly any solid is elastic beyond
 MIN_MODULUS, MAX_MODULUS = 1e-3, 1.5e6  # [N/mm2], of soft gels, and above diamond's 1.1e6
 DOUBTFUL_MODULI = 1.0, 1e3  # [N/mm2] of the stiffer body; they may be meant in GPa (1: without units)
 MIN_RUBBER_POISSON = 0.4  # rubbers with larger Poisson's ratios have such moduli
-MAX_SLOPE = 0.5  # rms slope of a body that is nearly a half-space
-MIN_MEASURED_SLOPE = 2e-4  # rms slope of measured heights; below heights or spacing may be in another unit
-WIDE_CELL, MIN_WIDE_SLOPE = 0.05, 5e-3  # the same for cells wider than this [mm]
-MAX_SPIKE = 12.0  # rms steps by which a point may exceed its neighbours; Gaussian noise reaches five
 MAX_ASPECT = 0.1  # rms height over the longer side of the patch; more with wrong units or steep slopes
 MAX_LOG_SQUARE = 0.2  # logarithm of the ratio of the sides of cells that may be meant to be square
 MAX_SEAM = 3.0  # step where a periodic patch repeats, in neighbouring steps
 MAX_FILLED_SHARE = 0.01  # of the load, on filled points
 MIN_CONTACT_CELLS = 4  # across a contact; fewer do not show its shape
 MIN_SHAPE_CELLS = 10  # along the longer side of a patch that is meant to show a contact's shape
+_NUMBER = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 
 
 def notes_on(state, problem, contact, roughness):
@@ -133,32 +133,6 @@ def note_doubtful_moduli(material):
     return notes
 
 
-def note_doubtful_units(surface, grid):
-    """Return a note on an unusual slope of a measured surface."""
-    slope = surface.rms_slope(grid)
-    flat = MIN_WIDE_SLOPE if max(surface.cell(grid)) > WIDE_CELL else MIN_MEASURED_SLOPE
-    if slope > MAX_SLOPE:
-        what = f"steeper than the theory is for (slopes below {MAX_SLOPE:g}), by spikes, perhaps"
-    elif 0 < slope < flat and surface.rms_level > surface.rounding:
-        what = "flatter than most surfaces"
-    else:
-        return None
-    what = f"surface file {surface.file}: is {what}"
-    return f"{what}; are heights and spacing in the units said? {surface.understood(grid)}"
-
-
-def note_spike(surface):
-    """Return a note on a spike of a measured surface."""
-    height, steps, row, column = surface.spike
-    if steps <= MAX_SPIKE or height <= surface.rounding:
-        return None
-    return (
-        f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands "
-        f"{format_lengths(height)} above all beside it, {steps:.0f} times the rms step from cell to cell; they "
-        "carry the load: take them out first"
-    )
-
-
 def note_filled_points(surface, state):
     """Return a note on load carried by filled points. Collective."""
     share = surface.filled_on(state.grid, state.operator.slabs.rows)
@@ -185,3 +159,19 @@ def _touches_boundary(state, contact_cells):
     if cells.size and not touches:
         touches = (rows.start == 0 and cells[0].any()) or (rows.stop == state.grid.ny and cells[-1].any())
     return state.sum([touches])[0] > 0
+
+
+class NoteWarnings:
+    """Warnings of one solver: each kind of notes once."""
+
+    def __init__(self):
+        self._issued = set()  # notes without their numbers
+
+    def issue(self, problem, notes):
+        """Warn of notes that are new, and that `read_surface` has not issued."""
+        known = {note for part in getattr(problem, "surfaces", ()) for note in getattr(part, "warned", ())}
+        for note in notes:
+            kind = _NUMBER.sub("", note)
+            if note not in known and kind not in self._issued:
+                self._issued.add(kind)
+                warn_notes([note])

@@ -5,12 +5,14 @@ from numbers import Real
 from typing import NamedTuple
 
 from app.api.arguments import check_type
+from app.api.notes import NoteWarnings
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
 from app.api.summary import format_grids
 from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
+from app.base.usage import usage
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
 from app.io.frames import to_dataframe
 from app.multigrid.hierarchy import check_memory
@@ -48,6 +50,7 @@ class Refinement(NamedTuple):
         return to_dataframe({name: [row[name] for row in self.rows] for name in self.rows[0]})
 
 
+@usage("refine(problem, until=0.01, load=700)")
 def refine(
     problem,
     until,
@@ -58,6 +61,7 @@ def refine(
     listeners=(),
     stiffness=False,
     prefix=None,
+    progress=False,
     **loading,
 ):
     """Solve a problem on finer and finer grids.
@@ -78,6 +82,8 @@ def refine(
         As of `ContactSolver`; -lcp_rtol is that of the first grid.
     stiffness : bool
         Solve for the stiffness on the finest grid, too.
+    progress : bool
+        Show the finished grids by a progress bar (tqdm) on rank 0.
     **loading : float
         As of `ContactSolver.solve`.
 
@@ -105,10 +111,18 @@ def refine(
     check_equal_on_ranks(comm, (until, most_cells, stiffness), "refine")
     rows, numbers, first_options = [], [], None
     options = call_collectively(comm, to_texts, options or {})
+    bar = None
+    if progress:
+        from tqdm.auto import tqdm  # loads slowly
+
+        bar = tqdm(desc="refine", unit="grid", disable=comm.rank > 0)
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:
+            solver.quiet = True  # only notes on the finest grid matter
             solution = solver.solve(**loading)
+            if bar is not None:
+                bar.update()
             first_options = first_options or solver.options
             loading.pop("start", None)  # of the first grid
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
@@ -130,6 +144,9 @@ def refine(
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
                 exact = solution.stiffness if stiffness else float("nan")
+                NoteWarnings().issue(problem, solution.notes)
+                if bar is not None:
+                    bar.close()
                 return Refinement(solution, errors, reached, exact, rows, first_options)
             options["lcp_rtol"] = solver.settings.rtol / 2
         problem = problem.on(grid.refine())

@@ -21,12 +21,13 @@ import numpy as np
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import parse_arguments
 from app.api.load_path import LoadPath, check_one_kind
-from app.api.notes import notes_on
+from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
 from app.api.stiffness import contact_stiffness
 from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.petsc import Resources, mpi_comm, synchronized
+from app.base.usage import usage
 from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.contact_moments import measure_moments
@@ -43,6 +44,7 @@ from app.parallel.communicator import Communicator
 from app.parallel.reductions import minimum_over
 
 
+@usage("solve(problem, load=700), or approach=, mean_pressure=, mean_gap=")
 def solve(
     problem, *, approach=None, load=None, method=None, options=None, comm=None, start=None,
     mean_pressure=None, mean_gap=None,
@@ -71,7 +73,7 @@ def solve(
     Returns
     -------
     Solution
-        A RuntimeWarning is issued unless it is ``converged``.
+        A RuntimeWarning is issued unless it is ``converged``, and a NoteWarning for each of its ``notes``.
     """
     with ContactSolver(problem, method, options, comm) as solver:
         return solver.solve(
@@ -113,6 +115,8 @@ class ContactSolver:
     touching : float
         Approach at which the bodies just touch [mm].
     hierarchy : Hierarchy
+    quiet : bool
+        True if notes are no warnings; a solver warns of each kind of notes once.
     ksp : PETSc.KSP or None
         Of the target grid; None if the method has none there, or works in a window that is not known yet.
 
@@ -131,7 +135,8 @@ class ContactSolver:
         self._resources.add(mpi_abort.AbortGroup(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._strategy = None
-        self._was_interrupted = self._late_options_checked = False
+        self._was_interrupted = self._late_options_checked = self.quiet = False
+        self._note_warnings = NoteWarnings()
         try:
             if prefix is None:
                 prefix = SolverOptions.new_prefix(self.comm)
@@ -214,6 +219,7 @@ class ContactSolver:
         """KSP of the target grid, or None."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
+    @usage("solver.solve(load=700), or approach=, mean_pressure=, mean_gap=")
     @synchronized
     def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
         """Solve for an approach, load, mean pressure or mean gap.
@@ -228,7 +234,7 @@ class ContactSolver:
         Returns
         -------
         Solution
-            A RuntimeWarning is issued unless it is ``converged``.
+            A RuntimeWarning is issued unless it is ``converged``, and a NoteWarning for each of its ``notes``.
 
         Raises
         ------
@@ -246,6 +252,8 @@ class ContactSolver:
             solution = self._note_late_options(self._solve(values, start))
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")
+        if not self.quiet:
+            self._note_warnings.issue(self.problem, solution.notes)
         return solution
 
     def _note_late_options(self, solution):
@@ -279,7 +287,7 @@ class ContactSolver:
             finally:
                 state.destroy()
 
-    def path(self, stiffness=False, rows=(), **loadings):
+    def path(self, stiffness=False, rows=(), progress=False, **loadings):
         """Solve for many loads, one after the other.
 
         Parameters
@@ -288,6 +296,8 @@ class ContactSolver:
             Solve for the exact stiffness of every step, too.
         rows : sequence of dict, optional
             Of finished steps, see `app.api.load_path.LoadPath`.
+        progress : bool
+            Show a progress bar (tqdm) on rank 0.
         **loadings : sequence of float
             Exactly one of load, approach, mean_pressure and mean_gap, as of `solve`.
 
@@ -303,7 +313,7 @@ class ContactSolver:
         """
         self._check_open()
         [(kind, numbers)] = call_collectively(self.comm, check_one_kind, loadings).items()
-        return LoadPath(self, kind, numbers, stiffness, rows)
+        return LoadPath(self, kind, numbers, stiffness, rows, progress)
 
     @synchronized
     def check(self, **loading):

@@ -36,6 +36,10 @@ class PackageMissing(ModuleNotFoundError, PackageError):
     """A package that is not installed."""
 
 
+class NoteWarning(UserWarning):
+    """A note on a solution or surface: something to check, such as a unit."""
+
+
 class OtherRankError(RuntimeError):
     """A mistake of the program on another rank."""
 
@@ -132,9 +136,21 @@ def check_equal_on_ranks(comm, value, what):
         raise InputError(f"{what}: not the same on all ranks")
 
 
-def warn_caller(message):
-    """Issue a RuntimeWarning at the user's line."""
+def is_first_rank():
+    """Return whether this is rank 0, also before MPI is started."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    return mpi is None or not mpi.Is_initialized() or mpi.Is_finalized() or mpi.COMM_WORLD.rank == 0
+
+
+def warn_caller(message, category=RuntimeWarning):
+    """Issue a warning at the user's line."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "app":
         level, frame = level + 1, frame.f_back
-    warnings.warn(message, RuntimeWarning, stacklevel=level)
+    warnings.warn(message, category, stacklevel=level)
+
+
+def warn_notes(notes):
+    """Issue a NoteWarning for each note on rank 0."""
+    for note in notes if is_first_rank() else ():
+        warn_caller(note, NoteWarning)

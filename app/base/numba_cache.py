@@ -7,6 +7,7 @@ read-only. If none of these is writable, it is a private folder in the temporary
 import fcntl
 import os
 import stat
+import sys
 import tempfile
 from contextlib import suppress
 from functools import wraps
@@ -18,12 +19,21 @@ from numba.core.caching import FunctionCache
 from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
 
-from app.base.errors import InputError
+from app.base.errors import InputError, is_first_rank
 
 # LLVM vectorises a loop only if it needs few run-time checks for overlapping rows: eight by default. A loop that makes
 # three rows of five needs more.
 set_option("", "-runtime-memory-check-threshold=32")
-on_first_compile = None  # function that is called once, before the first loop is compiled or waited for
+
+
+def announce_compilation():
+    """Print on standard error of rank 0 that loops are compiled."""
+    if is_first_rank():
+        with suppress(OSError):  # standard error is closed
+            print("note: compiling loops, once; this may take half a minute", file=sys.stderr, flush=True)
+
+
+on_first_compile = announce_compilation  # is called once, before the first loop is compiled or waited for
 
 
 def njit(makes_arrays=False, **options):

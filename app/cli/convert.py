@@ -60,8 +60,8 @@ def main(argv):
     replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
-    from app.api.notes import note_doubtful_units, note_spike  # they load numba
     from app.io.files import check_output_path, hash_file
+    from app.problems.surfaces.doubts import note_doubtful_units, note_spike
     from app.problems.surfaces.reading import make_surface
 
     path, file = arguments.file, _without_dataset(arguments.file)

@@ -14,12 +14,20 @@ import sys
 import tempfile
 import threading
 import traceback
+import warnings
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
 from app import __version__
-from app.base.errors import InputError, OtherRankError, call_collectively, format_error, format_message
+from app.base.errors import (
+    InputError,
+    NoteWarning,
+    OtherRankError,
+    call_collectively,
+    format_error,
+    format_message,
+)
 from app.base.memory import check_address_space, set_malloc_option
 from app.base.packages import HOW_TO_GET, numpy_mismatch
 from app.cli import streams
@@ -161,6 +169,7 @@ def run(main, argv=None):
     ``main(parsed_options)`` returns the status, None for 0; `argv` defaults to ``sys.argv``.
     """
     streams.reopen_closed()
+    warnings.simplefilter("ignore", NoteWarning)  # commands print notes
     if find_spec("mpi4py") is None:  # ranks cannot communicate; mpiexec ends them
         where = f"host {socket.gethostname()}: {sys.executable} has no mpi4py"
         streams.print_error(

@@ -24,7 +24,6 @@ def main(parsed):
     from app.api.refinement import refine
     from app.api.solver import ContactSolver
     from app.api.summary import refinement_table, summary
-    from app.base import numba_cache
     from app.base.mpi import MPI
     from app.cli import monitor
     from app.cli.load_path import load_path_summary, run_path
@@ -33,7 +32,6 @@ def main(parsed):
     from app.options.option_table import format_options
 
     Monitor.say = staticmethod(session.print_output)
-    numba_cache.on_first_compile = lambda: session.note("compiling loops, once; this may take half a minute")
     if "help" in parsed.petsc_options:
         session.print_output(format_help())
         if "problem" not in parsed.texts:

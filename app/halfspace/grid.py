@@ -20,6 +20,7 @@ from operator import index
 import numpy as np
 
 from app.base.errors import InputError, format_exact
+from app.base.usage import usage
 
 SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
@@ -35,6 +36,7 @@ def validate_symbol(periodic):
     return name
 
 
+@usage("Grid.from_domain(128, 128, (-1, 1, -1, 1)): cells in x and y; x0, x1, y0, y1 [mm]")
 @dataclass(frozen=True)
 class Grid:
     """Grid of rectangular cells; lengths in mm.
@@ -78,6 +80,7 @@ class Grid:
         object.__setattr__(self, "periodic", validate_symbol(self.periodic))
 
     @classmethod
+    @usage("Grid.from_domain(128, 128, (-1, 1, -1, 1)): cells in x and y; x0, x1, y0, y1 [mm]")
     def from_domain(cls, nx, ny, domain, periodic=False):
         """Divide a patch ``(x0, x1, y0, y1)`` into cells.
 

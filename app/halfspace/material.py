@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.base.errors import InputError, format_exact
+from app.base.usage import usage
 
 
 @dataclass(frozen=True, init=False)
@@ -63,6 +64,7 @@ class Material:
         return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
 
     @classmethod
+    @usage("Material.isotropic(E, nu), of two materials Material.pair((E1, E2), (nu1, nu2))")
     def isotropic(cls, young, poisson):
         """Make the pair of two bodies of the same material.
 
@@ -78,6 +80,7 @@ class Material:
         return cls.pair((young, young), (poisson, poisson))
 
     @classmethod
+    @usage("Material.pair((E1, E2), (nu1, nu2)), of equal bodies Material.isotropic(E, nu)")
     def pair(cls, young, poisson):
         """Make the pair from Young's moduli and Poisson's ratios.
 

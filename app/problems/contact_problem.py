@@ -7,6 +7,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.units import format_lengths
+from app.base.usage import usage
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.problems.arrays import check_size, real_numbers
@@ -69,6 +70,7 @@ class _SampledOrFunction:
         return {}
 
 
+@usage("ContactProblem(grid, material, Sphere(10), surfaces=[surface])")
 @dataclass(frozen=True, eq=False)
 class ContactProblem(Problem):
     """Two bodies on a patch of cells.

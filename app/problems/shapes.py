@@ -12,6 +12,7 @@ import numpy as np
 
 from app import reference
 from app.base.errors import InputError, format_distinct, format_exact
+from app.base.usage import usage
 from app.reference.base import require_positive
 
 
@@ -53,6 +54,7 @@ class Plane(Shape):
         return np.zeros(np.broadcast(x, y).shape)
 
 
+@usage("Paraboloid(10, 20), radii of curvature [mm], of a ball Sphere(10)")
 @dataclass(frozen=True)
 class Paraboloid(Shape):
     """A paraboloid of relative radii rx, ry [mm] (Sec. 5.1).
@@ -130,6 +132,7 @@ class Paraboloid(Shape):
         return facts
 
 
+@usage("Sphere(10), radius [mm]")
 class Sphere(Paraboloid):
     """A sphere of (relative) radius R [mm], as its paraboloid.
 
@@ -147,6 +150,7 @@ class Sphere(Paraboloid):
         return {"sphere_radius": self.rx, **super().describe()}
 
 
+@usage("Cylinder(10, length=8) [mm]")
 @dataclass(frozen=True)
 class Cylinder(Shape):
     """A cylinder along y [mm]; contact is impossible past its ends."""

@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 
 from app.api.solver import ContactSolver
+from app.base.errors import NoteWarning
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.options.method import list_methods
@@ -18,6 +19,7 @@ def solved(problem, method=None, comm=None, start=None, options=None, **loading)
     """Solve without a warning if it does not converge. Collective over `comm`."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
+        warnings.simplefilter("ignore", NoteWarning)
         with ContactSolver(problem, method, options, comm) as solver:
             return solver.solve(start=start, **loading)
 

@@ -43,6 +43,8 @@ class Surface:
         Of the file, within the crop.
     notes : tuple of str
         Doubts for the user.
+    warned : tuple of str
+        Notes that `read_surface` has issued as warnings.
     """
 
     file: str
@@ -74,6 +76,7 @@ class Surface:
     l_filter: float | None = None
     periodic: bool = False
     _filtered: np.ndarray | None = None  # the crop [mm]
+    warned: tuple = ()
 
     sampled = measured = True
 

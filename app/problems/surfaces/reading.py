@@ -9,9 +9,11 @@ from numbers import Integral
 
 import numpy as np
 
-from app.base.errors import InputError
+from app.base.errors import InputError, warn_notes
 from app.base.units import UNITS, find_unit, format_lengths
+from app.base.usage import usage
 from app.halfspace.grid import validate_symbol
+from app.problems.surfaces.doubts import note_doubtful_units, note_spike
 from app.problems.surfaces.filters import check_cells, check_order
 from app.problems.surfaces.height_map import TURNS, open_heights
 from app.problems.surfaces.measured_surface import Surface
@@ -22,6 +24,7 @@ MIN_NOTED_TILT = 4.0  # rise of the best plane over the patch, in rms heights ab
 MAX_NOTED_ROWS = 4
 
 
+@usage('read_surface("heights.npy", unit="um", spacing=(0.5, 0.5), spacing_unit="um")')
 def read_surface(
     path,
     unit=None,
@@ -37,6 +40,7 @@ def read_surface(
     periodic=False,
     channel=None,
     override=False,
+    spacing_unit=None,
 ):
     """Read measured heights.
 
@@ -75,10 +79,13 @@ def read_surface(
         Name or number, from 0, of a channel of a text that has several, one below the other.
     override : bool
         Whether `unit`, `height_unit` and `spacing` replace what the file states; else a contradiction is an error.
+    spacing_unit : str, optional
+        Of `spacing`; default: mm.
 
     Returns
     -------
     Surface
+        A NoteWarning is issued for each doubt about its units, slopes, spikes and missing points.
 
     Raises
     ------
@@ -99,7 +106,9 @@ def read_surface(
     """
     check_order(s_filter, l_filter)
     periodic = bool(validate_symbol(periodic))
-    unit, height_unit = (name and (find_unit(name) or name) for name in (unit, height_unit))
+    unit, height_unit, spacing_unit = (
+        name and (find_unit(name) or name) for name in (unit, height_unit, spacing_unit)
+    )
     orient = orient.split(",") if isinstance(orient, str) else tuple(orient or ())
     if not (isinstance(skip, Integral) and skip >= 0):
         raise InputError(f"surface skip {skip!r}: must be a number of lines, from 0")
@@ -108,6 +117,7 @@ def read_surface(
         ("missing", missing, MISSING),
         ("unit", unit, (*UNITS, None)),
         ("height unit", height_unit, (*UNITS, None)),
+        ("spacing unit", spacing_unit, (*UNITS, None)),
         *(("orient", turn, TURNS) for turn in orient),
     ):
         if value not in allowed:
@@ -116,10 +126,20 @@ def read_surface(
         source = open_heights(path, skip, orient, channel, coordinates=crop is not None)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
+    if spacing_unit:
+        if spacing is None:
+            raise InputError("surface spacing_unit: has no effect without spacing=")
+        spacing = tuple(UNITS[spacing_unit] * np.atleast_1d(spacing))
     source.settle(unit, height_unit, spacing, override)
     surface = replace(make_surface(source, level, crop, missing), periodic=periodic)
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
-    return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
+    if surface.spacing:
+        surface = surface.filtered(surface.grid(), s_filter, l_filter)
+    warned = surface.notes
+    if surface.spacing:
+        warned += tuple(filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface))))
+    warn_notes(warned)
+    return replace(surface, warned=warned)
 
 
 def make_surface(source, level="none", crop=None, missing="hole"):

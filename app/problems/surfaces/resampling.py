@@ -40,9 +40,9 @@ class ResampledSurface:
 
     sampled = measured = refinable = True
 
-    file, spacing, spike, rounding, rms_level, notes = (
+    file, spacing, spike, rounding, rms_level, notes, warned = (
         property(attrgetter(f"surface.{name}"))
-        for name in ("file", "spacing", "spike", "rounding", "rms_level", "notes")
+        for name in ("file", "spacing", "spike", "rounding", "rms_level", "notes", "warned")
     )
 
     def own_grid(self, grid):

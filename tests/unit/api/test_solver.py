@@ -262,11 +262,11 @@ def test_a_freed_solver_returns_memory_and_communicators(method, closed):
 def test_an_unconverged_solve_warns_and_returns_a_solution():
     with pytest.warns(RuntimeWarning, match="not converged: .*not enough") as said:
         found = solve(punch(24), approach=0.1, method="norm", options={"lcp_max_it": 1})
-    assert [warning.filename for warning in said] == [__file__]
+    assert [warning.filename for warning in said if warning.category is RuntimeWarning] == [__file__]
     assert not found.converged
     assert found.iterations == 1
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", RuntimeWarning)
         assert solve(punch(24), approach=0.1).converged
 
 

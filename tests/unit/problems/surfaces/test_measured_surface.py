@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from app import ContactProblem, Material, read_surface, solve
-from app.api.notes import note_doubtful_units, note_spike
 from app.base.errors import InputError
 from app.base.units import format_lengths
+from app.problems.surfaces.doubts import note_doubtful_units, note_spike
 
 from ..from_options import problem_from
 from .maps import DX, HEIGHTS, NX, NY, X, Y

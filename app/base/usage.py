@@ -1,0 +1,38 @@
+"""Examples of correct calls in the errors of wrong ones."""
+
+from functools import wraps
+from inspect import signature
+
+
+def usage(example):
+    """Decorate a function or class: a TypeError about its arguments shows an example.
+
+    Examples
+    --------
+    >>> @usage("area(radius=2)")
+    ... def area(*, radius):
+    ...     return 3.14 * radius**2
+    >>> area(2)
+    Traceback (most recent call last):
+    TypeError: area() takes 0 positional arguments but 1 was given; write area(radius=2)
+    """
+
+    def decorate(target):
+        if isinstance(target, type):
+            target.__init__ = decorate(target.__init__)
+            return target
+
+        @wraps(target)
+        def call(*args, **kwargs):
+            try:
+                return target(*args, **kwargs)
+            except TypeError as error:
+                try:
+                    signature(target).bind(*args, **kwargs)
+                except TypeError:
+                    raise TypeError(f"{error}; write {example}") from None
+                raise
+
+        return call
+
+    return decorate

@@ -1,0 +1,34 @@
+"""Compile all loops before they are needed: ``contact-solve --warm-up``."""
+
+import warnings
+
+METHODS = "fast", "primal", "norm", "fmg_v11"  # have all loops together
+_LARGE = 640  # cells in x and y; large grids have other products
+
+
+def compile_loops(methods=METHODS):
+    """Solve a small problem by each method. Collective."""
+    from app.api.solver import solve
+    from app.halfspace.grid import Grid
+    from app.halfspace.material import Material
+    from app.problems.contact_problem import ContactProblem
+    from app.problems.shapes import Paraboloid
+
+    material = Material.from_contact_modulus(1e5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for method in methods:
+            n = _LARGE if method == "fast" else 256
+            grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+            periodic = method == "primal"
+            solve(
+                ContactProblem(grid, material, Paraboloid(9, 7), periodic=periodic), load=5000, method=method
+            )
+
+
+def main(_):
+    """Compile all loops; return the exit status. Collective."""
+    from app.cli.session import print_output
+
+    compile_loops()
+    print_output("all loops are compiled")
