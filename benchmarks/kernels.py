@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.halfspace.fft.multiplier import Layout
-from app.halfspace.gauss_seidel.sweep import GaussSeidel
+from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.material import Material

@@ -6,7 +6,7 @@ from unittest import mock
 import numpy as np
 
 from app.halfspace.gauss_seidel import tables
-from app.halfspace.gauss_seidel.sweep import GaussSeidel
+from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import quadrant_rows
 

@@ -153,7 +153,7 @@ class Solution(ContactFields):
 
     @property
     def gap(self):
-        """Gap e = h + u, (2.3), shape (rows, nx) [mm]."""
+        """Gap e = h + u, shape (rows, nx) [mm]."""
         return self.undeformed_distance + self.displacement
 
     @property

@@ -1,4 +1,7 @@
-"""Strategies (-lcp_type), which run the iteration of a method."""
+"""Strategies (-lcp_type), which run the iteration of a method.
+
+`ActiveSet` is the paper's, in `app.contact`. `Fast` runs `app.methods.free` and `Primal` runs `app.methods.periodic`.
+"""
 
 import numpy as np
 from petsc4py import PETSc

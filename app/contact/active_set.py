@@ -24,22 +24,25 @@ def active_set(state, solver, loading, stop, history):
     Collective over the ranks of `state`, whose contact set and pressure are the initial ones. `solver` is a
     LinearSolver or DirectSolver on its operator. Returns the Outcome.
     """
-    if not start_grid(state, solver, loading, history):
+    if not start_grid(state, solver, loading, history):  # Sec. 4.1, 1
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
         state.before_iteration(k)  # periodic patches only
-        solver.set_contact()  # Sec. 4.1, step 2: (2.11) on C^k
-        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # Sec. 4.1, step 3
+        solver.set_contact()  # Sec. 4.1, 2
+        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # Sec. 4.1, 3
         state.add(correction)
-        state.release_tensile()  # Sec. 4.1, step 4.a
+        state.release_tensile()  # Sec. 4.1, (4.a)
         state.compute_displacement()  # u = A p, after the release: any other order oscillates
         loading.update(state)  # the approach under a prescribed load
-        update = state.activate_penetrating()  # Sec. 4.1, step 4.b
+        update = state.activate_penetrating()  # Sec. 4.1, (4.b)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if reason := failure_reason(failure, residual):
             return Outcome(False, reason, k, residual)
-        if not update.changed and stop(state, update.residual):  # Sec. 4.1, steps 5 and 6: (5.1)
+        if (
+            not update.changed  # Sec. 4.1, 5
+            and stop(state, update.residual)  # Sec. 4.1, 6
+        ):
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, residual)

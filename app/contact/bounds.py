@@ -1,9 +1,9 @@
 """Bounds of the pressure, and operations on them.
 
-A cell of the contact set C has no gap and a pressure between its bounds. Any other cell has the pressure of a bound:
-zero where it is open. Each grid, and each window of one, has its `PressureBounds` in its `UndeformedDistance`; all
-methods use them. An upper bound is a subclass that overrides the methods below. It needs no set of its own, because
-the pressure of a cell outside C is that of its bound.
+A cell of the contact set C has no gap and a pressure between its bounds, (2.1). Any other cell has the pressure of a
+bound, (2.2): zero where it is open. Each grid, and each window of one, has its `PressureBounds` in its
+`UndeformedDistance`; all methods use them. An upper bound is a subclass that overrides the methods below. It needs no
+set of its own, because the pressure of a cell outside C is that of its bound.
 """
 
 import numpy as np

@@ -32,7 +32,7 @@ def _change_by_release_row(p, contact, change):
 def _release_row(p, contact, released):
     count = 0
     for i in range(p.size):
-        out = contact[i] & (p[i] < 0)  # (4.a)
+        out = contact[i] & (p[i] < 0)
         released[i] = out
         contact[i] &= not out
         count += out
@@ -88,7 +88,7 @@ def _predicted_overlap_row(b, depth, u, expected, overlap):
 def _activate_row(overlap, admissible, contact, released):
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
-        new = (not contact[i]) & admissible[i] & overlap[i]  # (4.b)
+        new = (not contact[i]) & admissible[i] & overlap[i]
         contact[i] |= new
         cells += contact[i]
         added += new & (not released[i])

@@ -30,7 +30,7 @@ class UndeformedDistance:
     """The undeformed distance h = shape - approach on one grid. Collective.
 
     The approach is a reference plus the *depth* beyond it, so that large constants cost no digits. The shape never
-    changes: the depth moves the bodies, without rounding. The right-hand side of (2.11) is ``-h = b + depth``.
+    changes: the depth moves the bodies, without rounding. The right-hand side on C is ``-h = b + depth``.
 
     Parameters
     ----------
@@ -145,10 +145,13 @@ class UndeformedDistance:
         self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
 
     def norm(self):
-        """Return ||h||_2 over the admissible cells [mm]; 1 if it is zero."""
+        """Return ||h||_2 of the stopping test [mm]; 1 if it is zero.
+
+        It is over the admissible cells.
+        """
         if self._norm is None:
             cells, mean, squares, _ = self.statistics
-            self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0  # (5.1)
+            self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
         return self._norm
 
     def destroy(self):

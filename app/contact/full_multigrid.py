@@ -32,7 +32,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     nested : bool
         Nested iteration; otherwise the target grid alone, from C = {h <= 0}.
     beta : float
-        (4.1).
+        Of the first contact set on a finer grid, as a share of the largest u.
     prolong : callable or None
         See `prolongate`.
     target_solver : LinearSolver
@@ -50,7 +50,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
         if coarse is not None:
             state.depth = loading.predict(coarse.depth)
             if nested:
-                prolongate(hierarchy.transfers[number], coarse, state, beta, prolong)
+                prolongate(hierarchy.transfers[number], coarse, state, beta, prolong)  # Sec. 4.3, 2
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
@@ -68,7 +68,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
                 if coarse is None:
                     outcome = loading.first_solve(state, solve)  # Sec. 4.3, 1
                 else:
-                    outcome = solve(loading)  # Sec. 4.3, 3, (3.b)
+                    outcome = solve(loading)  # Sec. 4.3, (3.b)
             grids.record(outcome, state.depth)
             if solver is not target_solver:
                 solver.destroy()
@@ -82,17 +82,18 @@ def prolongate(transfer, coarse, state, beta, prolong):
 
     C and p come from ``prolong(transfer, coarse, state)``, or by copy if that is None or returns false.
     """
-    transfer.interpolate(coarse.u, state.u)  # Sec. 4.3, 2
+    transfer.interpolate(coarse.u, state.u)
     state.displacement_status = Displacement.STALE
     if not (prolong and prolong(transfer, coarse, state)):
         copy_prolongation(transfer, coarse, state, beta)
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Initialise C by (4.1) and p by copy. Collective."""
+    """Initialise C by the displacement and p by copy. Collective."""
     max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
-    np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1), Sec. 4.3, (3.a)
+    # Sec. 4.3, (3.a)
+    np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1)
     state.contact &= state.admissible
     p = state.values
-    transfer.copy(coarse.p, p)  # Sec. 4.3, 2
+    transfer.copy(coarse.p, p)
     state.bounds.project(state.p, state.contact, p)

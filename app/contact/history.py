@@ -121,7 +121,7 @@ class Outcome(NamedTuple):
     converged: bool
     reason: str
     iterations: int = 0
-    residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
+    residual: float = 0.0  # ||r|| / ||h||, of the stopping test
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
     fallbacks: int = 0  # grids, including coarser ones, that needed the safeguard or the root search

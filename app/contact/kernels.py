@@ -1,6 +1,6 @@
 """Compiled loops of the contact state: one pass over the cells each.
 
-Arrays are (rows, nx) of a rank; `b` is -h at depth 0, so that (2.3) is ``e = u - (b + depth)``. Sums are taken row by
+Arrays are (rows, nx) of a rank; `b` is -h at depth 0, so that the gap is ``e = u - (b + depth)``. Sums are taken row by
 row, which keeps their rounding small on large grids.
 """
 
@@ -11,7 +11,8 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 @njit()
 def gap(u, b, depth):
     """Return e = h + u of a cell."""
-    return u - (b + depth)  # (2.3); b + depth is exact near contact, u - b is not
+    # b + depth is exact near contact, u - b is not
+    return u - (b + depth)  # (2.3)
 
 
 @njit_reassoc

@@ -1,9 +1,10 @@
 """Loadings: the base class, a prescribed approach and a prescribed mean gap.
 
 The solvers call `first_solve` on the first grid, or `resume` from a solution. On each grid they call `begin`; in each
-active set iteration `update`, between u = A p and (4.b); on the target, when (5.1) holds, `settle`; after a grid
-`record`, and before the next one `predict`. Ranks that join receive `shared_state`. `solve_by_search` is the fallback.
-The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of `update` and `settle`.
+active set iteration `update`, between u = A p and the activation of cells; on the target, when (5.1) holds, `settle`;
+after a grid `record`, and before the next one `predict`. Ranks that join receive `shared_state`. `solve_by_search` is
+the fallback. The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of `update`
+and `settle`.
 
 A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """

@@ -76,7 +76,7 @@ class PrescribedLoad(Loading):
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
         """See `Loading.solve_by_search`; the load is made exact and (5.1) is tested again."""
-        tight = stop.tighter(tighter)  # after scaling, (5.1) must still hold
+        tight = stop.tighter(tighter)  # after scaling, the stopping test must still hold
         outcome = self.search(state, lambda loading: solve(loading, tight), rtol, step)
         state.first_contact()  # a search for a tiny load may end without contact
         residual = self.settle(state, state.activate_penetrating()).residual

@@ -1,4 +1,4 @@
-"""The contact state, and the steps of Sec. 4.1.
+"""The contact state, and operations on it for the steps of Sec. 4.1.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -91,8 +91,6 @@ class Displacement(IntEnum):
 class ContactState:
     """State of a solution on one grid: C, p, u and approach.
 
-    The gap is e = h + A p (2.8).
-
     Collective. `contact` *is* the operator's mask, and is emptied here. All states of an operator share it: to return
     to an earlier state, keep a copy of its contact set and restore it.
 
@@ -147,8 +145,8 @@ class ContactState:
         self.distance.move_to(min(value, self.distance.max_depth))
 
     def gap(self):
-        """Return e = h + u, shape (local rows, nx) [mm]."""
-        return self.u - (self.distance.b + self.distance.depth)
+        """Return e = h + A p, shape (local rows, nx) [mm]."""
+        return self.u - (self.distance.b + self.distance.depth)  # (2.8)
 
     @property
     def values(self):
@@ -198,8 +196,8 @@ class ContactState:
         """Adapt C before iteration k, if periodic. Collective."""
 
     def start_from_interpenetration(self):
-        """Start from C^0 = {h <= 0} and p = 0."""
-        np.greater_equal(self.distance.b, -self.depth, out=self.contact)  # Sec. 4.1, step 1
+        """Start from C^0 = {h <= 0} and p = 0, step 1 of Sec. 4.1."""
+        np.greater_equal(self.distance.b, -self.depth, out=self.contact)
         self.contact &= self.admissible
         self.pressure.set(0)
         self.u[...] = 0
@@ -222,7 +220,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
-        """Return the right-hand side of (2.11) for a correction of p."""
+        """Return the right-hand side for a correction of p."""
         with self.right as values:
             out = values.reshape(self.u.shape)
             kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)  # (2.11)
@@ -238,18 +236,18 @@ class ContactState:
         self.bounds.project(self.p, self.admissible, self.values)
 
     def tension(self):
-        """Return the share of the pressure that (4.a) would remove. Collective."""
+        """Return the share of the pressure that a release would remove. Collective."""
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove tensile cells from C, for (2.9).
+        """Remove tensile cells from C, (4.a), for (2.9).
 
         Collective if `some` is None, else `some` says whether any rank has such cells. Returns the number of released
         cells, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
         """
-        released = self.bounds.release(self.values, self.contact, self._released, change)  # (4.a)
+        released = self.bounds.release(self.values, self.contact, self._released, change)
         released = int(self.sum([released])[0]) if some is None else some
         if released:
             self.displacement_status = Displacement.STALE
@@ -264,14 +262,14 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):
-        """Add cells that overlap to C, for (2.10).
+        """Add cells that overlap to C, (4.b), for (2.10).
 
         Collective. Cells just released may enter again. Returns the Update since before `release_tensile`. `expected`,
         shape (local rows, nx) [mm], is an expected change of u outside C, added to u in this test.
         """
         fields = self.u, self.p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
-        sums = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)  # (4.b)
+        sums = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)

@@ -8,7 +8,7 @@ BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choos
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """Accuracy of Sec. 4.1, step 6, and limit of iterations."""
+    """Accuracy, step 6 of Sec. 4.1, and limit of iterations."""
 
     rtol: float = 1e-6
     max_it: int = 100
@@ -27,5 +27,8 @@ class StoppingTest:
         return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
-        """Return the test of coarser grids: an unchanged contact area."""
-        return StoppingTest(float("inf"), self.max_it, final=False)  # Sec. 4.3, (3.b)
+        """Return the test of coarser grids: an unchanged contact area.
+
+        It is that of step 3.b of Sec. 4.3.
+        """
+        return StoppingTest(float("inf"), self.max_it, final=False)

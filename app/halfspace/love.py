@@ -106,7 +106,7 @@ def love_coefficients(cell, compliance, rows, columns):
     """
     quadrant = np.empty((len(rows), columns))
     sides, squares, series = _taylor_series(*cell)
-    near, far = float(compliance * max(cell)), float(compliance * min(cell))
+    near, far = float(compliance * max(cell)), float(compliance * min(cell))  # (2.5)
     with events.coeffs:
         _fill(quadrant, rows, sides, squares, series, near, far)
     return quadrant

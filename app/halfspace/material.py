@@ -139,7 +139,6 @@ class Material:
     @property
     def compliance(self):
         """Factor (1 - nu) / (pi G) of 1/rho [mm2/N]."""
-        # (2.5)
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
 
     @property

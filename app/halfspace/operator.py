@@ -65,7 +65,7 @@ class InfluenceOperator(MatMethods):
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C, initially all cells. Change it in place and then call `mask_changed`.
     contact_version : int
-        Number of calls of `mask_changed`. In steps 4.a and 4.b the mask is ahead of it.
+        Number of calls of `mask_changed`. While cells leave and enter C the mask is ahead of it.
     products, sweeps : int
         Products of the Mat requested by PETSc, and Gauss-Seidel sweeps: the paper's work units. `product.count` has all
         products, also those inside sweeps and of `displacement`.
@@ -265,7 +265,6 @@ class InfluenceOperator(MatMethods):
 
     def displacement(self, p, u):
         """Compute u = A p on all cells. Collective."""
-        # (2.7)
         apply_logged(_mult_event, self.product, p, u)
 
     def exact_displacement(self, p, u):
@@ -290,7 +289,7 @@ class InfluenceOperator(MatMethods):
         a, s = scale_and_shift(mat)
         with y as out:
             p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
-            # (2.11), Sec. 4.2, 2
+            # Sec. 4.2, 2
             apply_logged(_mult_event, self.product, p, out, self.mask)
             if (a, s) != (1.0, 0.0):
                 out *= a
@@ -342,7 +341,7 @@ class InfluenceOperator(MatMethods):
     @cached_property
     def relaxation(self):
         """Gauss-Seidel sweeps on this grid. Collective on first use."""
-        from app.halfspace.gauss_seidel.sweep import GaussSeidel
+        from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 
         rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
         return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)

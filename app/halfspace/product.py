@@ -1,6 +1,6 @@
-"""Product u = A p, eq. (2.6).
+"""Product u = A p, eq. (2.6), by FFT or a stored matrix.
 
-It is computed by FFT, on small grids by a stored matrix.
+Each class here is u = A p in one way. `app.halfspace.fft.multiplier` has the transforms, for any even kernel.
 
 ``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution of the padded p
 on an ``Ny x Nx`` grid, ``N >= 2 n - 1``: see `app.halfspace.fft.multiplier`. On a periodic patch it is one on the

@@ -2,7 +2,7 @@
 
 It solves ``min f(p) = p.Ap / 2 + h.p, p >= 0`` [1]_. The direction d is an approximate solution of (2.11) on C, without
 the cells that have a gap and next to no pressure. The step along ``p(alpha) = max(p + alpha d, 0)`` is halved until f
-falls by Armijo's condition. With alpha = 1 these are steps 2 to 4.b of Sec. 4.1. f falls in every iteration and the
+falls by Armijo's condition. With alpha = 1 these are steps 2 to 4 of Sec. 4.1. f falls in every iteration and the
 limit is the solution, for any symmetric positive definite preconditioner and any number of CG steps [1, Prop. 2].
 A prescribed load is met by a bracketing root search around it, since the load is monotone in the approach.
 

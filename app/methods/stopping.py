@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from app.contact.certificate import estimate
 from app.contact.stopping import ROUNDING_RESIDUAL, StoppingTest
 
-IN_CONTACT = 100.0  # factor on rtol in (5.1) with h on C alone: contact may be small in its patch
+IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may be small in its patch
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class InexactStop(StoppingTest):
     coarse_rtol : float
         ||r|| / ||h|| on C at which a coarser grid is left.
     predictor : float
-        Factor on the predicted change of u in (4.b).
+        Factor on the predicted change of u by which cells enter C.
     error_bound : float
         Largest proved error of a solved target grid (`app.contact.certificate`).
     defect_correction : float
@@ -63,6 +63,6 @@ class InexactStop(StoppingTest):
     def for_coarse_grid(self):
         """Return the test of a coarse grid; C may change.
 
-        Sec. 4.3, 3.b requires the opposite.
+        Step 3.b of Sec. 4.3 requires the opposite.
         """
         return replace(self, final=False)

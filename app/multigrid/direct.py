@@ -1,4 +1,4 @@
-"""Direct solver of the coarsest grid: Sec. 4.2, 4 and Sec. 4.3, 1."""
+"""Direct solver of the coarsest grid, step 1 of Sec. 4.3."""
 
 import numpy as np
 from petsc4py import PETSc

@@ -1,7 +1,7 @@
 """Interpolation to a finer grid: bilinear, or quintic if periodic.
 
-Values belong to the centres of cells. Bilinear interpolation is the paper's (Sec. 4.3, 2). Quintics through six cells
-in x and y have an error of sixth order and take the same time, which access to memory determines.
+Values belong to the centres of cells. Bilinear interpolation is the paper's, in step 2 of Sec. 4.3. Quintics through
+six cells in x and y have an error of sixth order and take the same time, which access to memory determines.
 """
 
 from functools import lru_cache

@@ -9,16 +9,16 @@ All options are PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels
 The defaults are the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve. For a KSP that
 needs a symmetric preconditioner the smoother after the coarse grid is the adjoint of that before it.
 
-=============================  ========================================================================
-Sec. 4.2                       here
-=============================  ========================================================================
-1 smoothing within C           ``-mg_levels_*``; Gauss-Seidel is `InfluenceOperator.SOR`
-2 defect, zero outside C       PCMG, by the masked `InfluenceOperator.mult`
-3 restriction of d and C       `Transfer.restrict_defect`, `Transfer.restrict_contact`
-4 coarse grid exactly          `MaskedMatrix`, ``-mg_coarse_*``
-5 interpolation, zero outside  `Transfer.add_copies`
-6 correction                   PCMG, by ``multAdd`` of the interpolation
-=============================  ========================================================================
+=============================  ===============================================  ========================
+Sec. 4.2                       here                                             in
+=============================  ===============================================  ========================
+1 smoothing within C           ``-mg_levels_*``; `InfluenceOperator.SOR`        halfspace/operator.py
+2 defect, zero outside C       `InfluenceOperator.mult`, masked                 halfspace/operator.py
+3 restriction of d and C       `restrict_defect`, `restrict_contact`            multigrid/transfer.py
+4 coarse grid exactly          ``-mg_coarse_*``; `MaskedMatrix`                 multigrid/pcmg.py
+5 interpolation, zero outside  `add_copies`                                     multigrid/transfer.py
+6 correction                   ``multAdd`` of the interpolation                 multigrid/transfer.py
+=============================  ===============================================  ========================
 """
 
 import re
@@ -57,7 +57,7 @@ _DIRECT = {
 
 
 class MaskedMatrix:
-    """The coarsest system, assembled (Sec. 4.2, 4).
+    """The coarsest system, assembled, for step 4 of Sec. 4.2.
 
     ``C A C + d (I - C)``; all of it is on the rank that has the grid, of at most `MAX_DIRECT_CELLS` cells.
     """
@@ -212,7 +212,7 @@ class ContactMG:
             fine.mask_changed()  # the Mat has a new state, not a new contact set
         self._contact = fine.contact_version
         for transfer in self._transfers[:0:-1]:
-            transfer.restrict_contact()  # Sec. 4.2, 3
+            transfer.restrict_contact()
         for operator in self.operators[:-1]:
             operator.mask_changed()
         for mat in self._mats:

@@ -155,12 +155,12 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
-        """Copy coarse cells to their children (Sec. 4.3, 2). Collective."""
+        """Copy coarse cells to their children. Collective."""
         _copy(self._fetch_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
-        """Interpolate bilinearly (Sec. 4.3, 2). Collective.
+        """Interpolate bilinearly. Collective.
 
         It extrapolates at the boundary of a patch or window.
         """
@@ -280,8 +280,8 @@ class _Restriction:
 
     def mult(self, mat, x, y):
         t = self.transfer
-        defect = x.getArray(readonly=True).reshape(t.fine.local_shape) * t.fine.mask  # Sec. 4.2, 2
-        y.setArray((t.restrict_defect(defect) * t.coarse.mask).reshape(-1))  # Sec. 4.2, 3
+        defect = x.getArray(readonly=True).reshape(t.fine.local_shape) * t.fine.mask
+        y.setArray((t.restrict_defect(defect) * t.coarse.mask).reshape(-1))
 
     multTranspose = mult
 

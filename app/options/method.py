@@ -70,7 +70,7 @@ class Settings:
     coarse_rtol: float = _option(from_zero, 0.0,
         "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol", _INEXACT, True)
     predictor: float = _option(from_zero, 0.0,
-        "fast: share of the change of u to be expected that step 4.b believes", ("fast",))
+        "fast: share of the expected change of u by which cells enter C", ("fast",))
     defect_correction: float = _option(from_zero, 0.0,
         "fast, primal: by levels till this share of r is left; 0: by FFT", _INEXACT)
     prolongation: str = _option(choice("copy", "lift"), "copy",

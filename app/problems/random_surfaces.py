@@ -118,7 +118,6 @@ class WavySurface(_Function):
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
         phi = 2 * np.pi * rng.random(self.modes)
         theta = 2 * np.pi * rng.random(self.modes)
-        # (6.2)
         return a * (self.sigma / np.sqrt(np.sum(a**2) / 4)), phi, theta
 
     @cached_property

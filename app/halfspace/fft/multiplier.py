@@ -1,5 +1,7 @@
 """Multiplication by a real even function in Fourier space.
 
+It has the transforms only; u = A p is in `app.halfspace.product`, whose products are subclasses with the kernel A.
+
 Fields are padded with zeros to the periods ``Ny x Nx``. The transform convention is numpy's (forward
 ``exp(-2 pi i k x)``, unscaled). The factor ``1 / (Nx Ny)`` of the inverse is included in the spectrum.
 

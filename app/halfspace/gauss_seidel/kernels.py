@@ -1,7 +1,7 @@
 """Compiled loops of a Gauss-Seidel sweep.
 
-Leaves and transfers are explained in `app.halfspace.gauss_seidel.sweep`. Frequencies are stored in chunks of `LANES`,
-so that a loop over the lanes of a chunk is vectorised.
+Leaves and transfers are explained in `app.halfspace.gauss_seidel.gauss_seidel`. Frequencies are stored in chunks of
+`LANES`, so that a loop over the lanes of a chunk is vectorised.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
 """Messages of a sweep on several ranks.
 
 Rank 0 solves the leaves, the others compute transfers. Only rows one after the other are sequential, and their effect
-on their own leaf and the next. All other effects, the transfers of `app.halfspace.gauss_seidel.sweep`, are dealt to the
-ranks by frequencies. A leaf needs them up to the last leaf but one, so they run while rank 0 solves:
+on their own leaf and the next. All other effects, the transfers of `app.halfspace.gauss_seidel.gauss_seidel`, are dealt
+to the ranks by frequencies. A leaf needs them up to the last leaf but one, so they run while rank 0 solves:
 
     rank 0      ... solve 7    solve 8    solve 9  ...        needs for leaf m: effects of leaves up to m - 2
     others      ... transfers  transfers  transfers           have after leaf m: transfers to leaf m + 2 and later

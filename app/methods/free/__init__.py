@@ -2,20 +2,20 @@
 
 It has inexact active sets with an FFT preconditioner inside a nested iteration.
 
-On each grid, from the coarsest to the target (`nested`):
+On each grid, from the coarsest to the target (`nested`), it has these stages:
 
-1. *Start.* Pressure and contact set come from the coarser grid by `lift`. The grid is solved in a window around contact
-   (`windows`). The coarsest grid is solved directly.
-2. *Sets.* `iteration` repeats the steps of Sec. 4.1. Each set is solved a little by conjugate gradients that start from
-   the known displacement (`tracking_cg`). The preconditioner is the inverse of A continued periodically (`circulant`),
-   applied to the residual extended past the contact edge (`contact_edge`) and between contact spots (`block_average`).
-   The preconditioner and the changes of u are multilevel products (`app.methods.multilevel_operators`); after some sets
-   a product by FFT corrects their error. The predictor adds cells to C by the predicted displacement.
-3. *Stop.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one product
-   in double precision on all cells, which decides (5.1), and by the certificate. For a window all ranks compute that
-   product (`verification_product`).
-4. *Load.* A prescribed load moves the approach in each iteration (`app.contact.prescribed_load`).
-5. *Safeguard.* If the residual stagnates, `app.methods.safeguard` continues: slower, with a proof of convergence.
+- *Start.* Pressure and contact set come from the coarser grid by `lift`. The grid is solved in a window around contact
+  (`windows`). The coarsest grid is solved directly.
+- *Sets.* `iteration` repeats the steps of Sec. 4.1. Each set is solved a little by conjugate gradients that start from
+  the known displacement (`tracking_cg`). The preconditioner is the inverse of A continued periodically (`circulant`),
+  applied to the residual extended past the contact edge (`contact_edge`) and between contact spots (`block_average`).
+  The preconditioner and the changes of u are multilevel products (`app.methods.multilevel_operators`); after some sets
+  a product by FFT corrects their error. The predictor adds cells to C by the predicted displacement.
+- *Stop.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one product
+  in double precision on all cells, which decides (5.1), and by the certificate. For a window all ranks compute that
+  product (`verification_product`).
+- *Load.* A prescribed load moves the approach in each iteration (`app.contact.prescribed_load`).
+- *Safeguard.* If the residual stagnates, `app.methods.safeguard` continues: slower, with a proof of convergence.
 
 Terms:
 
@@ -28,8 +28,9 @@ Terms:
   residual extended over some cells around C approximates it.
 - *Forcing term.* Reduction of the residual of a contact set, as in inexact Newton methods.
 - *Predictor.* u after the reduction of the residual on C, by the same extension; cells enter C by it.
-- *Tension.* The negative part of p, removed by step 4.a.
-- *Rehearsal.* Steps 4 to 6 by the updated u, before the *verification product* in double precision on all cells.
+- *Tension.* The negative part of p, removed by step 4.a of Sec. 4.1.
+- *Rehearsal.* Steps 4 to 6 of Sec. 4.1 by the updated u, before the *verification product* in double precision on all
+  cells.
 - *Window.* A rectangle around contact with p = 0 outside, where only the verification looks.
 
 The gain of each technique, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough

@@ -44,8 +44,8 @@ def inexact_active_set(state, solver, loading, stop, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     sets = _ContactSets(state, solver, loading, stop)
     for k in range(1, stop.max_it + 1):
-        solved = sets.solve()  # 2. and 3. (2.11) on C^k, a little
-        exchanged = sets.exchange(solved)  # 4. p < 0 leaves C, e < 0 enters; 5. and 6. on the last one
+        solved = sets.solve()
+        exchanged = sets.exchange(solved)
         history.add(state, solver, exchanged.update, solved.iterations)
         residual = exchanged.update.residual / state.distance.norm()
         if wrong := failure_reason(solved.failure, residual):
@@ -70,7 +70,7 @@ class _Solved(NamedTuple):
 
 
 class _Exchanged(NamedTuple):
-    """Result of step 4."""
+    """Result of an update of the contact set."""
 
     update: Update
     done: bool = False  # solved, if the certificate agrees
@@ -104,7 +104,7 @@ class _ContactSets:
         return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
-        """Solve on the contact set, steps 2 and 3."""
+        """Solve a little on C, steps 2 and 3 of Sec. 4.1."""
         stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
         if stop.final and multilevel:  # on coarse grids this error is below that of the grid
@@ -113,7 +113,7 @@ class _ContactSets:
         return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, multilevel)
 
     def exchange(self, solved):
-        """Update the contact set, step 4, in one of three ways."""
+        """Update C, steps 4 to 6 of Sec. 4.1, in one of three ways."""
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
         # Solved, and with next to no negative pressure on the target grid: this may be the last contact set.
@@ -150,19 +150,19 @@ class _ContactSets:
         """Update a contact set that is not the last one."""
         state, solver, allowed = self.state, self.solver, solved.allowed
         computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)
-        released = solver.release(state, update=not computed)  # (4.a), and u along with it
+        released = solver.release(state, update=not computed)
         if computed:
             state.compute_displacement(exact=allowed < MIN_SINGLE_RESIDUAL * self._h_on_contact)
             if not released:
                 solver.check_multilevel(state, self._max_multilevel_error(allowed))
         self.loading.update(state)
         expected = solver.predict(state, self.stop.predictor) if solved.norm > allowed else None
-        return _Exchanged(state.activate_penetrating(expected), computed=computed)  # (4.b)
+        return _Exchanged(state.activate_penetrating(expected), computed=computed)
 
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.
 
-        Steps 4 to 6 on the target grid; the load is met exactly. If a rehearsal with the updated displacement fails the
+        It is on the target grid; the load is met exactly. If a rehearsal with the updated displacement fails the
         product is saved.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
@@ -174,11 +174,11 @@ class _ContactSets:
             or self._load_has_fallen
             or (loading.approach_is_known and tension)
         ):
-            state.release_tensile(tension > 0)  # (4.a)
+            state.release_tensile(tension > 0)
         else:
-            solver.release(state, tension)  # (4.a), and u along with it
+            solver.release(state, tension)
             loading.update(state)
-            rehearsal = state.activate_penetrating()  # (4.b)
+            rehearsal = state.activate_penetrating()
             allowed = self.stop.allowed(state, rehearsal.h_on_contact)
             if rehearsal.added or rehearsal.residual > allowed:
                 self._rehearsal_failed = True
@@ -189,7 +189,7 @@ class _ContactSets:
             state.compute_displacement(exact=True)
             solver.check_multilevel(state, self._max_multilevel_error(solved.allowed))
         loading.update(state)
-        update = state.activate_penetrating()  # (4.b)
+        update = state.activate_penetrating()
         if rehearsal is not None:
             update = update.after(rehearsal)
         done = self._passes(update)
@@ -203,19 +203,19 @@ class _ContactSets:
         return not update.changed and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
 
     def _leave_coarse(self, solved, tension):
-        """Update the last contact set of a coarse grid, step 4.
+        """Update the last contact set of a coarse grid.
 
         If the load is nearly met, u is not updated for the last release: the finer grid does that.
         """
         state, solver, loading = self.state, self.solver, self.loading
         if tension > MAX_RELEASED_SHARE:
-            solver.release(state, tension)  # (4.a), and u along with it
+            solver.release(state, tension)
             loading.update(state)
-            return _Exchanged(state.activate_penetrating())  # (4.b)
+            return _Exchanged(state.activate_penetrating())
         solver.update_displacement(state)
         met = loading.update(state) <= MAX_COARSE_LOAD_MISS * solved.allowed / np.sqrt(self._cells)
         if met:
-            state.release_tensile(tension > 0)  # (4.a)
+            state.release_tensile(tension > 0)
         else:  # the approach has moved by this pressure already
             solver.release(state, tension)
-        return _Exchanged(state.activate_penetrating(), done=met)  # (4.b)
+        return _Exchanged(state.activate_penetrating(), done=met)

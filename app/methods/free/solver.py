@@ -47,7 +47,7 @@ class TrackingSolver(LinearSolver):
         self._change_not_in_u = False
 
     def improve(self, state, allowed, norm):
-        """Improve p towards (2.11) on C, step 3; keep u.
+        """Improve p towards (2.11) on C, step 3 of Sec. 4.1; keep u.
 
         Parameters
         ----------
@@ -97,7 +97,7 @@ class TrackingSolver(LinearSolver):
             self.multilevel = state.on_contact().residual <= most
 
     def release(self, state, tension=None, update=True):
-        """Release cells, step 4.a, and update u.
+        """Release cells, step 4.a of Sec. 4.1, and update u.
 
         Returns whether cells left C. `update`: False leaves u for the caller. `tension`: that of the state, if known.
         """

@@ -14,19 +14,19 @@ This is (2.11) with pressure and gap exchanged, and has three advantages:
 - B does not see constants: a load, that is a mean pressure, is met at once and needs no search for the approach.
 - The closer to full contact, the smaller is the system.
 
-On each grid, from the coarsest to the target (`nested`):
+On each grid, from the coarsest to the target (`nested`), it has these stages:
 
-1. *Start.* w and p are interpolated from the coarser grid, by quintics; the coarsest one starts from full contact.
-2. *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
-3. *Sets.* `iteration` solves for w on O a little, by CG that updates p (`cg`) with multilevel products
-   (`app.methods.multilevel_operators`). Then cells with p < 0 are released from C and cells with e < 0 captured. If
-   some are captured, or the error of the multilevel products is reached, p is recomputed by FFT.
-4. *Stop.* A coarse grid is left when few cells change and the residual is small against the deviation of h0 from its
-   mean, or the approach beyond first touch if less. The target grid is left when no cell changes, or the changes are
-   negligible. One product A p in double precision and the certificate decide.
-5. *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
-   the Lagrange multiplier.
-6. *Safeguard.* If it makes no progress, `app.methods.safeguard` continues, in terms of pressures.
+- *Start.* w and p are interpolated from the coarser grid, by quintics; the coarsest one starts from full contact.
+- *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
+- *Sets.* `iteration` solves for w on O a little, by CG that updates p (`cg`) with multilevel products
+  (`app.methods.multilevel_operators`). Then cells with p < 0 are released from C and cells with e < 0 captured. If
+  some are captured, or the error of the multilevel products is reached, p is recomputed by FFT.
+- *Stop.* A coarse grid is left when few cells change and the residual is small against the deviation of h0 from its
+  mean, or the approach beyond first touch if less. The target grid is left when no cell changes, or the changes are
+  negligible. One product A p in double precision and the certificate decide.
+- *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
+  the Lagrange multiplier.
+- *Safeguard.* If it makes no progress, `app.methods.safeguard` continues, in terms of pressures.
 
 Full contact is tried before if it is likely, otherwise afterwards if no cell is free: `app.contact.full_contact`.
 

@@ -1,6 +1,6 @@
 """Active set iteration of the primal form on one grid.
 
-The steps are those of Sec. 4.1 with pressure and gap exchanged: the free cells O take the place of C, the gap that of
+It has the steps of Sec. 4.1 with pressure and gap exchanged: the free cells O take the place of C, the gap that of
 p, and p = B w + mean pressure that of e.
 """
 
@@ -46,27 +46,27 @@ def primal_active_set(primal, solver, stop, history):
     primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
         goal, overlap = accuracy.aim * np.sqrt(primal.cells), NEGLIGIBLE_OVERLAP * accuracy.aim
-        its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
+        its, failure, norm = solver.improve(primal, goal)
         accurate = norm <= goal
         # The error of multilevel products must be small. After a failed verification p has to be by FFT.
         max_uncertainty = 0 if accuracy.verification_failed else MAX_MULTILEVEL_ERROR * goal
         p_is_trusted = not primal.pending or solver.uncertainty <= max_uncertainty
         tension, far = overlap * solver.preconditioner.stiffness, MAX_GAP_CHANGE * accuracy.aim
-        update = primal.exchange(solver, tension, -overlap, far, norm)  # 4. p < 0 leaves C, e < 0 enters
+        update = primal.exchange(solver, tension, -overlap, far, norm)
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
-        residual = norm / state.distance.norm()  # not (5.1): about the error of w
+        residual = norm / state.distance.norm()  # not of the stopping test: about the error of w
         if wrong := failure_reason(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if accurate and not stop.final and update.changed <= MAX_CHANGED_FRACTION * primal.cells:
             primal.commit(solver)
             return Outcome(True, CONVERGED, k, residual)
-        # 5. No cell changes, or the changes and the residual are negligible.
+        # No cell changes, or the changes and the residual are negligible.
         set_is_final = accurate and not update.changed
         negligible = stop.final and not accuracy.verification_failed and np.hypot(norm, update.moves) <= goal
         if (set_is_final or negligible) and p_is_trusted:
             primal.commit(solver)
-            verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)  # 6.
+            verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)
             if np.isfinite(verdict.residual):
                 residual = verdict.residual / state.distance.norm()
             if verdict.solved:
@@ -134,14 +134,14 @@ class _Accuracy:
 class _Verdict(NamedTuple):
     """Result of a verification."""
 
-    residual: float  # of (5.1) [mm]; NaN: no pressure under the load
+    residual: float  # norm over the contact set [mm]; NaN: no pressure under the load
     error: float  # root mean square of the gap on contact [mm], or NaN
     passed: bool  # the error is small enough
     solved: bool  # and the certificate agrees
 
 
 def _judge(primal, p, stop, allowed):
-    """Verify p, step 6; accept and certify it if `allowed` [mm].
+    """Verify p, step 6 of Sec. 4.1; accept and certify it if `allowed` [mm].
 
     Collective. No change may be pending: `p` is the solver's scratch field, which the certificate uses once p is
     accepted.
@@ -195,7 +195,7 @@ def allowed_gap(primal, stop):
 
 
 def verify(primal, p):
-    """Verify a valid pressure by one exact product, step 4.
+    """Verify a valid pressure by one exact product.
 
     Collective. `p` is overwritten by the pressure, >= 0 and with the right load, for `accept`. Sets the depth of the
     state, and adds overlapping cells to its contact set. Returns an Update, or None without pressure under a load: more

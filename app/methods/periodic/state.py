@@ -185,9 +185,10 @@ class PrimalState:
     def exchange(self, solver, slack, least_gap, far, residual):
         """Release cells with p < -slack, capture those with e < least_gap.
 
-        p and w are those of `solver`. Under a load one cell stays in contact, under an approach below that of full
-        contact one stays open, so that the system has a solution. Returns an Update with `residual` [mm]; its `moves`
-        are infinite if one of these cells moves by more than `far` [mm].
+        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass. p and w are those of `solver`. Under a load
+        one cell stays in contact, under an approach below that of full contact one stays open, so that the system has a
+        solution. Returns an Update with `residual` [mm]; its `moves` are infinite if one of these cells moves by more
+        than `far` [mm].
         """
         state = self.state
         counts = state.bounds.exchange(

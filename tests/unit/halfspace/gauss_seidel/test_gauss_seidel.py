@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
-from app.halfspace.gauss_seidel.sweep import GaussSeidel
+from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant, quadrant_rows
 
