@@ -70,7 +70,7 @@ def format_load(value):
 
 
 def _map_figure(result, draw):
-    canvas = Canvas(result)
+    canvas = Canvas(result, zoom=True)
     figure = new_figure(*canvas.size, make_title(result))
     draw(canvas, figure.subplots())
     return figure
@@ -125,7 +125,7 @@ def history_figure(result):
 @with_style
 def summary_figure(result, reference=None):
     """Draw contact area, pressure, section along x and residuals."""
-    canvas = Canvas(result)
+    canvas = Canvas(result, zoom=True)
     width, height = canvas.size
     figure = new_figure(max(2 * width, 13.0), height + 4.2, make_title(result))
     panels = figure.subplots(2, 2, gridspec_kw={"height_ratios": [height - 0.4, 4.2]})

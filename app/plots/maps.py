@@ -3,6 +3,7 @@
 White means zero (no pressure, no contact), grey that contact is impossible.
 """
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.patches import Patch
 
 from app.base.units import choose_length_unit
 from app.plots.style import BLUE, GREY
+from app.plots.zoom import draw_inset, find_view
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
 LEGEND_ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2}
@@ -31,11 +33,20 @@ class Canvas:
     """Layout of the map of a result.
 
     `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are those of the map [inch]. `low` is True if the colour
-    bar is below the map, `stretched` if x and y have different scales.
+    bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows the contact only, if
+    it is small in its patch, and the patch in an inset.
     """
 
-    def __init__(self, result):
-        self.result, self.grid = result, (grid := result.grid)
+    def __init__(self, result, zoom=False):
+        self.result, whole = result, result.grid
+        self.view = rows, columns = find_view(result) if zoom else (slice(0, whole.ny), slice(0, whole.nx))
+        self.grid = grid = replace(
+            whole,
+            nx=columns.stop - columns.start,
+            ny=rows.stop - rows.start,
+            x0=whole.x0 + columns.start * whole.dx,
+            y0=whole.y0 + rows.start * whole.dy,
+        )
         width, height = grid.nx * grid.dx, grid.ny * grid.dy
         self.unit = choose_length_unit(max(width, height))
         ends = grid.x0, grid.x0 + width, grid.y0, grid.y0 + height
@@ -54,8 +65,18 @@ class Canvas:
 
     @cached_property
     def outside(self):
-        """Mask of inadmissible cells."""
-        return np.isnan(self.result.undeformed_distance)
+        """Mask of inadmissible cells of the view."""
+        return np.isnan(self.result.undeformed_distance[self.view])
+
+    def _draw_patch(self, axes):
+        """Draw the whole patch in an inset if the map shows a part of it."""
+        whole = self.result.grid
+        if self.grid.n == whole.n:
+            return
+        ends = whole.x0, whole.x0 + whole.nx * whole.dx, whole.y0, whole.y0 + whole.ny * whole.dy
+        patch = tuple(end * self.unit.per_mm for end in ends)
+        contact = self.result.contact[self.view] == 1
+        draw_inset(axes, (self.width, self.height), contact, patch, self.extent)
 
     def _draw_image(self, axes, pixels, b, **options):
         """Draw an image of blocks of b x b cells."""
@@ -112,12 +133,12 @@ class Canvas:
         result = self.result
         patches = result.patches()
         cells = patches.cells
-        share, b = block_mean(result.contact.astype(float), MAX_PIXELS)
+        share, b = block_mean(result.contact[self.view].astype(float), MAX_PIXELS)
         palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
         # A block has the colour of its smallest spot; the largest spots have different colours.
-        index = (np.maximum(block_max(patches.labels, b), 1) - 1) % len(palette)
+        index = (np.maximum(block_max(patches.labels[self.view], b), 1) - 1) % len(palette)
         self._draw_image(axes, np.dstack([palette[index], share]), b)
-        possible = int(np.count_nonzero(~self.outside))
+        possible = int(np.count_nonzero(~np.isnan(result.undeformed_distance)))
         text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"
         used = palette[: max(len(cells), 1)]
         text += f", {len(cells)} patches in {len(used)} colours" if len(cells) > 1 else ""
@@ -128,6 +149,7 @@ class Canvas:
             entries["no contact possible"] = Patch(color=GREY)
         handlers = {tuple: HandlerTuple(ndivide=None, pad=0)}
         axes.legend(entries.values(), entries, handler_map=handlers, **LEGEND_ABOVE)
+        self._draw_patch(axes)
 
     def draw_pressure(self, axes):
         """Draw the pressure; white where it is zero."""
@@ -139,7 +161,9 @@ class Canvas:
             if limit < highest:
                 highest, extend = limit, "max"
         label = "pressure p  [N/mm²]"
-        self.draw_field(axes, pressure, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
+        shown = pressure[self.view]
+        self.draw_field(axes, shown, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
+        self._draw_patch(axes)
 
     def draw_length(self, axes, field, colours, label):
         """Draw lengths [mm] in a suitable unit, named by ``{}``."""

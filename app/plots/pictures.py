@@ -73,8 +73,8 @@ def _draw_section(along):
 
 # Name -> function that draws one panel on given axes.
 PANELS = {
-    "contact": lambda axes, result, _: Canvas(result).draw_contact(axes),
-    "pressure": lambda axes, result, _: Canvas(result).draw_pressure(axes),
+    "contact": lambda axes, result, _: Canvas(result, zoom=True).draw_contact(axes),
+    "pressure": lambda axes, result, _: Canvas(result, zoom=True).draw_pressure(axes),
     "displacement": lambda axes, result, _: Canvas(result).draw_displacement(axes),
     "gap": lambda axes, result, _: Canvas(result).draw_gap(axes),
     "section_x": _draw_section("x"),
