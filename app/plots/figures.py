@@ -70,7 +70,7 @@ def format_load(value):
 
 
 def _map_figure(result, draw):
-    canvas = Canvas(result, zoom=True)
+    canvas = Canvas(result, zoom=True, lie=True)
     figure = new_figure(*canvas.size, make_title(result))
     draw(canvas, figure.subplots())
     return figure
@@ -91,7 +91,7 @@ def pressure_figure(result):
 @with_style
 def deformation_figure(result):
     """Draw maps of displacement u and gap e."""
-    canvas = Canvas(result)
+    canvas = Canvas(result, lie=True)
     width, height = canvas.size
     side_by_side = canvas.height > canvas.width
     size = (2 * canvas.width + 6.0, height) if side_by_side else (width, 2 * height - 0.4)
@@ -124,14 +124,15 @@ def history_figure(result):
 
 @with_style
 def summary_figure(result, reference=None):
-    """Draw contact area, pressure, section along x and residuals."""
-    canvas = Canvas(result, zoom=True)
+    """Draw contact area, pressure, section along the contact and residuals."""
+    canvas = Canvas(result, zoom=True, lie=True)
     width, height = canvas.size
     figure = new_figure(max(2 * width, 13.0), height + 4.2, make_title(result))
     panels = figure.subplots(2, 2, gridspec_kw={"height_ratios": [height - 0.4, 4.2]})
     canvas.draw_contact(panels[0, 0])
     canvas.draw_pressure(panels[0, 1])
-    draw_section(panels[1, 0], result, "x", *hottest_cell(result), reference)
+    along = "y" if canvas.lies else "x"
+    draw_section(panels[1, 0], result, along, *hottest_cell(result), reference)
     draw_residual(panels[1, 1], result)
     return figure
 

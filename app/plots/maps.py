@@ -18,6 +18,7 @@ from app.plots.zoom import draw_inset, find_view
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
 LEGEND_ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2}
 MAX_PIXELS = 1024  # per side of an image; larger fields are averaged
+MAX_UPRIGHT = 1.8  # height over width of a map that need not lie
 MIN_ASPECT = 0.22  # short over long side of a map; narrower patches are stretched
 _MAX_WIDTH, _MAX_HEIGHT = 5.1, 6.4  # of a map [inch]
 _MIN_BAR_HEIGHT = 2.2  # of a map with the colour bar on its right [inch]
@@ -34,10 +35,10 @@ class Canvas:
 
     `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are those of the map [inch]. `low` is True if the colour
     bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows the contact only, if
-    it is small in its patch, and the patch in an inset.
+    it is small in its patch, and the patch in an inset. With `lie` a map that is long in y lies flat, y to the right.
     """
 
-    def __init__(self, result, zoom=False):
+    def __init__(self, result, zoom=False, lie=False):
         self.result, whole = result, result.grid
         self.view = rows, columns = find_view(result) if zoom else (slice(0, whole.ny), slice(0, whole.nx))
         self.grid = grid = replace(
@@ -52,6 +53,9 @@ class Canvas:
         ends = grid.x0, grid.x0 + width, grid.y0, grid.y0 + height
         self.extent = x0, x1, y0, y1 = tuple(end * self.unit.per_mm for end in ends)
         shape = (y1 - y0) / (x1 - x0)
+        self.lies = lie and shape > MAX_UPRIGHT
+        if self.lies:
+            shape = 1 / shape
         box = float(np.clip(shape, MIN_ASPECT, 1 / MIN_ASPECT))
         self.stretched = not np.isclose(box, shape)
         self.width = min(_MAX_WIDTH, _MAX_HEIGHT / box)
@@ -75,25 +79,36 @@ class Canvas:
             return
         ends = whole.x0, whole.x0 + whole.nx * whole.dx, whole.y0, whole.y0 + whole.ny * whole.dy
         patch = tuple(end * self.unit.per_mm for end in ends)
-        contact = self.result.contact[self.view] == 1
-        draw_inset(axes, (self.width, self.height), contact, patch, self.extent)
+        contact, view = self.result.contact[self.view] == 1, self.extent
+        if self.lies:
+            contact, patch, view = contact.T, patch[2:] + patch[:2], view[2:] + view[:2]
+        draw_inset(axes, (self.width, self.height), contact, patch, view)
 
     def _draw_image(self, axes, pixels, b, **options):
         """Draw an image of blocks of b x b cells."""
         x0, x1, y0, y1 = self.extent
+        name, (across, up) = self.unit.name, "xy"
         right = x0 + pixels.shape[1] * b * self.grid.dx * self.unit.per_mm
         top = y0 + pixels.shape[0] * b * self.grid.dy * self.unit.per_mm
+        if self.lies:
+            pixels, across, up = np.swapaxes(pixels, 0, 1), "y", "x"
+            x0, x1, right, y0, y1, top = y0, y1, top, x0, x1, right
         image = axes.imshow(
             pixels, origin="lower", extent=(x0, right, y0, top), interpolation="nearest", **options
         )
-        name = self.unit.name
-        axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel=f"x  [{name}]", ylabel=f"y  [{name}]", aspect="auto")
+        axes.set(
+            xlim=(x0, x1),
+            ylim=(y0, y1),
+            xlabel=f"{across}  [{name}]",
+            ylabel=f"{up}  [{name}]",
+            aspect="auto",
+        )
         if self.stretched:
-            long, short = ("y", "x") if y1 - y0 > x1 - x0 else ("x", "y")
+            long, short = (up, across) if y1 - y0 > x1 - x0 else (across, up)
             times = max((y1 - y0) / (x1 - x0), (x1 - x0) / (y1 - y0)) * MIN_ASPECT
             slim = self.width < _MIN_LABEL_WIDTH  # matplotlib would cut off a long line
             gap, space = ("\n", "\n") if slim else ("   ", " ")
-            axes.set(xlabel=f"x  [{name}]{gap}({short}: {times:.3g} ×{space}the scale of {long})")
+            axes.set(xlabel=f"{across}  [{name}]{gap}({short}: {times:.3g} ×{space}the scale of {long})")
         axes.set_box_aspect(self.height / self.width)
         axes.tick_params(axis="x", labelrotation=90 if self.width < _MIN_LABEL_WIDTH else 0)
         axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # the legend is in the offset's place
@@ -154,13 +169,14 @@ class Canvas:
     def draw_pressure(self, axes):
         """Draw the pressure; white where it is zero."""
         pressure = finite_pressure(self.result.pressure)
-        highest, extend = float(pressure.max()) or 1.0, "neither"
+        maximum = float(pressure.max())
+        highest, extend = maximum or 1.0, "neither"
         if pressure.any():
             # Singular pressures in a few cells at an edge must not darken all others.
             limit = 1.5 * float(np.quantile(pressure[pressure > 0], 0.99))
             if limit < highest:
                 highest, extend = limit, "max"
-        label = "pressure p  [N/mm²]"
+        label = f"pressure p  [N/mm²]   maximum {maximum:.4g}" if maximum else "pressure p  [N/mm²]"
         shown = pressure[self.view]
         self.draw_field(axes, shown, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
         self._draw_patch(axes)

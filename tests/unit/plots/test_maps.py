@@ -147,3 +147,20 @@ def test_constant_negative_displacement_has_its_value_as_tick():
     image, (bar,) = axes.images[-1], axes.child_axes
     assert image.get_clim() == pytest.approx((-2.86, -2.34))
     assert [text.get_text() for text in bar.get_yticklabels()] == ["−2.6"]
+
+
+def test_map_that_is_long_in_y_lies_flat():
+    grid = Grid.from_domain(30, 50, (0, 1, 0, 9))
+    result = replace(made_up_result(30, 50), x=grid.x(), y=grid.y())
+    lying = figures.pressure_figure(result).axes[0]
+    assert lying.get_xlabel()[0] == "y" and lying.get_ylabel()[0] == "x"
+    assert "(x: " in lying.get_xlabel() and lying.get_xlim() == pytest.approx((0, 9))
+    pixels = np.ma.filled(lying.images[-1].get_array(), 0)
+    np.testing.assert_array_equal(pixels, maps.finite_pressure(result.pressure).T)
+    section = figures.summary_figure(result).axes[2]
+    assert section.get_xlabel()[0] == "y"
+
+
+def test_colour_bar_names_the_maximum(result):
+    bar = figures.pressure_figure(result).axes[0].child_axes[0]
+    assert f"maximum {result.pressure.max():.4g}" in bar.get_ylabel() + bar.get_xlabel()
