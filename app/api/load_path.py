@@ -17,6 +17,7 @@ import numpy as np
 from app.api.analytic_values import ANALYTIC, THEORIES
 from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
+from app.base.progress_bar import progress_bar
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
@@ -120,9 +121,8 @@ class LoadPath:
         done = min(len(self.rows), len(self.numbers) - 1)
         steps = range(done, len(self.numbers))
         if self._progress:
-            from tqdm.auto import tqdm  # loads slowly
-
-            steps = tqdm(steps, "path", len(self), initial=done, unit="step", disable=self._rank > 0)
+            arguments = {"total": len(self), "initial": done, "desc": "path", "unit": "step"}
+            steps = progress_bar(self._rank, iterable=steps, **arguments)
         for step in steps:
             if self._solver.problem is not self._problem:
                 raise InputError("path: its solver has been given another problem; make a path of that")

@@ -12,6 +12,7 @@ from app.api.summary import format_grids
 from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
+from app.base.progress_bar import progress_bar
 from app.base.usage import usage
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
 from app.io.frames import to_dataframe
@@ -111,11 +112,7 @@ def refine(
     check_equal_on_ranks(comm, (until, most_cells, stiffness), "refine")
     rows, numbers, first_options = [], [], None
     options = call_collectively(comm, to_texts, options or {})
-    bar = None
-    if progress:
-        from tqdm.auto import tqdm  # loads slowly
-
-        bar = tqdm(desc="refine", unit="grid", disable=comm.rank > 0)
+    bar = progress_bar(comm.rank, desc="refine", unit="grid") if progress else None
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:

@@ -1,9 +1,11 @@
 """Figures of a result by name."""
 
 import math
+import sys
 from functools import partial
 from types import SimpleNamespace
 
+import matplotlib
 import numpy as np
 
 from app.base.errors import InputError
@@ -135,14 +137,24 @@ def spots_figure(patches):
     return figure
 
 
-@with_style
+def _prepare_notebook():
+    """Register the inline backend of IPython, which some versions do too late for the first figure."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is not None and "inline" in matplotlib.get_backend():
+        from matplotlib_inline.backend_inline import configure_inline_support
+
+        matplotlib.interactive(True)
+        configure_inline_support(shell, matplotlib.get_backend())
+
+
 def show(draw, name):
-    """Draw a figure for a notebook; return figure and axes."""
+    """Call a function that draws a figure, for a notebook; return figure and axes."""
+    _prepare_notebook()
     with interactive():
-        figure = draw()
+        figure = with_style(draw)()
     if figure is None:
         raise InputError(f"plot {name!r}: there is nothing of it to draw")
-    figure.draw_without_rendering()  # ticks are made in this style
+    with_style(figure.draw_without_rendering)()  # ticks are made in this style
     panels = {axes.get_subplotspec(): axes for axes in reversed(figure.axes)}
     panels = list(reversed(panels.values()))
     return figure, panels[0] if len(panels) == 1 else panels
