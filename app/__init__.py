@@ -1,7 +1,7 @@
 """Elastic contact by full multigrid.
 
-What a program imports is here; each name brings its module when it is first asked for, so that a command can start
-PETSc with its own options before.
+Public names of the package. The module behind a name is imported when the name is first used, so that a command can
+start PETSc with its own options before.
 """
 
 from functools import partial

@@ -1,4 +1,7 @@
-"""Deprecated: import paths of 0.3.0, for option files that name them. Use `app.methods.free`."""
+"""Deprecated import paths of release 0.3.0; use `app.methods.free`.
+
+Option files of that release may name them.
+"""
 
 import sys
 import warnings

@@ -8,7 +8,7 @@ from app.cli.solve import main
 
 
 class _Command(types.ModuleType):
-    """Makes the imported command callable: ``from app import solve`` still solves."""
+    """Callable module: after ``import app.solve``, ``app.solve(...)`` still solves a problem."""
 
     def __call__(self, *arguments, **named):
         from app.api.solver import solve

@@ -1,4 +1,4 @@
-"""Compute the stress below a result: ``python -m app.subsurface``, see `app.cli.subsurface`."""
+"""Compute the stress below the surface: ``python -m app.subsurface``, see `app.cli.subsurface`."""
 
 import sys
 

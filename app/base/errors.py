@@ -1,4 +1,4 @@
-"""Errors on one rank or all, and numbers in messages."""
+"""Exception classes, their use on several MPI ranks, and numbers in messages."""
 
 import re
 import socket
@@ -15,10 +15,10 @@ def shorten(text, longest=MAX_WORD):
 
 
 class InputError(ValueError):
-    """A request that cannot be met.
+    """Invalid input of the user.
 
-    The message says what, where and what is allowed. Long words and long messages are shortened. Quote a text with
-    blanks by `shorten`.
+    The message says what is wrong, where, and what is allowed. Long words and long messages are shortened
+    automatically. A long text with blanks counts as several words: shorten it by `shorten`.
     """
 
     def __init__(self, message=""):
@@ -29,11 +29,11 @@ class InputError(ValueError):
 
 
 class PackageError(ImportError, InputError):
-    """A package that does not load."""
+    """A Python package that cannot be imported."""
 
 
 class PackageMissing(ModuleNotFoundError, PackageError):
-    """A package that is not installed."""
+    """A Python package that is not installed."""
 
 
 class NoteWarning(UserWarning):
@@ -41,11 +41,11 @@ class NoteWarning(UserWarning):
 
 
 class OtherRankError(RuntimeError):
-    """A mistake of the program on another rank."""
+    """Unexpected exception (a bug, not invalid input) on another rank."""
 
 
 def format_exact(number):
-    """Write a number with all its digits.
+    """Format a number with as many digits as its exact value needs.
 
     Examples
     --------
@@ -57,7 +57,9 @@ def format_exact(number):
 
 
 def format_distinct(number, other, digits=3):
-    """Write a number distinctly from another, briefly.
+    """Format a number with the fewest digits that distinguish it from another.
+
+    `digits` is the smallest number of significant digits.
 
     Examples
     --------
@@ -76,13 +78,16 @@ def format_message(error):
 
 
 def format_error(error):
-    """Return an exception's type and text."""
+    """Return an exception's type and text on one line."""
     name, text = type(error).__name__, format_message(error)
     return name if text == name else f"{name}: {text}"
 
 
 def format_yaml_error(error, content):
-    """Return line and fault of invalid YAML."""
+    """Return line number and fault of invalid YAML, for a message.
+
+    `content` is the text of the file, whose last line is the largest line number.
+    """
     mark = getattr(error, "problem_mark", None)
     line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
     return f"{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}"
@@ -91,14 +96,14 @@ def format_yaml_error(error, content):
 def call_collectively(comm, function, *args, only_root=False):
     """Call a function on every rank; raise any error on all.
 
-    Collective over the mpi4py communicator `comm`; `function` itself must not be. ValueError, OSError and MemoryError
-    become an InputError. It names the host if only some of several hosts raised it. Any other exception is a mistake
-    of the program: it is raised as it is, and as OtherRankError on the other ranks.
+    Collective over the mpi4py communicator `comm`; `function` itself must not be collective. A ValueError, OSError or
+    MemoryError becomes an InputError on all ranks, which names the host if the error occurred on some hosts only. Any
+    other exception is a bug: its rank raises it unchanged, and the other ranks raise OtherRankError.
 
     Parameters
     ----------
     only_root : bool
-        Only rank 0 calls, and broadcasts the result.
+        Only rank 0 calls the function, and broadcasts the result.
     """
     result = complaint = mistake = None
     try:
@@ -129,21 +134,21 @@ def call_collectively(comm, function, *args, only_root=False):
 def check_equal_on_ranks(comm, value, what):
     """Check that a value is equal on all ranks.
 
-    Collective over the mpi4py communicator `comm`. Ranks with different input would deadlock later. `what` names the
-    value in the message.
+    Collective over the mpi4py communicator `comm`. Ranks with different input would deadlock later. `what` is the name
+    of the value in the error message.
     """
     if len(set(comm.allgather(repr(value)))) > 1:
         raise InputError(f"{what}: not the same on all ranks")
 
 
 def is_first_rank():
-    """Return whether this is rank 0, also before MPI is started."""
+    """Return whether this is rank 0; True if MPI is not running."""
     mpi = sys.modules.get("mpi4py.MPI")
     return mpi is None or not mpi.Is_initialized() or mpi.Is_finalized() or mpi.COMM_WORLD.rank == 0
 
 
 def warn_caller(message, category=RuntimeWarning):
-    """Issue a warning at the user's line."""
+    """Issue a warning that points to the line of the user's code."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "app":
         level, frame = level + 1, frame.f_back

@@ -1,7 +1,8 @@
 """Memory of hosts and processes, checked before anything is allocated.
 
-Peak resident memory of set-up and solve was measured in doubles per cell of the target grid, with coarser grids and
-the solution; see docs/notebook/scaling.md. Ranks of one host share its memory.
+The constants are measured peaks of resident memory in set-up and solve, in numbers of 8 bytes (doubles) per cell of the
+target grid. They include the coarser grids and the solution; see docs/notebook/scaling.md. Ranks of one host share its
+memory.
 """
 
 import ctypes
@@ -27,19 +28,20 @@ MIN_CHECKED = 1 << 20  # bytes; smaller requests are not checked
 
 
 def set_malloc_option(option, value):
-    """Set an option of glibc's malloc, by mallopt's number."""
+    """Set an option of glibc's malloc; `option` is its number in mallopt."""
     with suppress(AttributeError, ValueError):
         ctypes.CDLL(None).mallopt(option, value)
 
 
 def doubles_per_cell(settings, periodic=False):
-    """Return the most doubles per cell of a method.
+    """Return the peak memory of a method, in doubles per cell.
 
     Parameters
     ----------
     settings : app.options.method.Settings
+        Options of the method.
     periodic : bool or str
-        As of `Grid.periodic`.
+        As the attribute of `Grid`: true for a periodic patch.
     """
     doubles = DOUBLES[settings.type]
     if settings.type in ("fast", "primal"):
@@ -52,22 +54,22 @@ def doubles_per_cell(settings, periodic=False):
 
 
 def doubles_in_strips(grid):
-    """Return the doubles of strips transformed at once."""
+    """Return the doubles in the rows and columns that FFTs transform together."""
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 
 def check_host_memory(comm, grid, doubles):
-    """Check that a grid fits into memory.
+    """Check that the data of a solve fit into memory.
 
-    Collective. Each host must hold its ranks, and each process its share.
+    Collective. Each host needs memory for all of its ranks, and each process address space for its own data.
 
     Parameters
     ----------
     comm : app.parallel.communicator.Communicator
     grid : Grid
-        For the message.
+        Target grid, for the error message.
     doubles : float
-        Held by this rank.
+        Number of doubles that this rank stores.
     """
     from app.base.mpi import MPI
 
@@ -84,7 +86,7 @@ def check_host_memory(comm, grid, doubles):
 
 
 def check_address_space():
-    """Check that this process may load a solver's libraries."""
+    """Check that ``ulimit -v`` leaves address space for the solver's libraries."""
     free = _address_space()
     if free < LOADING:
         raise InputError(
@@ -94,11 +96,12 @@ def check_address_space():
 
 
 def check_rank_memory(grid, cells):
-    """Check that this rank can hold some cells."""
+    """Check that this rank can store `cells` cells with any method."""
     _check(grid, 8.0 * MIN_DOUBLES * cells, available_memory(), "on one host")
 
 
 def _check(grid, needed, free, where):
+    """Raise InputError if the grid needs more than the free bytes."""
     if needed > free:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: needs about {_size(needed, free)} {where}; {_size(free, needed)} are free: "
@@ -107,7 +110,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Check that bytes for something are free."""
+    """Check that `size` bytes are free; the message calls their use `what`."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())
@@ -116,9 +119,10 @@ def check_fits(size, what):
 
 
 def available_memory():
-    """Return the free bytes of the host and control groups.
+    """Return the bytes that this process can still allocate.
 
-    Pages that the kernel can drop count as free; swap does not count.
+    They are limited by the host and by the control groups (containers) of the process. Pages that the kernel can drop
+    count as free; swap does not count.
     """
     lines = _lines("/proc/meminfo")
     free = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")]
@@ -135,7 +139,7 @@ _CONTROL_GROUPS = {
 
 
 def _free_in_control_groups(root="/"):
-    """Yield infinity, then the free bytes of each control group."""
+    """Yield infinity (no limit), then the free bytes of each control group."""
     yield float("inf")
     for line in _lines(f"{root}/proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -170,6 +174,6 @@ def _lines(path):
 
 
 def _size(size, other):
-    """Write a number of bytes distinctly from another."""
+    """Format a number of bytes, distinct from the other number of bytes."""
     unit, name = (2**30, "GiB") if size >= 2**29 else (2**20, "MiB")
     return f"{format_distinct(size / unit, other / unit)} {name}"

@@ -1,13 +1,13 @@
-"""MPI, without a search for networks on a single host.
+"""Start MPI; on a single host without its search for networks.
 
-``from app.base.mpi import MPI`` starts MPI unless another package has, see `app.base.packages`. Importable without
-mpi4py.
+``from app.base.mpi import MPI`` starts MPI unless another package has started it (`app.base.packages` treats these).
+The module itself can be imported without mpi4py.
 """
 
 import os
 from contextlib import contextmanager
 
-# Variables of other launchers of ranks than Open MPI's mpiexec begin so: the number of hosts is unknown.
+# First letters of variables of launchers other than Open MPI's mpiexec. With these the number of hosts is unknown.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 
 
@@ -22,10 +22,11 @@ def __getattr__(name):
 
 
 def single_host_variables(environment):
-    """Return variables for Open MPI on one host.
+    """Return environment variables for Open MPI on one host, name -> value.
 
-    They choose transports. Open MPI would choose the same after a search for networks. The search takes 0.2 s, a fifth
-    of a small solve's command. Empty if the ranks may be on several hosts, or the user has set one of the variables.
+    The variables choose transports. Open MPI would choose the same ones after a search for networks, which takes 0.2 s,
+    a fifth of the time of a small solve. The result is empty if the ranks may be on several hosts, or if the user has
+    set one of the variables in `environment`.
     """
     variables = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "^openib,ofi,uct,usnic"}
     ranks, local_ranks = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
@@ -39,7 +40,7 @@ def single_host_variables(environment):
 
 @contextmanager
 def temporary_environment(changes):
-    """Set environment variables inside the block; remove those with None."""
+    """Set environment variables inside the block; None removes a variable."""
     before = {name: os.environ.pop(name) for name in changes if name in os.environ}
     os.environ.update({name: value for name, value in changes.items() if value is not None})
     try:

@@ -1,7 +1,8 @@
-"""Compiled loops, cached on disk by one process at a time.
+"""Compile loops by numba, and cache them on disk.
 
-numba's cache lies in the folder of the source, in ``NUMBA_CACHE_DIR``, or in the user's cache folder if the source is
-read-only. If none of these is writable, it is a private folder in the temporary one.
+One process at a time compiles and saves a function. numba's cache is in the folder ``NUMBA_CACHE_DIR`` if it is set,
+else in the folder of the source, or in the user's cache folder if the source is read-only. If none of these is
+writable, the cache is in a private folder for temporary files.
 """
 
 import fcntl
@@ -39,8 +40,8 @@ on_first_compile = announce_compilation  # is called once, before the first loop
 def njit(makes_arrays=False, **options):
     """Compile by ``numba.njit`` with the cache, without reference counts of arrays.
 
-    Counting references to each row took half of the time on small grids. Arrays live as long as the call, since the
-    caller holds them. Only functions that make or return an array must count: `makes_arrays`.
+    Counting references to each row took half of the time on small grids. The count is not needed: the caller holds the
+    arrays during the call. Set `makes_arrays` for a function that makes or returns an array, which must count.
     """
     if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
         options["_nrt"] = makes_arrays
@@ -59,9 +60,9 @@ def njit(makes_arrays=False, **options):
 
 
 class LockedCache(FunctionCache):
-    """Cache that is locked while one process compiles.
+    """numba's cache of a function, locked while one process compiles.
 
-    Two processes that save a function at once may mix up its types in numba's own cache.
+    Without the lock, two processes that save a function at the same time may corrupt the cache's index of types.
     """
 
     def __init__(self, function):
@@ -71,7 +72,7 @@ class LockedCache(FunctionCache):
         self._locked = None
 
     def load_overload(self, signature, context):
-        """Load compiled code; after None the caller compiles and unlocks."""
+        """Load compiled code; if None is returned, the caller compiles and unlocks."""
         global on_first_compile
         loaded = self._load(signature, context)
         if loaded is None:
@@ -85,19 +86,19 @@ class LockedCache(FunctionCache):
         return loaded
 
     def _load(self, signature, context):
-        """Load without numba's tables of types, which take 0.1 s."""
+        """Load compiled code without numba's tables of types, which take 0.1 s."""
         if not hasattr(self, "_load_overload"):  # not a public method of numba
             return super().load_overload(signature, context)
         rtsys.initialize(context)  # allocator of arrays
         return self._load_overload(signature, context)
 
     def save_overload(self, signature, result):
-        """Save compiled code."""
+        """Save compiled code in the cache."""
         with suppress(OSError):  # a full disk
             super().save_overload(signature, result)
 
     def unlock(self):
-        """Release the lock."""
+        """Release the lock, if this process holds it."""
         if self._locked is not None:
             self._locked.close()
             self._locked = None
@@ -117,20 +118,23 @@ def release_lock_after(compile_, cache):
 
 
 def cache_folder_of(function):
-    """Return a function's cache folder, or None."""
+    """Return the folder of a function's cache; None if none is writable."""
     with suppress(RuntimeError):  # numba finds no folder for its cache
         return Path(FunctionCache(function).cache_path)
     return None
 
 
 def check_compiler():
-    """Check that numba compiles: some loops are invalid interpreted."""
+    """Check that numba compiles; some loops are wrong if Python interprets them."""
     if numba.config.DISABLE_JIT:
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
 def _private_cache_folder():
-    """Return a private temporary folder: numba executes what it loads."""
+    """Return a temporary folder that only this user can write.
+
+    numba executes the code that it loads from its cache, so nobody else may write there.
+    """
     folder = Path(tempfile.gettempdir(), f"numba-{os.getuid()}")
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()

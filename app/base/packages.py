@@ -1,7 +1,7 @@
 """One-line errors of missing or incompatible packages.
 
-A package compiled for numpy 1 does not load with numpy 2, as pip may install in addition to Debian's packages. numpy
-then prints a long notice and a traceback for each of its modules.
+Debian's packages are compiled for numpy 1 and do not load with numpy 2, which pip may have installed in addition. numpy
+then prints a long notice and a traceback for each module of such a package.
 """
 
 import io
@@ -26,7 +26,7 @@ _COMPILED = {"h5py", "matplotlib", "mpi4py_fft", "numba", "petsc4py", "scipy"}
 
 
 class MissingPackageFinder:
-    """Last finder of Python: says how to get a missing package."""
+    """Last import finder: its error says how to install a package."""
 
     @staticmethod
     def find_spec(name, path=None, target=None):
@@ -38,13 +38,13 @@ class MissingPackageFinder:
 
 
 class CompiledPackageFinder:
-    """First finder of Python: checks that compiled packages load with this numpy."""
+    """First import finder: it checks compiled packages against this numpy."""
 
     _loading = False  # a package's own imports are part of its import
 
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        """Find a compiled package as usual, with a loader that checks it."""
+        """Find a compiled package, and make its loader check it."""
         if cls._loading or name.partition(".")[0] not in _COMPILED:
             return None
         spec = PathFinder.find_spec(name, path, target)
@@ -54,6 +54,7 @@ class CompiledPackageFinder:
 
     @classmethod
     def _load(cls, name, exec_module, module):
+        """Import a module; replace errors of a wrong numpy by one line."""
         cls._loading, printed, error = True, io.StringIO(), None
         try:
             # h5py, mpi4py_fft and petsc4py start MPI.
@@ -92,7 +93,7 @@ def numpy_mismatch(name):
 
 
 def _raise(error):
-    """Raise an error, or end a command with it."""
+    """Raise an error, or in a command print it and exit."""
     main = sys.modules.get("__main__")
     name = getattr(getattr(main, "__spec__", None), "name", None) or ""
     if name.startswith("app.") and not hasattr(main, "main"):
@@ -102,6 +103,6 @@ def _raise(error):
 
 
 def install():
-    """Install both finders, once."""
+    """Put both import finders of this module on ``sys.meta_path``, once."""
     if MissingPackageFinder not in sys.meta_path:
         sys.meta_path[:] = [CompiledPackageFinder, *sys.meta_path, MissingPackageFinder]

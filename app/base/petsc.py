@@ -1,6 +1,6 @@
-"""Functions that petsc4py 3.18 lacks, and differences between releases.
+"""Functions that petsc4py 3.18 lacks, and help with differences of releases.
 
-``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide the differences.
+``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide differences between releases of petsc4py.
 """
 
 import atexit
@@ -40,20 +40,23 @@ def _library():
 
 
 def call(name, *arguments):
-    """Call a C function of PETSc."""
+    """Call a C function of PETSc; raise PETSc.Error if it fails."""
     if code := getattr(_library(), name)(*arguments):
         raise PETSc.Error(code)
 
 
 @cache
 def return_large_arrays():
-    """Let malloc return large arrays, which SuperLU_DIST forbids."""
+    """Let malloc return freed large arrays to the system.
+
+    SuperLU_DIST, loaded with PETSc, switches this off. The user's ``MALLOC_MMAP_MAX_`` is respected.
+    """
     with suppress(ValueError):  # a text that is no number
         set_malloc_option(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 
 
 def _ignore_closed_pipes():
-    """Restore Python's handler of SIGPIPE; others end the process."""
+    """Restore Python's handler of SIGPIPE; PETSc's handler would end the process."""
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
@@ -63,7 +66,7 @@ _ignore_closed_pipes()
 
 @atexit.register
 def _finalize():
-    """Finalize PETSc while Python runs: objects call their Python contexts."""
+    """Finalize PETSc before Python ends, because PETSc's objects call Python contexts."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed
             stream.flush()
@@ -73,7 +76,7 @@ def _finalize():
 
 @atexit.register  # functions run in reverse order: before `_finalize`
 def _forget_last_exception():
-    """Free what the frames of an uncaught exception hold."""
+    """Free the objects in the stack frames of an uncaught exception."""
     error, seen = getattr(sys, "last_value", None), set()
     while error is not None and id(error) not in seen:  # circular after `raise error.__cause__`
         seen.add(id(error))
@@ -83,9 +86,9 @@ def _forget_last_exception():
 
 
 def collect_garbage(comm=PETSc.COMM_SELF):
-    """Free objects that Python has collected, as after an interrupted solve.
+    """Free PETSc objects whose Python objects were garbage-collected.
 
-    Collective over the PETSc communicator `comm`.
+    There are some after an interrupted solve. Collective over the PETSc communicator `comm`.
     """
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(comm)
@@ -95,9 +98,9 @@ _LOCK = threading.RLock()
 
 
 def synchronized(function):
-    """Run a function in one thread at a time.
+    """Decorate a function to run in one thread at a time.
 
-    PETSc's options database is global.
+    All these functions share one lock, because PETSc's options database is global.
     """
 
     @wraps(function)
@@ -109,12 +112,14 @@ def synchronized(function):
 
 
 def mpi_comm(comm):
-    """Return an mpi4py communicator; None means all ranks.
+    """Convert a communicator of mpi4py or petsc4py to one of mpi4py.
+
+    None means all ranks.
 
     Raises
     ------
     InputError
-        If it is something else, or lacks this rank.
+        If `comm` is something else, or does not contain this rank.
     """
     if comm is None:
         return MPI.COMM_WORLD
@@ -136,13 +141,13 @@ def _counter(name):
 
 
 def log_messages(count, size):
-    """Count messages and bytes for -log_view."""
+    """Add sent messages and their bytes to PETSc's counters for -log_view."""
     _counter("petsc_isend_ct").value += count
     _counter("petsc_isend_len").value += size
 
 
 def log_reduction():
-    """Add a reduction to PETSc's counter for -log_view."""
+    """Add one reduction over ranks to PETSc's counter for -log_view."""
     _counter("petsc_allreduce_ct").value += 1
 
 
@@ -152,7 +157,7 @@ _INCOMPATIBLE = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 def error_message(error):
-    """Return a PETSc.Error's message without its stack."""
+    """Return the message of a PETSc.Error without PETSc's stack of calls."""
     noise = ("error code", "See ", "#")
     entries = re.sub(r"\n(?!\[\d+\] )\s*", " ", str(error)).splitlines()  # some have several lines
     lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in entries)
@@ -163,14 +168,14 @@ def error_message(error):
 
 
 def _unwrapped(error):
-    """Return the exception of a callback that newer petsc4py wraps."""
+    """Return a callback's exception, which newer petsc4py wraps in PETSc.Error."""
     while isinstance(error, PETSc.Error) and error.__cause__ is not None:
         error = error.__cause__
     return error
 
 
 def to_input_error(error):
-    """Return an InputError if PETSc found solvers incompatible."""
+    """Return an InputError if the solvers were incompatible, else the error itself."""
     inner = _unwrapped(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _INCOMPATIBLE:
         return InputError(f"solver options: {error_message(inner)}")
@@ -178,12 +183,13 @@ def to_input_error(error):
 
 
 class unwrap_errors:
-    """Raise exceptions of Python callbacks unwrapped.
+    """Context manager that raises exceptions of Python callbacks unwrapped.
 
-    Newer petsc4py wraps them in PETSc.Error.
+    Newer petsc4py wraps these exceptions in PETSc.Error.
 
     No garbage is collected inside the block. petsc4py formats texts while an exception is set. Since Python 3.12
-    garbage may be collected then: a callback of a weak reference fails, the exception is lost, and petsc4py crashes.
+    garbage may be collected at that moment: a callback of a weak reference fails, the exception is lost, and petsc4py
+    crashes.
     """
 
     def __enter__(self):
@@ -205,9 +211,10 @@ class unwrap_errors:
 
 @cache
 def restricts_by_transpose():
-    """Return whether MatRestrict multiplies by a transpose.
+    """Return whether MatRestrict multiplies by the transpose of a square matrix.
 
-    On some numbers of ranks vectors of replicated grids are as long as those of the next finer grid.
+    Releases of PETSc differ in this. The sizes of a rectangular matrix decide it in all of them. But if every rank has
+    a copy of a coarse grid, its vectors may be as long as those of the next finer grid.
     """
     mat = PETSc.Mat().createDense((2, 2), comm=PETSc.COMM_SELF)
     mat.setUp()
@@ -229,12 +236,12 @@ def _no_entries(mat, kind, info):
 
 
 def report_no_entries(mat):
-    """Let ``getInfo`` of a Mat of type python report no entries."""
+    """Let ``getInfo`` of a Mat of type python report zero stored entries."""
     call("MatSetOperation", mat.handle, _MATOP_GETINFO, ctypes.cast(_no_entries, ctypes.c_void_p))
 
 
 def check_cells(grid):
-    """Check that PETSc can number a grid's cells."""
+    """Check that PETSc's integers can number the cells of a grid."""
     most = np.iinfo(PETSc.IntType).max
     if grid.n > most:
         raise InputError(
@@ -244,23 +251,23 @@ def check_cells(grid):
 
 
 class Resources:
-    """Objects to destroy in reverse order, once. Collective."""
+    """PETSc objects of a solver, destroyed together in reverse order. Collective."""
 
     def __init__(self):
         return_large_arrays()
         self._parts, self.comm = [], None
 
     def add(self, part):
-        """Own an object."""
+        """Add an object, which `free` will destroy."""
         self._parts.append(part)
 
     def remove(self, part):
-        """Free an object now."""
+        """Destroy one of the objects now."""
         self._parts.remove(part)
         part.destroy()
 
     def free(self):
-        """Free everything, unless PETSc has ended."""
+        """Destroy all objects and the communicator, unless PETSc has ended."""
         if PETSc.Sys.isFinalized() or MPI.Is_finalized():
             return
         while self._parts:

@@ -1,7 +1,7 @@
-"""Path of petsc4py, which Debian keeps in PETSc's folder, off Python's path.
+"""Find petsc4py, which Debian keeps in PETSc's folder, outside Python's path.
 
-``PETSC_DIR`` and ``PETSC_ARCH`` choose the PETSc, as PETSc itself reads them. Without them it is the one that Python
-finds, then Debian's. Importable without the rest of app/: Python in .venv executes this file when it starts.
+The variables ``PETSC_DIR`` and ``PETSC_ARCH`` choose the PETSc, as for PETSc itself. Without them, petsc4py is the one
+that Python finds, or else Debian's. This file needs nothing of app/, because Python in .venv executes it at its start.
 """
 
 import glob

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 
 class Quantity(NamedTuple):
-    """Unit in files, label, meaning, and symbol on axes."""
+    """Unit, label, meaning and symbol of a number in results."""
 
     unit: str = "1"
     label: str = ""
@@ -53,19 +53,19 @@ QUANTITIES = {
 
 
 def unit_of(name):
-    """Return the unit of a quantity."""
+    """Return the unit of a quantity by its name."""
     return QUANTITIES.get(name.removeprefix("analytic_"), Quantity()).unit
 
 
 def label_of(name):
-    """Return the label of a quantity."""
+    """Return the label of a quantity by its name."""
     quantity = name.removeprefix("analytic_")
     label = QUANTITIES.get(quantity, Quantity()).label or quantity.replace("_", " ")
     return label if quantity == name else f"analytic {label}"
 
 
 def axis_label(name):
-    """Return label, symbol and unit for an axis.
+    """Return label, symbol and unit of a quantity, for an axis.
 
     Examples
     --------

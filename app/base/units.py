@@ -11,14 +11,14 @@ ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 
 
 class Unit(NamedTuple):
-    """A unit of length: number per mm, name."""
+    """A unit of length: its number in a millimetre, and its name."""
 
     per_mm: float
     name: str
 
 
 def find_unit(name):
-    """Return a unit's name in `UNITS`, or None."""
+    """Return the name in `UNITS` of a unit, or None if unknown."""
     if isinstance(name, bytes):
         name = name.decode(errors="replace")
     # Two code points mean micro, and two angstrom: NFKC makes them one.
@@ -28,7 +28,7 @@ def find_unit(name):
 
 
 def unit(text):
-    """Kind of an option: one of `UNITS`.
+    """Parse an option's text as the name of a length unit.
 
     Examples
     --------
@@ -59,7 +59,9 @@ _SCALES = {  # unit -> least value, factor and name of others, by decreasing siz
 
 
 def format_quantity(value, unit, digits=4):
-    """Write a number in a readable unit, in ASCII.
+    """Format a number with a unit of readable size, in ASCII.
+
+    `unit` is the unit of `value`; "1" has no name.
 
     Examples
     --------
@@ -77,7 +79,7 @@ def format_quantity(value, unit, digits=4):
 
 
 def round_to_cell(value, cell):
-    """Round a position to thousandths of a cell.
+    """Round a position to about a thousandth of the cell size.
 
     Examples
     --------
@@ -88,7 +90,7 @@ def round_to_cell(value, cell):
 
 
 def format_lengths(*lengths, digits=3):
-    """Write lengths [mm] in one unit, in ASCII.
+    """Format lengths [mm] with a common unit, in ASCII.
 
     Examples
     --------

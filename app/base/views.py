@@ -1,10 +1,10 @@
-"""Pictures and tables of objects, made by a higher layer when they are wanted.
+"""Access of low layers to the pictures of a higher layer.
 
-The classes of low layers have methods such as `plot`. `app` sets `load` to a function that imports `app.api.views`,
-which draws them.
+Classes of low layers have methods such as `plot`, but cannot import the higher layer that draws. They call `load`,
+which `app` replaces by a function that imports `app.api.views`.
 """
 
 
 def load():
-    """Return the module that makes the views."""
+    """Return the module that draws pictures and makes tables of objects."""
     raise ImportError("import app first")

@@ -1,15 +1,15 @@
-"""The method that solves a problem, from options.
+"""Options of the method that solves a problem.
 
-A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without -ksp_type or -pc_type, it is
-`DEFAULT`, or `PERIODIC` on periodic patches. The last of several method files counts, as a whole. Options given with it
-override it. The strategies (-lcp_type) are
+A method is a file of options, ``petsc_options/NAME.opts``. Without a method file, -ksp_type and -pc_type, the method is
+`DEFAULT`, or `PERIODIC` on periodic patches. Of several method files only the last one is used. Single options override
+those of the method file. A method uses one of these strategies (-lcp_type):
 
 ==============  ======================================================================================
-``active_set``  the paper's: `app.contact`, around any KSP
-``fast``        the default method: `app.methods.free`, around TrackingCG
-``primal``      the default method on periodic patches: `app.methods.periodic`, around CarryingCG
-``tao``         PETSc's solvers of bound-constrained minimisation, `app.methods.reference_solvers`
-``snesvi``      PETSc's solvers of variational inequalities, likewise
+``active_set``  active set method of the paper, with any KSP: `app.contact`
+``fast``        the default method, with TrackingCG: `app.methods.free`
+``primal``      the default method on periodic patches, with CarryingCG: `app.methods.periodic`
+``tao``         PETSc's solvers of bound-constrained minimisation: `app.methods.reference_solvers`
+``snesvi``      PETSc's solvers of variational inequalities: `app.methods.reference_solvers`
 ==============  ======================================================================================
 """
 
@@ -45,7 +45,10 @@ _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 
 @dataclass(frozen=True)
 class MethodOption(Option):
-    """An option of the method, and where it has an effect."""
+    """An option of the method, and where it has an effect.
+
+    It has an effect in the listed `strategies`; if `only_nested` is true, only with nested iteration.
+    """
 
     strategies: tuple = _STRATEGIES
     only_nested: bool = False
@@ -58,7 +61,7 @@ def _option(kind, default, meaning, strategies=_STRATEGIES, only_nested=False):
 # fmt: off
 @dataclass(frozen=True)
 class Settings:
-    """Values of the options ``-lcp_NAME``, and all texts."""
+    """Values of the options ``-lcp_NAME``, and the texts of all options."""
 
     type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
     nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
@@ -89,11 +92,11 @@ class Settings:
         "fast, primal: of products, verified in double", _INEXACT)
     texts: dict = field(default_factory=dict)
     warnings: tuple = ()
-    replaceable: tuple = ()  # names in method files; a later option may have made them useless
+    replaceable: tuple = ()  # names in method files that a later choice of solvers may have made useless
 
     @property
     def single(self):
-        """True with single precision inside."""
+        """True if the products of the iteration are in single precision."""
         return self.precision == "single"
 # fmt: on
 
@@ -101,7 +104,7 @@ class Settings:
 METHOD_OPTIONS = [
     MethodOption(f"lcp_{one.name}", *one.metadata["option"]) for one in fields(Settings) if one.metadata
 ]
-# Read by the preconditioners themselves, as -pc_* are.
+# Options that the preconditioners of this program read themselves, as PETSc's read -pc_*.
 PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
     Option("pc_circulant_blocks", _cells, 0, "Circulant: cells of blocks whose means that begins with; 0: from zero"),
@@ -140,7 +143,7 @@ def list_methods():
 
 
 def read_method_file(name):
-    """Return the options of a method file, name -> text."""
+    """Return the options of a method file: name -> text."""
     return read_option_file(find_method_file(name))
 
 
@@ -150,11 +153,11 @@ def make_settings(method=None, options=None, periodic=False):
     Parameters
     ----------
     method : str, or mapping of str to mapping, optional
-        Name of a method file; or option files in order, name -> options.
+        Name of a method file; or several option files in order, each with its options: file name -> options.
     options : mapping, optional
-        Names without dash, texts or numbers; they override the files'.
+        Option names without dash, and their values as texts or numbers. These override the options of the files.
     periodic : bool
-        Whether the patch is periodic.
+        True if the patch is periodic.
 
     Returns
     -------
@@ -163,8 +166,8 @@ def make_settings(method=None, options=None, periodic=False):
     Raises
     ------
     InputError
-        If an option is not allowed, or has no effect with the others. One of a method file may be useless if a later
-        option has chosen other solvers.
+        If an option is not allowed, or has no effect together with the others. An option of a method file may be
+        without effect if a later option has chosen other solvers.
     """
     typed = to_texts(options or {})
     if isinstance(method, str):
@@ -197,12 +200,15 @@ def make_settings(method=None, options=None, periodic=False):
 
 
 def _is_method(texts):
-    """Return whether options choose a strategy, or KSP and PC."""
+    """Return whether options define a method: strategy, or KSP and PC."""
     return "lcp_type" in texts or {"ksp_type", "pc_type"} <= texts.keys()
 
 
 def _drop_overridden_methods(files, typed):
-    """Remove overridden method files; return a warning for each."""
+    """Remove method files that later options override; return their warnings.
+
+    `typed` are the options outside of files.
+    """
     warnings, strategy, last = [], typed.get("lcp_type"), None
     for name in [name for name in reversed(files) if _is_method(files[name])]:
         mismatch = strategy is not None and files[name].get("lcp_type", "active_set") != strategy
@@ -215,7 +221,10 @@ def _drop_overridden_methods(files, typed):
 
 
 def _find_replaceable(files, typed):
-    """Return names in method files before another choice of solvers."""
+    """Return options of files that a later choice may replace.
+
+    These are options of method files, if a later option chooses another solver.
+    """
     later, replaceable = set(typed), set()
     for texts in reversed(files.values()):
         if _is_method(texts) and any(map(_CHOICE.fullmatch, later)):
@@ -225,16 +234,18 @@ def _find_replaceable(files, typed):
 
 
 def drop_unused(settings, unused, known):
-    """Return settings without unused options of method files.
+    """Return settings without the replaceable options that were not used.
 
-    Raises InputError at other unused options.
+    Raises InputError if any other option was not used.
 
     Parameters
     ----------
     settings : Settings
+        Settings whose `replaceable` names may be dropped.
     unused : iterable of str
+        Names of the options that no solver has read.
     known : iterable of str
-        Names to suggest.
+        Further names that the message may suggest.
     """
     if mistakes := set(unused).difference(settings.replaceable):
         ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
@@ -245,7 +256,10 @@ def drop_unused(settings, unused, known):
 
 
 def _find_useless(texts):
-    """Return changed options without effect: name -> what they need."""
+    """Return options without effect: name -> what the option needs.
+
+    Options with their default value are not listed.
+    """
     reader, useless = OptionReader(METHOD_OPTIONS, texts), {}
     for name in texts.keys() & _TABLE.keys():
         option = _TABLE[name]
@@ -261,7 +275,7 @@ def _find_useless(texts):
 
 
 def _check_solvers(strategy, texts):
-    """Check options of PETSc that spoil a strategy, or abort."""
+    """Check for PETSc options that spoil the strategy or abort."""
     has_bounds = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
     for name, text in texts.items():
         for end, (spoilt, reason) in _REFUSED.items():

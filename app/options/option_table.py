@@ -1,7 +1,7 @@
 """Tables of options, and a reader of their values.
 
-`app.cli.option_sources` takes the texts from files, environment and command line; a program from a dict. Options of
-linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) are PETSc's and in no table.
+The texts of options come from files, environment and command line (`app.cli.option_sources`), or from a dict in a
+program. Options of linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) belong to PETSc and are in no table.
 """
 
 import difflib
@@ -26,7 +26,8 @@ FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file
 def find_option_file(path):
     """Return the path of an option file.
 
-    It may be one of `FILES`, and given without ``.opts``.
+    `path` may be the name of a file in the folder `FILES`, and may lack the ending ``.opts``. If there is no such file,
+    `path` is returned.
     """
     for name in (path, f"{path}.opts"):
         own = FILES / Path(name).name
@@ -38,9 +39,9 @@ def find_option_file(path):
 
 
 def list_named_files(text):
-    """Return names of files that an option may mean.
+    """Return names of files that an option's text may mean.
 
-    These are its text, the text without ``:/DATASET``, and the file of a module.
+    These are the text itself, the text without ``:/DATASET``, and the file of a Python module.
 
     Examples
     --------
@@ -54,9 +55,9 @@ def list_named_files(text):
 
 @dataclass(frozen=True)
 class Option:
-    """An option.
+    """An option of a table.
 
-    Its `kind` is a function that turns a text into a value, or raises ValueError with what is allowed.
+    `kind` is a function that converts a text to a value, or raises ValueError with a message of what is allowed.
     """
 
     name: str
@@ -66,12 +67,15 @@ class Option:
 
     @property
     def described(self):
-        """Meaning, and the words that are allowed."""
+        """Meaning of the option, and the words allowed as its value."""
         names = getattr(self.kind, "names", ())
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
     def help(self, files=None):
-        """Return a line for ``-help``, with values in option files."""
+        """Return the line of this option in ``-help``.
+
+        The line lists the default and the values in `files`, file name -> options.
+        """
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
             if self.name in texts:
@@ -81,7 +85,7 @@ class Option:
 
 
 def format_value(value):
-    """Write a value as a user would type it.
+    """Format a value as a user would type it.
 
     Examples
     --------
@@ -98,13 +102,14 @@ def format_value(value):
 
 
 class OptionReader:
-    """Values of the options of a table.
+    """Reader of the values of the options of a table.
 
     Parameters
     ----------
     table : iterable of Option
+        Known options; other names in `texts` are ignored.
     texts : mapping of str to str or number
-        Names without dash, compared without regard to case, as in PETSc. Names outside the table are ignored.
+        Option names without dash, and their values. The case of names does not matter, as in PETSc.
 
     Attributes
     ----------
@@ -125,11 +130,11 @@ class OptionReader:
 
     @property
     def names(self):
-        """Names of the table's options."""
+        """Names of the options in the table."""
         return list(self._table)
 
     def given(self, *names):
-        """Return whether one of some options is set."""
+        """Return whether at least one of the named options is set."""
         return any(name.lower() in self._texts for name in names)
 
     def __getitem__(self, name):
@@ -138,7 +143,7 @@ class OptionReader:
         Raises
         ------
         InputError
-            If a required one is missing, or the text is not allowed.
+            If the option is required and missing, or its text is not allowed.
         """
         name = name.lower()
         option = self._table[name]
@@ -162,12 +167,12 @@ class OptionReader:
 
 
 def to_texts(options, what="options"):
-    """Convert options to texts, with names in lower case.
+    """Convert option values to texts, and names to lower case.
 
     Raises
     ------
     InputError
-        If `options`, called `what` in the message, is no mapping of names.
+        If `options` is not a mapping with names as keys. The message calls it `what`.
 
     Examples
     --------
@@ -190,7 +195,7 @@ def _to_text(value):
 
 
 def format_options(texts):
-    """Write options as on a command line.
+    """Format options as on a command line, sorted by name.
 
     Examples
     --------
@@ -201,7 +206,9 @@ def format_options(texts):
 
 
 def find_similar_name(name, known):
-    """Return a known name that differs by few letters, or None.
+    """Return the known name that a misspelt name may mean, or None.
+
+    None is also returned for a known name.
 
     Examples
     --------
@@ -214,7 +221,7 @@ def find_similar_name(name, known):
 
 
 def describe_unknown_options(names, known, what="unknown"):
-    """List unknown options for a message, with similar known names.
+    """List unknown options for a message, each with a similar known name.
 
     Examples
     --------
@@ -226,16 +233,16 @@ def describe_unknown_options(names, known, what="unknown"):
     return f"{what} option{'s'[: len(listed) > 1]}: {', '.join(listed)}"
 
 
-# Kinds
+# Kinds of options (`Option.kind`): functions that parse a text, or return such a function
 
 
 def number(text, kind=float, allowed="a number"):
-    """Return the number of a text, by Python's type `kind`, without underscores.
+    """Convert a text to a number of the Python type `kind`.
 
     Raises
     ------
     ValueError
-        With the message `allowed`, if it is none.
+        With the message `allowed`, if the text is not a number or contains underscores.
     """
     try:
         if "_" in text:
@@ -255,15 +262,18 @@ def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allow
 
 
 def real(allowed="a finite number", **limits):
-    """Kind: a real number within limits.
+    """Return a parser of a real number within limits.
 
-    inf is allowed if it is the highest.
+    The limits are `lowest`, `above` (exclusive) and `highest`. inf is allowed only if `highest` is inf.
     """
     return partial(_real, allowed=allowed, **limits)
 
 
 def _several(text, kind, counts, allowed, fits):
-    """Return numbers with commas between, of some count, that are allowed together."""
+    """Parse numbers separated by commas.
+
+    `counts` are the allowed counts of numbers; ``fits(*numbers)`` tests all numbers together.
+    """
     values = tuple(kind(part, allowed=allowed) for part in text.split(","))
     if len(values) not in counts or not fits(*values):
         raise ValueError(allowed)
@@ -274,12 +284,15 @@ _integer = partial(number, kind=int)
 
 
 def integer(lowest, allowed, highest=np.inf):
-    """Kind: an integer from `lowest` to `highest`."""
+    """Return a parser of an integer from `lowest` to `highest`."""
     return lambda text: _several(text, _integer, [1], allowed, lambda n: lowest <= n <= highest)[0]
 
 
 def pair(allowed, highest=np.inf):
-    """Kind: two integers from 1 to `highest`, or one for both."""
+    """Return a parser of two positive integers, or one for both.
+
+    They are at most `highest`.
+    """
 
     def parse(text):
         numbers = _several(text, _integer, [1, 2], allowed, lambda *n: 1 <= min(n) <= max(n) <= highest)
@@ -289,25 +302,30 @@ def pair(allowed, highest=np.inf):
 
 
 def pair_of_reals(allowed, nonzero=False, **limits):
-    """Kind: two real numbers within limits, see `real`."""
+    """Return a parser of two real numbers within limits (those of `real`)."""
     kind = partial(_real, **limits)
     return partial(_several, kind=kind, counts=[2], allowed=allowed, fits=lambda *n: not (nonzero and 0 in n))
 
 
 def cells(text):
-    """Kind: ``i0,i1,j0,j1``, a range of columns and one of rows."""
+    """Parse ``i0,i1,j0,j1``, ranges of columns and rows.
+
+    The ends i1 and j1 are excluded.
+    """
     allowed = "i0,i1,j0,j1, whole numbers from 0 with i0 < i1 and j0 < j1"
     return _several(text, _integer, [4], allowed, lambda i0, i1, j0, j1: 0 <= i0 < i1 and 0 <= j0 < j1)
 
 
 def domain(text):
-    """Kind: ``x0,x1,y0,y1``."""
+    """Parse ``x0,x1,y0,y1``, the sides of a rectangle [mm]."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
     return _several(text, _real, [4], allowed, lambda x0, x1, y0, y1: x0 < x1 and y0 < y1)
 
 
 def series(text):
-    """Kind: ``first:last:n`` or ``first:last:n:log``, n numbers from first to last; or ``a,b,c``.
+    """Parse ``first:last:n``, ``first:last:n:log``, or numbers ``a,b,c``.
+
+    The first two forms are n numbers from first to last, in equal steps or in equal ratios.
 
     Examples
     --------
@@ -328,7 +346,7 @@ def series(text):
 
 
 def choice(*names):
-    """Kind: one of some words."""
+    """Return a parser that accepts one of the words `names`."""
 
     def parse(text):
         if text not in names:
@@ -340,7 +358,7 @@ def choice(*names):
 
 
 def subset(*names):
-    """Kind: some of some words, with commas between, in any order."""
+    """Return a parser of words from `names`, separated by commas."""
 
     def parse(text):
         chosen = tuple(text.split(","))
@@ -353,12 +371,12 @@ def subset(*names):
 
 
 def is_off(text):
-    """Return whether a text means off, as in PETSc."""
+    """Return whether PETSc takes a text as false."""
     return text.lower() in ("0", "false", "no", "off")
 
 
 def flag(text):
-    """Kind: on or off; without a value on."""
+    """Parse true or false; an empty text is true."""
     if text.lower() in ("", "1", "true", "yes", "on"):
         return True
     if is_off(text):
@@ -367,7 +385,7 @@ def flag(text):
 
 
 def word(text):
-    """Kind: any non-empty text."""
+    """Accept any text that is not empty."""
     if not text:
         raise ValueError("a name")
     return text

@@ -1,7 +1,7 @@
-"""Options of one solver in PETSc's database, under its prefix.
+"""Options of one solver in PETSc's database, under the solver's prefix.
 
-PETSc's database holds 512 options. Those of a solver are in it during set-up and solves only. Options that the user has
-set under the prefix stay there, and override the solver's.
+PETSc's database has space for 512 options only, so the options of a solver are in it only during set-up and solves.
+Options that the user has set in the database under the same prefix stay there, and override the solver's.
 """
 
 import ctypes
@@ -18,28 +18,28 @@ from app.base.petsc import call, error_message
 _READ_LATE = re.compile(
     r"(\w+_)?(ksp_converged_reason|mat_view|(snes|tao)_(converged_reason|\w*view\w*|test_\w+))"
 )
-_PROBE = "app_solver_options_probe"  # name of no option
+_PROBE = "app_solver_options_probe"  # a name that no option has
 
 
 class SolverOptions:
-    """Options of one solver, in PETSc's database inside of `inserted`.
+    """Options of one solver, in PETSc's database inside blocks of `inserted`.
 
     Parameters
     ----------
     prefix : str
-        Begins with a letter, or is empty.
+        Text before all names in the database. It begins with a letter, or is empty.
     texts : mapping of str to str
-        Names without dash and prefix, and values; the empty text for an option without one. PETSc does not read
-        ``lcp_*``.
+        Option names without dash and prefix, and their values; an option without value has the empty text. Options
+        ``lcp_*`` are kept apart, because PETSc does not read them.
     ignored : iterable of str
-        Names that never count as unused.
+        Names of options that are never reported as unused.
 
     Attributes
     ----------
     texts : dict of str to str
-        Options that PETSc reads.
+        The options for PETSc, without ``lcp_*``.
     used : set of str
-        Names that this rank has read.
+        Names of the options that PETSc has read on this rank.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class SolverOptions:
     ({'ksp_rtol'}, False)
     """
 
-    _made = 0  # prefixes
+    _made = 0  # number of prefixes made by this process
 
     def __init__(self, prefix, texts, ignored=()):
         self.prefix, self.used, self._is_inserted = prefix, set(), False
@@ -61,9 +61,10 @@ class SolverOptions:
 
     @classmethod
     def new_prefix(cls, comm):
-        """Make a prefix, ``contact0_`` for the first solver of a process.
+        """Return an unused prefix, ``contact0_`` for the first solver of a process.
 
-        Collective over the mpi4py communicator `comm`, whose ranks may have made other numbers of solvers.
+        Collective over the mpi4py communicator `comm`. The prefix is new on all of its ranks, even if these have made
+        different numbers of solvers before.
         """
         number = comm.allreduce(cls._made, MPI.MAX)
         cls._made = number + 1
@@ -73,7 +74,7 @@ class SolverOptions:
     def inserted(self):
         """Insert the options into PETSc's database inside the block.
 
-        Afterwards `used` has those that were read.
+        After the block, `used` also contains the options that PETSc has read in it.
         """
         if self._is_inserted:
             yield
@@ -93,7 +94,10 @@ class SolverOptions:
             self._is_inserted = False
 
     def insert_for_good(self, others):
-        """Insert all options, and used ones of others, for PETSc's logs."""
+        """Insert the options without removing them, for PETSc's list of options.
+
+        `others` are options that the program itself has read; they count as used.
+        """
         used = self._ours | others
         for name, text in (self.texts | used).items():
             PETSc.Options().setValue(self.prefix + name, text or None)
@@ -101,7 +105,7 @@ class SolverOptions:
             _mark_used(self.prefix + name)
 
     def drop(self, names):
-        """Remove options."""
+        """Remove options by their names."""
         for name in names:
             del self.texts[name]
         self._judged.difference_update(names)
@@ -109,7 +113,8 @@ class SolverOptions:
     def unused(self, comm, late=False):
         """Return the names of options that no rank has used.
 
-        Collective over the mpi4py communicator `comm`. Options that PETSc reads while it solves count if `late`.
+        Collective over the mpi4py communicator `comm`. Options that PETSc reads during a solve, not in set-up, are
+        included only if `late` is true.
         """
         unused = self._judged - self.used
         if not late:
@@ -124,9 +129,12 @@ def temporary_options(prefix, defaults, forced):
     Parameters
     ----------
     prefix : str
-        Of all names.
-    defaults, forced : mapping of str to str
-        Set unless the user has; set in any case, or removed if None. Replaced options count as used.
+        Text before all names in the database.
+    defaults : mapping of str to str
+        Options that are set only if the user has not set them.
+    forced : mapping of str to str or None
+        Options that are set in any case; None removes the option. A user's option that is replaced counts as used, so
+        that PETSc does not report it as unused.
     """
     database = PETSc.Options()
     set_by_user = _names(database)
@@ -154,7 +162,7 @@ def read_option_file(path, flag="-options_file"):
     Raises
     ------
     InputError
-        If PETSc does not accept it.
+        If PETSc does not accept the file.
     """
     database = PETSc.Options().create()
     try:
@@ -173,7 +181,10 @@ def read_option_file(path, flag="-options_file"):
 
 
 def options_with_prefix(prefix):
-    """Return options of PETSc's database without their common prefix."""
+    """Return the options with a prefix in PETSc's database.
+
+    The names in the returned dict are without the prefix. Options that were unused stay unused.
+    """
     database, texts = PETSc.Options(), {}
     for name in database.getAll():  # cuts values at blanks
         if name.lower().startswith(prefix):
@@ -191,6 +202,7 @@ def _names(database):
 
 
 def _mark_used(name):
+    """Read an option, so that PETSc does not report it as unused."""
     PETSc.Options().getString(name, "")
 
 

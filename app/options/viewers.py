@@ -1,6 +1,7 @@
-"""Checks of viewers and files in PETSc's options.
+"""Checks of viewers in PETSc's options.
 
-PETSc itself checks them only when there is something to view, and aborts at some of them.
+A viewer says where and how PETSc prints an object: ``KIND:FILE:FORMAT``.
+PETSc itself checks a viewer only when it prints something, and aborts the program at some mistakes.
 """
 
 import os
@@ -18,14 +19,14 @@ _AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw
 
 
 def check_viewers(texts):
-    """Check the viewers among the options of a solver."""
+    """Check all viewers among the options of a solver, name -> text."""
     for name, text in texts.items():
         if any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY)):
             check_viewer(name, text)
 
 
 def check_viewer(name, text):
-    """Check a viewer ``KIND:FILE:FORMAT``."""
+    """Check the text ``KIND:FILE:FORMAT`` of an option that takes a viewer."""
     kind, file, *_ = [*text.split(":"), ""]
     if kind not in ("", *_KINDS):
         raise InputError(
@@ -41,7 +42,7 @@ def check_viewer(name, text):
 
 
 def check_output(name, text, file):
-    """Check that PETSc can write a file."""
+    """Check that PETSc can write the output file of an option."""
     folder = Path(file).parent
     if not folder.is_dir():
         raise InputError(f"-{name} {text}: there is no folder {folder}")

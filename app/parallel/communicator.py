@@ -1,6 +1,6 @@
-"""Communicators that count messages, and errors for waiting ranks.
+"""Communicators that count messages, and propagate errors to waiting ranks.
 
-Every message between ranks goes through a `Communicator`. Which ranks share a grid: `app.parallel.rank_groups`.
+Every message between ranks goes through a `Communicator`. `app.parallel.rank_groups` says which ranks share a grid.
 """
 
 from dataclasses import dataclass, fields
@@ -15,9 +15,9 @@ from app.base.petsc import log_messages, log_reduction, to_input_error
 
 @dataclass
 class Traffic:
-    """Messages that a rank has sent.
+    """Counts of the messages that a rank has sent.
 
-    Parts of an all-to-all that stay on the rank do not count.
+    Parts of an all-to-all that stay on the rank are not counted.
     """
 
     messages: int = 0  # point to point, and in all-to-alls
@@ -26,15 +26,15 @@ class Traffic:
     small_collectives: int = 0  # reductions, broadcasts, gathers
 
     def since(self, before):
-        """Return the counts added since the copy `before`."""
+        """Return the counts of messages minus those of an earlier copy `before`."""
         return Traffic(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
 
     def copy(self):
-        """Return a copy of the current counts."""
+        """Return a copy of the current counts of messages."""
         return self.since(Traffic())
 
     def count(self, messages, size):
-        """Count messages of `size` bytes in total."""
+        """Add some messages of `size` bytes in total to the counts."""
         self.messages += messages
         self.message_bytes += size
         log_messages(messages, size)
@@ -43,10 +43,10 @@ class Traffic:
 class Communicator(MPI.Intracomm):
     """mpi4py communicator that counts messages.
 
-    `comm` is wrapped, not duplicated. Messages are added to `traffic`, if there is one.
+    `comm` is wrapped, not duplicated. Its messages are counted in `traffic`, by default a new `Traffic`.
     """
 
-    shares_memory = True  # Ranks of one node may share memory, see `app.parallel.shared_memory`.
+    shares_memory = True  # Ranks of one node may use `app.parallel.shared_memory`.
 
     def __new__(cls, comm=None, traffic=None):  # noqa: D102
         self = super().__new__(cls, comm)
@@ -54,17 +54,17 @@ class Communicator(MPI.Intracomm):
         return self
 
     def plain(self):
-        """Return it as an `MPI.Intracomm`, for type checks."""
+        """Return this communicator as an `MPI.Intracomm`, which exact type checks need."""
         return MPI.Intracomm(self)
 
     @cached_property
     def node(self):
-        """Communicator of this node. Collective on first use."""
+        """Communicator of the ranks on this node. Collective on first use."""
         return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
 
     @cached_property
     def single_node(self):
-        """True if there is one node. Collective on first use."""
+        """True if all ranks are on one node. Collective on first use."""
         return self.node.size == self.size
 
     def Free(self):
@@ -74,7 +74,7 @@ class Communicator(MPI.Intracomm):
         super().Free()
 
     def subcomm(self, ranks):
-        """Return a communicator of `ranks`. Collective over these."""
+        """Return a communicator of some of the ranks. Collective over these."""
         group = self.Get_group()
         subgroup = group.Incl(ranks)
         comm = Communicator(self.plain().Create_group(subgroup, ranks[-1]), self.traffic)
@@ -86,24 +86,33 @@ class Communicator(MPI.Intracomm):
         return comm
 
     def Isend(self, rows, dest, tag=0):
-        """Count and send an array."""
+        """Send an array, and count the message."""
         self.traffic.count(1, rows.nbytes)
         return super().Isend(rows, dest, tag)
 
     def bcast_or_raise(self, value=None):
-        """Broadcast from rank 0; raise a broadcast failure. Collective."""
+        """Broadcast a value from rank 0, or raise its error. Collective.
+
+        Rank 0 broadcasts a `_Failure` instead of a value if it met an error; the other ranks then raise this error.
+        """
         value = self.bcast(value)
         if isinstance(value, _Failure) and self.rank > 0:
             raise (InputError if value.refused else OtherRankError)(value.message)
         return value
 
     def exchange_barrier(self):
-        """Wait for all ranks; counted as an all-to-all. Collective."""
+        """Wait for all ranks, after an exchange in shared memory. Collective.
+
+        The exchange is counted as an all-to-all without messages.
+        """
         self.traffic.all_to_alls += 1
         self.Barrier()
 
     def Alltoallv(self, sent, received):
-        """Count and exchange data without own parts. Collective."""
+        """Exchange data between all ranks, and count the messages. Collective.
+
+        The data contain no parts for the sending rank itself.
+        """
         array, counts = sent
         counts = counts[0] if isinstance(counts, tuple) else counts
         self.traffic.all_to_alls += 1
@@ -118,6 +127,7 @@ _SINGLE_RANK = {"allreduce": lambda value: value, "bcast": lambda value: value} 
 
 
 def _counted(name):
+    """Return a method that counts and calls a collective operation of mpi4py."""
     collective, single_rank = getattr(MPI.Intracomm, name), _SINGLE_RANK.get(name)
 
     def method(self, *arguments, **named):
@@ -136,7 +146,7 @@ for _name in ("Allreduce", "Allgatherv", "Gatherv", "allreduce", "allgather", "b
 
 
 class _Failure:
-    """Error of a rank that can be broadcast."""
+    """Error of rank 0, in a form that can be broadcast."""
 
     def __init__(self, error):
         error = to_input_error(error)
@@ -147,7 +157,7 @@ class _Failure:
 class propagate_errors:
     """Context manager that propagates an error to waiting ranks.
 
-    They wait in `bcast_or_raise` of `comm`, whose rank 0 is this one. If it is None, no rank waits.
+    This rank is rank 0 of `comm`. The other ranks of `comm` wait in `bcast_or_raise`. If `comm` is None, no rank waits.
     """
 
     def __init__(self, comm):
@@ -157,6 +167,6 @@ class propagate_errors:
         """Enter the block."""
 
     def __exit__(self, _, error, __):
-        """Broadcast an error."""
+        """Broadcast an error of the block, if there is one."""
         if error is not None and self._comm is not None:
             self._comm.bcast_or_raise(_Failure(error))

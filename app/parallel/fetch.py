@@ -6,17 +6,17 @@ from app.parallel.slabs import none_if_single
 
 
 class Fetch:
-    """Exchange of rows, one message per pair.
+    """Exchange of rows, with at most one message per pair of ranks.
 
     Parameters
     ----------
     have : Slabs
-        Present layout, which may have fewer ranks.
+        Layout in which the rows are before the exchange; it may have fewer ranks than `comm`.
     want : sequence of (first, last)
-        Integer arrays with one entry per rank of `comm`: rows ``first <= j < last``, beyond the grid one period on. A
-        rank gets the rows of all pairs, one pair after the other.
+        Pairs of integer arrays with an entry for each rank of `comm`: the rank wants rows ``first <= j < last``, one
+        pair after the other. Rows outside the grid are those inside at a distance of one or more periods.
     comm : mpi4py communicator or None
-        All ranks; None: this rank has all rows.
+        Communicator of all ranks that take part; None if this rank has all rows.
     """
 
     def __init__(self, have, want, comm=None):
@@ -25,7 +25,7 @@ class Fetch:
             {},
             {},
         )  # By rank: slices of the rows here to send, of the rows wanted to fill.
-        self.rows = 0  # wanted
+        self.rows = 0  # number of rows that this rank wants
         for first, last in want:
             if self._comm is None:
                 self._plan_serial(int(np.max(first)), int(np.max(last)))
@@ -39,7 +39,7 @@ class Fetch:
         self.unchanged |= not (self.rows or have.local)
 
     def _plan(self, first, last):
-        """Plan messages for rows ``first <= j < last`` per rank."""
+        """Plan messages for rows ``first <= j < last`` of each rank."""
         ny, rank = self.have.ny, self.have.rank
         starts, ends = self.have.bounds(len(first))
         nonempty = last > first
@@ -54,7 +54,7 @@ class Fetch:
         self.rows += max(int(last[rank] - first[rank]), 0)
 
     def _plan_serial(self, first, last):
-        """Plan on a single rank, quickly, without arrays."""
+        """Plan the copies on a single rank, without slow small arrays."""
         ny = self.have.ny
         for shift in range(first // ny * ny, last, ny) if last > first else ():
             a, b = max(first, shift), min(last, shift + ny)
@@ -65,7 +65,8 @@ class Fetch:
     def __call__(self, field, out=None):
         """Fetch the wanted rows of a field. Collective.
 
-        Return `out`, shape (rows wanted, columns), or the field itself if it has exactly these rows.
+        Return `out`, shape (rows wanted, columns), or a new array if `out` is None. If the field on each rank has
+        exactly the wanted rows, return the field itself, without a copy.
         """
         if self.unchanged:
             return field
@@ -97,7 +98,10 @@ class Fetch:
 
 
 def _overlaps(low, high, first, last):
-    """Yield index, start and end of overlaps with an interval."""
+    """Yield index, start and end of each overlap with an interval.
+
+    The arrays `low` and `high` are the ends of many intervals; ``[first, last)`` is the one that they may overlap.
+    """
     low, high = np.maximum(low, first), np.minimum(high, last)
     for index in np.flatnonzero(low < high):
         yield int(index), int(low[index]), int(high[index])

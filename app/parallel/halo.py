@@ -1,4 +1,7 @@
-"""Ghost rows of a slab, from other ranks or over the period."""
+"""Ghost rows: copies of rows next to a slab, from other ranks.
+
+On a periodic grid, ghost rows may also be copies of rows on the other side of the patch.
+"""
 
 import numpy as np
 
@@ -6,7 +9,10 @@ from app.parallel.fetch import Fetch
 
 
 class _GhostRows:
-    """Exchange of rows before and after a slab, see `Fetch`."""
+    """Exchange of the rows before and after a slab.
+
+    `before` and `after` are pairs of arrays with the first and end rows of all ranks, as in `Fetch`.
+    """
 
     def __init__(self, slabs, before, after, comm):
         self._fetch = Fetch(slabs, [before, after], comm)
@@ -14,9 +20,9 @@ class _GhostRows:
         self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
-        """Return ghost rows before and after a field. Collective.
+        """Return the ghost rows before and after a field. Collective.
 
-        They have the field's type, and no rows on a rank without rows.
+        Both arrays have the type of the field. A rank without rows gets no ghost rows.
         """
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
@@ -25,8 +31,8 @@ class _GhostRows:
 class Halo(_GhostRows):
     """Exchange of `width` ghost rows on both sides.
 
-    Periodic ghost rows continue over the period. Otherwise there are fewer at the ends of the patch. `comm` is None if
-    this rank has all rows.
+    On a periodic patch the ghost rows continue on the other side of the patch. Otherwise there are fewer ghost rows at
+    the ends of the patch. `comm` is None if this rank has all rows.
     """
 
     def __init__(self, slabs, comm, width, periodic=True):
@@ -43,9 +49,9 @@ class Halo(_GhostRows):
 class CoarseHalo(_GhostRows):
     """Exchange of coarse rows needed to interpolate fine rows.
 
-    `slabs` are those of the fine rows. The coarse ones have the slabs `Slabs.surround`; on a periodic grid, those of
-    two rows each. `first` is the number of the first coarse row needed. The coarse row of the first two fine rows is
-    row 1.
+    `slabs` is the distribution of the fine rows. The coarse rows are distributed as ``slabs.surround()``, on a periodic
+    grid as ``slabs.coarsen(2)``. The attribute `first` is the number of the first coarse row needed, where the coarse
+    row of the first two fine rows has number 1.
     """
 
     def __init__(self, slabs, comm, periodic=False):
@@ -62,10 +68,10 @@ class CoarseHalo(_GhostRows):
 
 
 def fetch_row_before(field, periodic, slabs, comm, beyond):
-    """Return the row before those of this rank. Collective.
+    """Return the row before the rows of this rank. Collective.
 
-    On a periodic patch the row before the first is the last; otherwise it is filled with `beyond`. `slabs` and `comm`
-    are None if this rank has all rows.
+    `field` has the rows of this rank. On a periodic patch the row before the first row is the last row. Otherwise that
+    row is filled with the value `beyond`. `slabs` and `comm` are None if this rank has all rows.
     """
     if comm is None:
         return field[-1] if periodic and len(field) else np.full(field.shape[1], beyond, field.dtype)

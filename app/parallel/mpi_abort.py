@@ -1,7 +1,7 @@
 """Abort all MPI ranks when one of them fails.
 
-MPI cannot call a rank back from a collective call. The other ranks would wait for the failed one forever, so that one
-aborts them. If all ranks have failed, each ends by itself.
+MPI cannot interrupt a rank in a collective call: the other ranks would wait for the failed rank forever. So the failed
+rank aborts all ranks. If all ranks have failed, each of them ends by itself.
 """
 
 import sys
@@ -14,16 +14,16 @@ from app.base.mpi import MPI
 TIMEOUT = 3.0  # Seconds to wait for the other ranks before aborting them.
 
 _SHUTDOWN = MPI.Comm.Create_keyval(delete_fn=lambda comm, key, shutdown: shutdown.Free())
-_last_used = MPI.COMM_SELF  # Shutdown communicator of the solver that this process has used last.
+_last_used = MPI.COMM_SELF  # Shutdown communicator of the last solver that this process has used.
 _groups = []  # Groups of solvers that are not closed.
 _hooks = []  # Exception hooks that this module has installed.
 
 
 def shutdown_comm(comm):
-    """Return a communicator for `barrier_with_timeout` only.
+    """Return a communicator of the same ranks for `barrier_with_timeout` only.
 
-    It has the ranks of `comm`, but is separate, so that its barrier cannot match other messages. It is freed with
-    `comm`. Collective when first called for `comm`.
+    It is separate from `comm`, so that its barrier cannot match other messages. It is freed together with `comm`.
+    Collective when first called for `comm`.
     """
     if comm.size == 1:
         return MPI.COMM_SELF
@@ -33,7 +33,7 @@ def shutdown_comm(comm):
 
 
 def barrier_with_timeout(comm):
-    """Return whether all ranks call this within `TIMEOUT`. Collective."""
+    """Return whether all ranks make this call within `TIMEOUT` seconds. Collective."""
     request = comm.Ibarrier()
     deadline = time.monotonic() + TIMEOUT
     while time.monotonic() < deadline:
@@ -44,7 +44,7 @@ def barrier_with_timeout(comm):
 
 
 def abort_all(status):
-    """Abort all ranks, if there are several."""
+    """Abort all ranks with an exit status, if there are several."""
     flush()
     if MPI.COMM_WORLD.size > 1:
         time.sleep(0.2)  # Open MPI 5 drops output that it has not forwarded yet.
@@ -61,8 +61,9 @@ def flush():
 def abort_on_exception(comm):
     """Let an uncaught exception abort all ranks; return `comm`.
 
-    This holds until it is called for another communicator, and after that while an `AbortGroup` of `comm` exists.
-    Caught exceptions abort nothing, nor do those of a notebook or at a prompt. Collective when first called for `comm`.
+    The ranks of `comm` are aborted until this function is called for another communicator. After that call they are
+    still aborted while an `AbortGroup` of `comm` exists. Caught exceptions abort nothing, nor do exceptions in a
+    notebook or at Python's prompt. Collective when first called for `comm`.
     """
     global _last_used
     _last_used = shutdown_comm(comm)
@@ -73,14 +74,14 @@ def abort_on_exception(comm):
 
 
 class AbortGroup:
-    """Ranks that an uncaught exception aborts. Collective."""
+    """Ranks that an uncaught exception aborts, until `destroy`. Collective."""
 
     def __init__(self, comm):
         self.comm = shutdown_comm(comm)
         _groups.append(self)
 
     def destroy(self):
-        """Remove the group, unless an exception is propagating."""
+        """Remove the group; a propagating exception still aborts its ranks."""
         global _last_used
         _groups.remove(self)
         if sys.exc_info()[0] is not None:
@@ -88,7 +89,7 @@ class AbortGroup:
 
 
 def _abort_after(previous):
-    """Return a `sys.excepthook` that also aborts waiting ranks."""
+    """Return a `sys.excepthook` that calls the previous one and aborts ranks."""
 
     def hook(kind, error, trace):
         previous(kind, error, trace)

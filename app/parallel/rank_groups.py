@@ -1,9 +1,9 @@
 """Ranks that share a grid.
 
-The target grid is shared by all ranks. Every other grid, and every window of one, is shared by all or by the first few,
-so that each of these has enough cells. The other ranks have no rows of it and take no part; they receive the results
-when they next own rows. A rank has the same number in every communicator here. Rows move point to point between any two
-layouts (`fetch`).
+The target grid is shared by all ranks. Every other grid, and every window of a grid, is shared by all ranks or by the
+first few, so that each of these has enough cells. The other ranks have no rows of the grid and do not work on it; they
+receive the results when they next own rows. The ranks that share a grid keep their numbers. `app.parallel.fetch` moves
+rows between the layouts of two grids.
 """
 
 from app.parallel.communicator import Communicator
@@ -11,9 +11,9 @@ from app.parallel.slabs import Slabs
 
 
 class RankGroups:
-    """Ranks of a solver, and those that share each grid.
+    """Ranks of a solver, and the ranks that share each grid.
 
-    `cells` is the least number of cells per rank on a shared grid.
+    `cells` is the smallest number of cells per rank on a grid that several ranks share.
     """
 
     def __init__(self, comm, cells):
@@ -22,18 +22,22 @@ class RankGroups:
         self._subcomms = {}
 
     def count_for(self, grid):
-        """Return the number of ranks that share a grid."""
+        """Return the number of ranks that should share a grid."""
         return count_ranks(grid, self.size, self.cells)
 
     def slabs(self, grid, size=None):
-        """Return slabs on the first `size` (`count_for`) ranks."""
+        """Return the `Slabs` of a grid on the first `size` ranks.
+
+        The default of `size` is ``count_for(grid)``.
+        """
         size = size or self.count_for(grid)
         return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
 
     def distribute(self, grid, size=None):
         """Return slabs and communicator of a grid. Collective.
 
-        The communicator is None if this rank has all rows, or none.
+        The communicator is None if this rank owns all rows of the grid, or none. `size` is the number of ranks that
+        share the grid, by default ``count_for(grid)``.
         """
         slabs = self.slabs(grid, size)
         if slabs.size == 1 or not slabs.active:
@@ -43,14 +47,15 @@ class RankGroups:
     def idle_comm(self, size):
         """Return a communicator of rank 0 and the ranks from `size` on.
 
-        None if there are no such ranks, and on the others of the first ranks. Collective over its ranks when first
-        called for `size`.
+        Rank 0 broadcasts results on it to the ranks that do not share a grid. It is None if there are no such ranks,
+        and on ranks 1 to `size` - 1. Collective over its ranks when first called for `size`.
         """
         if size == self.size or 0 < self.rank < size:
             return None
         return self.comm if size == 1 else self._subcomm(-size, [0, *range(size, self.size)])
 
     def _subcomm(self, key, ranks):
+        """Return the communicator of some ranks, made once for each key."""
         if key not in self._subcomms:
             self._subcomms[key] = self.comm.subcomm(ranks)
         return self._subcomms[key]
@@ -64,16 +69,18 @@ class RankGroups:
 def count_ranks(grid, size, cells):
     """Return how many of `size` ranks share a grid.
 
-    All do, or a power of two. Each has a row and at least `cells` cells. Coarser grids never have more ranks.
+    The result is `size` or a power of two. If several ranks share the grid, each has at least one row and `cells`
+    cells. A coarser grid never has more ranks.
     """
     most = min(grid.n // cells, grid.ny)
     return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
 
 
 def slab_alignment(ny, size):
-    """Return the largest power of two that aligns balanced slabs.
+    """Return the power of two at whose multiples slabs begin.
 
-    Slabs of a grid and of the next coarser one then mostly match.
+    Children are then mostly on the rank of their coarse cells. It is the largest one with which each rank has at
+    least 16 multiples, so that the load is balanced.
     """
     block = 1
     while 32 * block * size <= ny:

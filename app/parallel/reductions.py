@@ -1,4 +1,4 @@
-"""Vectorised loops over rows, and reductions over ranks."""
+"""Compiled loops over cells of a row, and reductions over MPI ranks."""
 
 from functools import cache
 
@@ -14,7 +14,7 @@ njit_reassoc = njit(fastmath={"reassoc", "contract"})
 
 
 def add_tuples(sums, more):
-    """Return the sum of two tuples, in compiled loops."""
+    """Return the sum of two tuples by entries, in compiled loops."""
     raise NotImplementedError
 
 
@@ -27,21 +27,21 @@ def _add_tuples(sums, more):
 
 @njit_reassoc
 def add_row(a, scale, b):
-    """Compute a += scale b."""
+    """Compute a += scale b for the cells of a row."""
     for i in range(a.size):
         a[i] += scale * b[i]
 
 
 @njit_reassoc
 def copy_row(row, out):
-    """Copy a row; the types may differ."""
+    """Copy a row to `out`, which may have another floating-point type."""
     for i in range(row.size):
         out[i] = row[i]
 
 
 @njit_reassoc
 def mix_rows(one, weight, other, out):
-    """Compute out = weight one + (1 - weight) other."""
+    """Compute the mean out = weight one + (1 - weight) other."""
     for i in range(out.size):
         out[i] = weight * one[i] + (1 - weight) * other[i]
 
@@ -55,7 +55,7 @@ def scale_row(row, factor, out):
 
 @njit_reassoc
 def add_masked(row, mask, out):
-    """Compute out += row where the mask is set."""
+    """Compute out += row in the cells of the mask."""
     zero = row.dtype.type(0)
     for i in range(row.size):
         out[i] += row[i] if mask[i] else zero
@@ -63,9 +63,9 @@ def add_masked(row, mask, out):
 
 @njit_reassoc
 def stencil_sum(above, here, below, i, x, y, diagonal):
-    """Apply a 3 x 3 stencil without its centre to cell i.
+    """Return a stencil's sum over the eight neighbours of cell i.
 
-    Rows have a ghost cell on either side.
+    `x`, `y` and `diagonal` are the weights of the neighbours. The three rows have a ghost cell on either side.
     """
     return (
         x * (here[i] + here[i + 2])
@@ -76,7 +76,10 @@ def stencil_sum(above, here, below, i, x, y, diagonal):
 
 @njit()
 def copy_slab_row(t, field, before, after, out):
-    """Copy row t of a slab with ghost rows before and after."""
+    """Copy row t of a slab with ghost rows to `out`.
+
+    Rows are counted from the first ghost row.
+    """
     j = t - len(before)
     if j < 0:
         copy_row(before[t], out)
@@ -88,14 +91,14 @@ def copy_slab_row(t, field, before, after, out):
 
 @njit()
 def wrap_ends(row, nx, width):
-    """Fill ghost cells at both ends of a periodic row."""
+    """Fill `width` ghost cells at each end of a periodic row."""
     for i in range(width):  # from inside: with nx < width, ghost cells are copied on
         row[width - 1 - i], row[width + nx + i] = row[width - 1 - i + nx], row[width + i]
 
 
 @njit()
 def nonzero_span(row):
-    """Return first and end index of a mask."""
+    """Return first index and end index of the nonzero cells."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1
@@ -106,7 +109,7 @@ def nonzero_span(row):
 
 @njit()
 def any_nonzero(block):
-    """Return whether any value is not zero."""
+    """Return whether any value of a block of rows is not zero."""
     for j in range(block.shape[0]):
         nonzero = False
         for i in range(block.shape[1]):
@@ -117,7 +120,7 @@ def any_nonzero(block):
 
 
 def sum_over(comm, values):
-    """Return sums over ranks. Collective."""
+    """Return the sum over all ranks of each value. Collective."""
     if comm is None:
         return values
     result = np.array(values, dtype=float)
@@ -126,9 +129,9 @@ def sum_over(comm, values):
 
 
 def minimum_over(comm, values):
-    """Return minima over ranks. Collective.
+    """Return the minimum over all ranks of each value. Collective.
 
-    NaN is the smallest. With MPI.MIN the result would depend on which rank has it.
+    NaN counts as the smallest number. With MPI.MIN the result would depend on the rank that has NaN.
     """
     if comm is None:
         return values
@@ -136,7 +139,7 @@ def minimum_over(comm, values):
 
 
 def sums_and_minima(comm, sums, lowest):
-    """Return sums and minima by one reduction. Collective."""
+    """Return sums and minima over all ranks, by one reduction. Collective."""
     sums, lowest = np.array(sums, float), np.array(lowest, float)
     if comm is None:
         return sums, lowest

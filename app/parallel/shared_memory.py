@@ -1,7 +1,7 @@
 """Working storage shared by the ranks of a node.
 
-The parts of all ranks are in one anonymous file (memfd). The system frees it with the last array that maps it, however
-a rank ends.
+The parts of all ranks are in one anonymous file (memfd). The operating system frees the file when no array maps it any
+more, even if a rank is killed.
 """
 
 import mmap
@@ -16,11 +16,23 @@ from app.base.mpi import MPI
 
 
 class Storage:
-    """Work array, shared if possible. Collective.
+    """Work array that the ranks of a node share if possible. Collective.
 
-    `sizes` are the bytes of each rank. `own` has those of this rank. `all` has those of all ranks, of rank q from
-    ``starts[q]`` on, or is None if the ranks do not share memory. Those of a `Communicator` may. `comm` is None if this
-    rank has all rows, or none.
+    Parameters
+    ----------
+    sizes : sequence of int
+        Number of bytes for each rank.
+    rank : int
+        Number of this rank; a rank without an entry in `sizes` has no bytes.
+    comm : Communicator, mpi4py communicator or None
+        The ranks that share the array; only those of a `Communicator` can. None if this rank has all rows, or none.
+
+    Attributes
+    ----------
+    own : ndarray of uint8
+        Bytes of this rank.
+    all : ndarray of uint8, or None
+        Bytes of all ranks, those of rank q from ``starts[q]`` on. None if the ranks do not share memory.
     """
 
     def __init__(self, sizes, rank, comm):
@@ -32,7 +44,7 @@ class Storage:
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
 
     def suits(self, sizes):
-        """Return whether each rank has enough bytes."""
+        """Return whether each rank has at least the bytes in `sizes`."""
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 

@@ -1,4 +1,4 @@
-"""Rows of a grid that each rank owns."""
+"""Distribution of the rows of a grid over MPI ranks."""
 
 import numpy as np
 
@@ -9,10 +9,11 @@ def none_if_single(comm):
 
 
 class Slabs:
-    """Rows of a grid that each rank owns.
+    """Slabs of consecutive rows of a grid, one for each rank.
 
-    `ny` rows are shared by `size` ranks, of which `rank` is this one. A rank from `size` on has no rows; others may
-    have none, too. Slabs start at multiples of `block` rows, and the last one takes the remainder.
+    The first `size` ranks share `ny` rows; `rank` is the number of this rank. A rank from `size` on has no rows, and
+    some of the first ranks may have none either. Slabs begin at multiples of `block` rows; the last slab takes the
+    remainder.
     """
 
     def __init__(self, ny, size=1, rank=0, block=1):
@@ -29,12 +30,12 @@ class Slabs:
 
     @classmethod
     def over(cls, comm, ny):
-        """Distribute rows over the ranks of a communicator."""
+        """Distribute ny rows over all ranks of a communicator."""
         return cls(ny) if comm is None else cls(ny, comm.size, comm.rank)
 
     @classmethod
     def starting(cls, starts, rank):
-        """Make slabs from the first rows of all ranks, and ny."""
+        """Make slabs from the first rows of all ranks, followed by ny."""
         slabs = cls.__new__(cls)
         slabs._set(starts, rank)
         return slabs
@@ -51,18 +52,21 @@ class Slabs:
 
     @property
     def active(self):
-        """True if this rank may own rows."""
+        """True if this rank is one of those that share the rows."""
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """Return first rows and end rows of `ranks` ranks."""
+        """Return first rows and end rows of the first `ranks` ranks."""
         edges = np.full(ranks + 1, self.ny)
         shared = min(ranks, self.size) + 1
         edges[:shared] = self.starts[:shared]
         return edges[:-1], edges[1:]
 
     def coarsen(self, factor):
-        """Return slabs of coarse rows, each with its first child."""
+        """Return slabs of the coarse rows of `factor` rows each.
+
+        A coarse row is on the rank that owns its first fine row.
+        """
         return (
             self if factor == 1 else self.starting([-(-start // factor) for start in self.starts], self.rank)
         )
@@ -70,7 +74,8 @@ class Slabs:
     def surround(self):
         """Return slabs of coarse rows that extend beyond the grid.
 
-        Coarse rows are made of two rows, with one more before and after. Each is with its first child.
+        A coarse row consists of two rows. There is one more coarse row before the grid, and one after it. A coarse row
+        is on the rank that owns its first fine row.
         """
         rows = self.ny // 2 + 2
         starts = [rows if start == self.ny else -(-start // 2) + bool(start) for start in self.starts]
