@@ -59,7 +59,7 @@ GEOMETRY_OPTIONS = [
     Option("periodic", flag, False, "the patch repeats in x and y"),
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
-    Option("hertz_ry", positive, REQUIRED, "relative radius of curvature in y [mm]"),
+    Option("hertz_ry", positive, None, "relative radius of curvature in y [mm] (default: hertz_rx)"),
     Option("body1_radii", radii, REQUIRED, "hertz: principal radii of body 1 [mm], inf: straight, negative: concave"),
     Option("body2_radii", radii, REQUIRED, "hertz: principal radii of body 2 [mm]"),
     Option("body_angle", real(), 0.0, "hertz: from body 1's first axis to body 2's [degrees]"),
@@ -216,7 +216,7 @@ def _make_shape(name, options, material):
             "neither -hertz_rx and -hertz_ry [mm] nor -body1_radii and -body2_radii [mm] is given: exactly one of "
             "the two ways is needed"
         )
-    return shapes.Paraboloid(options["hertz_rx"], options["hertz_ry"])
+    return shapes.Paraboloid(options["hertz_rx"], options["hertz_ry"] or options["hertz_rx"])
 
 
 def _make_roller(options, material):

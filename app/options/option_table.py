@@ -19,6 +19,14 @@ from app.base.errors import InputError, shorten
 
 LARGEST = 1e50  # 1 / LARGEST is the smallest number but 0: neither squares nor quotients overflow
 REQUIRED = object()
+# Names of other programs and books -> options.
+USUAL_NAMES = {
+    **dict.fromkeys(("e", "e1", "e2", "youngs_modulus", "young_modulus"), "young"),
+    **dict.fromkeys(("nu", "nu1", "nu2", "poissons_ratio"), "poisson"),
+    **dict.fromkeys(("force", "f", "normal_force", "fn"), "load"),
+    **dict.fromkeys(("estar", "e_star", "reduced_modulus"), "contact_modulus"),
+    **dict.fromkeys(("indentation", "penetration", "delta", "displacement"), "approach"),
+}
 # The program's option files: in an installed package, or in the folder of app/.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
@@ -208,15 +216,19 @@ def format_options(texts):
 def find_similar_name(name, known):
     """Return the known name that a misspelt name may mean, or None.
 
-    None is also returned for a known name.
+    It differs by few letters, or is the same quantity. None is also returned for a known name.
 
     Examples
     --------
     >>> find_similar_name("gird", ["grid", "load"]), find_similar_name("grid", ["grid", "grip"])
     ('grid', None)
+    >>> find_similar_name("E1", ["grid", "young"])
+    'young'
     """
     if name in known:
         return None
+    if (usual := USUAL_NAMES.get(name.lower())) in known:
+        return usual
     return next(iter(difflib.get_close_matches(name, known, 1, max(0.75, 1 - 2 / max(len(name), 1)))), None)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app import Roller
+from app import Paraboloid, Roller
 from app.base.errors import InputError
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.options.option_table import OptionReader
@@ -86,6 +86,11 @@ def test_patch_is_fitted_to_the_contact_of_a_function(tmp_path, monkeypatch):
     assert own.grid.x0 + own.grid.nx * own.grid.dx / 2 == pytest.approx(3, abs=1e-2)
     sides = own.grid.nx * own.grid.dx, own.grid.ny * own.grid.dy
     assert sides == pytest.approx((3 * exact.a, 3 * exact.b), rel=0.15)
+
+
+def test_one_radius_means_a_ball():
+    ball = problem_from(problem="hertz", hertz_rx=7, load=10)
+    assert ball.shape == Paraboloid(7, 7)
 
 
 def test_crowns_of_rollers_from_options(tmp_path):
