@@ -1,6 +1,7 @@
 """Default method on free patches.
 
-It has inexact active sets with an FFT preconditioner inside a nested iteration.
+It is an active set method inside a nested iteration, whose systems are solved inexactly by CG with an FFT
+preconditioner.
 
 On each grid, from the coarsest to the target (`nested`), it has these stages:
 
@@ -24,14 +25,14 @@ Terms:
 - *Updated displacement.* u that follows p by its changes. It costs no product to test which cells penetrate.
 - *Lift.* Prolongation of the pressure by the displacement. Pressures have infinite slopes at the contact edge, so they
   interpolate badly and displacements well; B leads back from displacement to pressure (Dirichlet to Neumann).
-- *Edge extension.* The inverse of A on C is a Schur complement of that on all cells, which the preconditioner has. The
-  residual extended over some cells around C approximates it.
+- *Edge extension.* The inverse of A on C is a Schur complement of the inverse on all cells, which the preconditioner
+  applies. Extending the residual over some cells around C approximates this complement.
 - *Forcing term.* Reduction of the residual of a contact set, as in inexact Newton methods.
-- *Predictor.* u after the reduction of the residual on C, by the same extension; cells enter C by it.
+- *Predictor.* Estimate of u for a zero residual on C, by the same extension; cells that it closes enter C.
 - *Tension.* The negative part of p, removed by step 4.a of Sec. 4.1.
 - *Rehearsal.* Steps 4 to 6 of Sec. 4.1 by the updated u, before the *verification product* in double precision on all
   cells.
-- *Window.* A rectangle around contact with p = 0 outside, where only the verification looks.
+- *Window.* A rectangle around contact. p = 0 outside, where only the verification product looks for penetration.
 
 The gain of each technique, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
 punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and other advantages.

@@ -1,18 +1,20 @@
 """Block means of the residual between contact spots.
 
-The steps of `app.methods.free.contact_edge` reach one cell each. ``B E r`` can only vanish between contact spots that
-are further apart if E extends r from one to the next. So the steps start from means of r over the contact around: in
-square blocks of cells, r and the share of contact are summed, smoothed over neighbouring blocks, and divided,
+The extension E (`app.methods.free.contact_edge`) of a residual r makes steps that reach one cell each. ``B E r`` can
+only vanish between contact spots that are further apart if E extends r from one spot to the next. So the steps start
+from means of r over the contact nearby. r and the share of contact are averaged over square blocks of cells, smoothed
+over neighbouring blocks, and divided:
 
-    x_o = P D S P^T r,    D = 1 / (S c + offset),    c = P^T 1 on C,
+    x_o = P D S P^T r,    D = 1 / (S c + offset),    c = P^T 1 on C.
 
-P constant on blocks, P^T means over their cells, S binomial means over 3 x 3 blocks, twice, zero outside the patch. By
-the offset the field decays away from all contact, as the displacement does. The transpose, of a field b,
+x_o is the start of the steps outside the contact set C. P copies block values to cells, and P^T computes means over the
+cells of blocks. S makes two passes of binomial means over 3 x 3 blocks, with zeros outside the patch. Because of the
+offset x_o decays away from all contact, as the displacement does. The transpose for a field b,
 
     b_c + P S D P^T b_o,
 
-follows the steps of E^T. All ranks have all blocks; each sums those of its rows. Contact in a few large areas gains
-nothing: there the steps start from zero.
+follows the steps of E^T. All ranks have all blocks, and each rank sums the cells of its rows. If contact consists of a
+few large areas block means gain nothing, and the steps start from zero.
 """
 
 import numpy as np
@@ -21,13 +23,13 @@ from app.base.numba_cache import njit
 from app.parallel.reductions import add_masked, njit_reassoc, sum_over
 from app.parallel.slabs import Slabs
 
-CONTACT_SHARE_OFFSET = 0.15  # share of contact around a cell below which the cell counts less
+CONTACT_SHARE_OFFSET = 0.15  # share of contact nearby below which means decay to zero
 SMOOTHING_PASSES = 2
-MIN_SCATTERED_FRACTION = 0.08  # of blocks in partial contact, from which on block means are used
+MIN_SCATTERED_FRACTION = 0.08  # smallest fraction of blocks in partial contact for which block means are used
 
 
 class BlockAverage:
-    """Operator ``P D S P^T`` and its transpose.
+    """Extension of a residual by its block means, and the transpose.
 
     Collective. Arrays hold the rows of this rank.
 
@@ -40,7 +42,7 @@ class BlockAverage:
     comm : mpi4py communicator or None
         Ranks that share the grid.
     cells : int
-        Of a block, in each direction.
+        Cells of a block in each direction.
     """
 
     def __init__(self, shape, slabs, comm, cells):
@@ -51,7 +53,10 @@ class BlockAverage:
         self._means, self._weights, self._work = (np.zeros(self._shape) for _ in range(3))
 
     def set_contact(self, contact, r=None):
-        """Set C and means of a residual; return whether C is scattered."""
+        """Set the contact set; return whether contact is scattered.
+
+        With a residual r, its block means are computed in the same reduction.
+        """
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
         shares, *means = sum_over(self._comm, np.stack([self.local_means(field) for field in fields]))
@@ -63,30 +68,36 @@ class BlockAverage:
         return bool(partial >= MIN_SCATTERED_FRACTION * shares.size)
 
     def update(self, r):
-        """Compute the means of a residual."""
+        """Compute the block means of a residual r."""
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Subtract a share of q; `means`: global sum of its `local_means`."""
+        """Update the block means if the residual changes by -share * q.
+
+        `means` is the sum of `local_means(q)` over the ranks.
+        """
         self._means -= share * means.reshape(self._shape)
 
     def local_means(self, q):
-        """Return the local part of the block means of q on C."""
+        """Return this rank's part of the block means of q on contact."""
         blocks = np.zeros(self._shape)
         _sum_blocks(q, self._contact, *self._places, blocks)
         return blocks
 
     def extend(self, r, out):
-        """Set `out`, possibly r, to r on C, means elsewhere."""
+        """Set `out` to r on contact, and to smoothed means elsewhere.
+
+        `out` may be r.
+        """
         blocks = self._means.copy()
         _smooth(blocks, self._work)
         blocks *= self._weights
         _extend(r, self._contact, blocks, *self._places, out)
 
     def apply_transpose(self, r, b):
-        """Add the transpose of b to b on C; return r.b.
+        """Apply the transpose to b on contact, in place; return r.b.
 
-        r was extended last, so that r.b needs no further reduction.
+        `r` must be the residual of the last `extend`: then r.b needs no further reduction.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)
@@ -97,12 +108,12 @@ class BlockAverage:
         return float(sums[-1]) + self._cells**2 * float(np.vdot(self._means, blocks))
 
 
-# Sums over the columns of a row of blocks are in one work row, so that fields are read row by row.
+# Fields are read row by row: the rows of a row of blocks are first added to one work row.
 
 
 @njit()
 def _block_rows(first, ny, cells):
-    """Return the range of block rows with local rows."""
+    """Return the range of block rows that contain local rows."""
     return range(first // cells, (first + ny - 1) // cells + 1)
 
 
@@ -121,7 +132,7 @@ def _add_row_to_blocks(row, cells, blocks):
 
 @njit()
 def _sum_blocks(field, contact, cells, first, row, blocks):
-    """Add means of a field on C to the blocks."""
+    """Add the block means of a field on contact to `blocks`."""
     for k in _block_rows(first, len(field), cells):
         row[:] = 0
         for j in _rows_in_block(k, cells, first, len(field)):
@@ -141,7 +152,7 @@ def _sum_row_outside(r, b, contact, total):
 
 @njit()
 def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
-    """Add block means of b outside C; return r.b."""
+    """Add the block means of b outside contact; return r.b on contact."""
     product = 0.0
     for k in _block_rows(first, len(b), cells):
         row[:] = 0
@@ -153,7 +164,7 @@ def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
 
 @njit()
 def _smooth(blocks, work):
-    """Compute binomial means over 3 x 3 blocks, zero outside."""
+    """Smooth by binomial means over 3 x 3 blocks, with zeros outside."""
     ny, nx = blocks.shape
     for _ in range(SMOOTHING_PASSES):
         for j in range(ny):

@@ -1,12 +1,12 @@
-"""Preconditioner ``C B C`` on the contact set.
+"""Preconditioner ``C B C`` on the contact set C.
 
-B is the inverse of A continued periodically. On a periodic patch A is circulant and inverted by FFT. A free patch is
-continued periodically, at some distance from its copies; on large grids its B is multilevel, in a third of the time
-(`app.methods.multilevel_operators`). Its eigenvalues 1 / lambda (`app.methods.symbol`) are positive. The periodic
-matrix of the zero-padded grid has negative ones and cannot be used.
+B is the inverse of A continued periodically. On a periodic patch A itself is circulant, and B is computed by FFT. A
+free patch is continued periodically with a gap between its copies. On large grids its B is a multilevel product, which
+takes a third of the time (`app.methods.multilevel_operators`). The eigenvalues 1 / lambda of B (`app.methods.symbol`)
+are positive. The periodic matrix of the zero-padded grid has negative eigenvalues and cannot be used.
 
-The residual may be extended past the contact edge first, see `Circulant`. Usable as a PC on the target grid and as a
-multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
+The residual may be extended past the contact edge before B is applied, see `Circulant`. It is a PC for the target grid,
+and a multigrid smoother, which must be damped (``-mg_levels_ksp_richardson_scale``)::
 
     -pc_type python -pc_python_type app.methods.free.circulant.Circulant
     -mg_levels_pc_type python -mg_levels_pc_python_type app.methods.free.circulant.Circulant
@@ -27,11 +27,16 @@ from app.methods.symbol import centre
 
 _event = PETSc.Log.Event("CirculantPC")
 MIN_BLOCKS = 8  # in a direction: on smaller grids block means gain nothing
-MAX_SCALED_ASPECT = 1.75  # of cells whose stencil keeps constants; with longer ones contact sets cycle
+MAX_SCALED_ASPECT = (
+    1.75  # side ratio of cells up to which the stencil keeps constants; above, contact sets cycle
+)
 
 
 def _create_periodic_inverse(grid, compliance, layout):
-    """Return the inverse of A; constants have the longest wave's compliance."""
+    """Return B = A^-1 of a periodic patch.
+
+    A has eigenvalue 0 for constants; here it is replaced by that of the longest wave.
+    """
     eigenvalues = partial(influence_symbol, grid, compliance)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
 
@@ -45,9 +50,10 @@ def _create_periodic_inverse(grid, compliance, layout):
 
 
 def circulant_inverse(operator, apart=False):
-    """Return B of an operator, created on first use.
+    """Return B, the inverse of A continued periodically.
 
-    Collective over its ranks. On a periodic patch B is exact. `apart`: see `create_circulant_inverse`.
+    Collective over the ranks of the `operator`. B is created on first use; on a periodic patch it is exact. `apart`:
+    leave a gap between the copies of a free patch, as in `create_circulant_inverse`.
     """
     if not operator.active:
         return operator.product
@@ -59,25 +65,27 @@ def circulant_inverse(operator, apart=False):
 class Circulant:
     """PC context ``C E^T B E C`` for an `InfluenceOperator`.
 
-    Collective. E extends the residual past the contact edge by k steps with the 3 x 3 centre of B
-    (`app.methods.free.contact_edge`). They start from zero or, on a free patch with scattered contact, from block means
-    (`app.methods.free.block_average`). In this case the centre is scaled to keep constants, unless cells are long.
+    Collective. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3 centre of B
+    (`app.methods.free.contact_edge`). This iteration starts from zero or, on a free patch with scattered contact, from
+    means of the residual over blocks (`app.methods.free.block_average`). For block means the centre is scaled to keep
+    constants, unless cells are long.
 
-    Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_blocks cells`` (default 0: from zero).
+    Options: ``-pc_circulant_extend k``, the steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells of a block
+    in each direction (default 0: no block means).
     """
 
     operator = None
     steps = blocks = 0
 
     def setFromOptions(self, pc):
-        """Read the options."""
+        """Read the steps and the block size from the options."""
         options = PETSc.Options(pc.getOptionsPrefix())
         self.steps = options.getInt("pc_circulant_extend", self.steps)
         self.blocks = options.getInt("pc_circulant_blocks", self.blocks)
         self.reset(pc)
 
     def reset(self, pc):
-        """Forget the operator."""
+        """Forget the operator, so that the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
@@ -102,10 +110,10 @@ class Circulant:
         self._stencils = stencil, _scale_to_sum_zero(stencil) if scaled else stencil
         self._scattered = False
         self.extension.set_stencil(stencil)
-        self._contact_version = -1  # of the extension
+        self._contact_version = -1  # version of the contact set that the extension has
 
     def apply(self, pc, x, y):
-        """Compute y = C E^T B E C x."""
+        """Apply the preconditioner: y = C E^T B E C x."""
         operator = self.operator
         shape = operator.local_shape
         with y as out:
@@ -115,12 +123,12 @@ class Circulant:
             z *= operator.mask
 
     def precondition(self, r, z, reduced=None):
-        """Compute z = E^T B E r on C.
+        """Compute z = E^T B E r on the contact set.
 
-        r and z are float64 or float32 and may be the same array; r vanishes outside C, z is arbitrary there. If r is
-        that of the last call on this contact set minus a share of q, `reduced` is this share and the sum of
-        `local_terms` of q over the ranks; it saves a reduction. Returns r.z, if they are two arrays and it costs
-        nothing, else None.
+        r and z are float64 or float32 and may be the same array. r vanishes outside contact; z is arbitrary there.
+        `reduced` saves a sum over ranks if r is the residual of the last call on this contact set minus share * q. It
+        is ``(share, terms)``, with `terms` the sum of `local_terms(q)` over the ranks. Returns r.z if it is known at no
+        cost, otherwise None.
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
@@ -133,11 +141,17 @@ class Circulant:
             return None if r is z else product
 
     def local_terms(self, q):
-        """Return the local terms of `reduced`; none on a single rank."""
+        """Return this rank's block means of q, for `precondition`.
+
+        They are empty if they would save nothing: without block means or on a single rank.
+        """
         return self.average.local_means(q) if self._scattered and self.operator.comm is not None else ()
 
     def extend(self, r, out=None, reduced=None):
-        """Extend a residual past the contact edge; `reduced`: see `precondition`."""
+        """Extend the residual r past the contact edge: out = E r.
+
+        Default `out`: r. `reduced` saves a sum over ranks, as in `precondition`.
+        """
         out = r if out is None else out
         if self._contact_version != self.operator.contact_version:
             self._set_contact(r)
@@ -151,7 +165,10 @@ class Circulant:
         self.extension.extend(r, out)
 
     def _set_contact(self, r):
-        """Update to a new contact set with a residual."""
+        """Adapt the extension and block means to a new contact set.
+
+        Block means are used if contact is scattered; `r` is the residual.
+        """
         before, extension, average = self._scattered, self.extension, self.average
         self._contact_version = self.operator.contact_version
         extension.set_contact(self.operator.mask)
@@ -180,7 +197,7 @@ class Circulant:
 
 
 def _scale_to_sum_zero(stencil):
-    """Return the stencil with its neighbours scaled to sum zero."""
+    """Scale the neighbours of a stencil so that it sums to zero."""
     middle = stencil[1, 1]
     scaled = stencil * (middle / (middle - stencil.sum()))
     scaled[1, 1] = middle

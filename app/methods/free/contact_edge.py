@@ -5,18 +5,17 @@ formula of block inverses (a Schur complement)
 
     A_cc^-1 = B_cc - B_co B_oo^-1 B_oc = E^T B E,       E r:  r on c,  -B_oo^-1 B_oc r outside.
 
-So `E` extends a residual such that B E r vanishes outside contact. We approximate it near the contact edge, by `k`
-Richardson steps with the 3 x 3 centre of B from zero. With `N` the weights of the eight neighbours over that of the
-cell, and the step lengths t of Chebyshev's iteration,
+So `E` extends a residual such that B E r vanishes outside contact. We approximate `E` near the contact edge by `k`
+Richardson steps with the 3 x 3 centre of B, which start from zero. With `N` the weights of the eight neighbours, over
+the weight of the cell itself, and the step lengths t of Chebyshev's iteration,
 
     E r:    x_c = r,  x_o = 0,       for each t  x_o += t (-N_oc r - N_oo x_o - x_o);
     E^T b:  s_o = t b_o, the first,  the others  s_o += t (b_o - N_oo s_o - s_o),     then  b_c - N_co s_o.
 
-The steps may start from another field, see `app.methods.free.block_average`.
+The steps may also start from block means of the residual (`app.methods.free.block_average`).
 
-One pass over the rows makes all steps, each a row behind the one before, so that the rows they read are in the cache.
-Rows more than `k` away from contact are left out. On several ranks the halo has `k` rows, on which the steps are
-repeated.
+One pass over the rows makes all steps, each step a row behind the one before, so that the rows stay in the cache. Rows
+more than `k` away from contact are left out. On several ranks the halo has `k` rows, on which the steps are repeated.
 """
 
 import numpy as np
@@ -46,7 +45,7 @@ class EdgeExtension:
     comm : mpi4py.MPI.Comm or None
         Ranks that share the grid; None if this rank has all of it.
     steps : int
-        Steps `k`; with none, `E` is the identity.
+        Number of steps `k`; for 0 steps `E` is the identity.
     periodic : bool
         The patch is periodic.
 
@@ -55,6 +54,7 @@ class EdgeExtension:
     rows : ndarray of bool
         Local rows at most `k` away from contact cells; the others are zero or not read.
     contact : ndarray of bool, shape (local rows, nx)
+        Contact set.
     """
 
     def __init__(self, shape, slabs, comm, steps, periodic=False):
@@ -71,7 +71,10 @@ class EdgeExtension:
         self._weights, self._lengths, self._works = (0.0, 0.0, 0.0), np.ones(steps), {}
 
     def set_stencil(self, stencil):
-        """Set the even 3 x 3 centre of `B`, in any unit."""
+        """Set the 3 x 3 centre of B, in any unit.
+
+        Only its even part is used.
+        """
         stencil = np.asarray(stencil, float)
         even = (stencil + stencil[::-1] + stencil[:, ::-1] + stencil[::-1, ::-1]) / (4 * stencil[1, 1])
         self._weights = x, y, d = float(even[1, 0]), float(even[0, 1]), float(even[0, 0])
@@ -83,7 +86,7 @@ class EdgeExtension:
         self._works = {}
 
     def set_contact(self, mask):
-        """Set the contact set; a copy is kept."""
+        """Copy a new contact set, with its halo."""
         before, after = self._exchange(mask)
         if len(self._contact) != len(before) + len(mask) + len(after):
             self._contact = np.empty((len(before) + len(mask) + len(after), self.shape[1]), bool)
@@ -92,13 +95,14 @@ class EdgeExtension:
         self.contact = self._contact[len(before) :][: len(mask)]
 
     def include_all_rows(self):
-        """Include rows far from contact, for fields nonzero there."""
+        """Include rows far from contact, for fields that are nonzero there."""
         self._away[:], self.rows[:] = 0, True
 
     def extend(self, x, out=None):
-        """Apply E to x, C-contiguous of float64 or float32; default `out`: x.
+        """Compute out = E x.
 
-        x is the residual on the contact set, elsewhere the start of the steps.
+        x is the residual on the contact set, and the start of the steps elsewhere. Arrays are C-contiguous, float64 or
+        float32. Default `out`: x.
         """
         out = x if out is None else out
         if not self.steps and out is not x:
@@ -106,9 +110,9 @@ class EdgeExtension:
         self._sweep(x, out, back=False)
 
     def restrict(self, x):
-        """Apply E^T to any field, in place.
+        """Apply E^T to a field x, in place.
 
-        Outside the contact set it leaves the transpose for the start of E.
+        Outside the contact set x receives the part of the transpose that belongs to the start of the steps.
         """
         self._sweep(x, x, back=True)
 
@@ -119,7 +123,7 @@ class EdgeExtension:
             _all_steps(x, out, before, after, *places, back, *self._work_of(x.dtype))
 
     def _work_of(self, dtype):
-        """Return weights, step lengths and work rows of a type."""
+        """Return weights, step lengths and work rows in a precision."""
         if dtype not in self._works:
             rows = np.empty((self.steps, 3, self.shape[1] + 2), dtype), np.zeros(self.shape[1], dtype)
             self._works[dtype] = np.array(self._weights, dtype), self._lengths.astype(dtype), *rows
@@ -129,13 +133,13 @@ class EdgeExtension:
         return self._halo(field) if self._halo else (field[:0], field[:0])
 
 
-# Rows are counted from the first of the halo. Each step has a ring of its last three rows, padded by a cell at either
-# end; outside the patch all is zero.
+# Rows are counted from the first of the halo. Each step stores its last three rows in a ring, padded by a cell at
+# either end. Outside the patch all fields are zero.
 
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first step of E^T."""
+    """Make the first step of E^T in a row."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -144,7 +148,10 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make another step of E^T, or of E (zero source)."""
+    """Make a further step of E^T in a row.
+
+    With a zero `source` it is a step of E.
+    """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
         value = here[i + 1]
@@ -155,7 +162,7 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Subtract N s + s from b to finish E^T."""
+    """Finish E^T in a row: subtract N s + s from b."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
         b[i] -= stencil_sum(above, here, below, i, x, y, d) + here[i + 1]
@@ -163,9 +170,10 @@ def _finish_row(above, here, below, weights, b):
 
 @njit()
 def _set_contact(before, mask, after, steps, contact, away, rows):
-    """Copy a contact set with its halo; compute distances of rows.
+    """Copy a contact set with its halo; compute distances from contact.
 
-    `away` is at most steps + 1; `rows` are those at most `steps` away.
+    `away` is the distance of each row from the nearest row with contact, at most steps + 1. `rows` marks the rows at
+    most `steps` away.
     """
     first, count = len(before), len(contact)
     for j in range(count):
@@ -187,7 +195,7 @@ def _pad_ends(row, periodic):
 
 @njit()
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
-    """Compute E x, or E^T x in place if `back`."""
+    """Compute out = E x; or E^T x in place, if `back`."""
     steps, rows = lengths.size, len(contact)
     rings[...] = 0
     for first in range(rows + steps):

@@ -12,7 +12,7 @@ It has the steps of `app.contact.active_set.active_set`, with six differences:
 - *Coarse grids are left early*, when the residual is small, next to no pressure is negative and a load is nearly met.
   The contact set may still change then.
 
-If it makes no progress it raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
+Without progress the iteration raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
 """
 
 from typing import NamedTuple
@@ -31,9 +31,10 @@ MIN_LOAD_FRACTION = 0.01  # of the largest load since u was computed: less is lo
 
 
 def inexact_active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid from C and p of `state`.
+    """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of `state`. Parameters and result as of `active_set`; the solver is a TrackingSolver.
+    Collective over the ranks of `state`, whose contact set and pressure are the initial ones. Parameters and result as
+    of `active_set`; the solver is a TrackingSolver.
 
     Raises
     ------
@@ -63,10 +64,12 @@ class _Solved(NamedTuple):
 
     iterations: int
     failure: str
-    norm: float  # of the residual, as the solver has it [mm]
-    allowed: float  # largest norm that passes [mm]
-    goal: float  # norm aimed at; larger if a product by FFT has to follow [mm]
-    multilevel: bool
+    norm: float  # of the residual, by the solver's own products [mm]
+    allowed: float  # norm of the residual at which the set counts as solved [mm]
+    goal: (
+        float  # norm at which the solver stops; larger than `allowed` if a product by FFT has to follow [mm]
+    )
+    multilevel: bool  # products were multilevel ones
 
 
 class _Exchanged(NamedTuple):
@@ -84,9 +87,9 @@ class _ContactSets:
     Attributes
     ----------
     stop : InexactStop
-        Becomes tighter where the certificate shows that (5.1) was too loose.
+        Stopping test. It becomes tighter where the certificate shows that (5.1) was too loose.
     progress : HalvingTest
-        Of the residual.
+        Test that the residual falls.
     """
 
     def __init__(self, state, solver, loading, stop):
@@ -104,7 +107,7 @@ class _ContactSets:
         return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
-        """Solve a little on C, steps 2 and 3 of Sec. 4.1."""
+        """Solve the contact set's system (2.11) inexactly, by steps 2 and 3."""
         stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
         if stop.final and multilevel:  # on coarse grids this error is below that of the grid
@@ -113,7 +116,10 @@ class _ContactSets:
         return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, multilevel)
 
     def exchange(self, solved):
-        """Update C, steps 4 to 6 of Sec. 4.1, in one of three ways."""
+        """Update the contact set, by steps 4 to 6 of Sec. 4.1.
+
+        It is a verification on the target grid, the last update on a coarse grid, or an update with more to follow.
+        """
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
         # Solved, and with next to no negative pressure on the target grid: this may be the last contact set.
@@ -162,8 +168,8 @@ class _ContactSets:
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.
 
-        It is on the target grid; the load is met exactly. If a rehearsal with the updated displacement fails the
-        product is saved.
+        It is on the target grid; a prescribed load is met exactly. A rehearsal with the updated displacement comes
+        first. If it fails, the expensive product is not computed.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
         # By approach a release of next to no pressure needs no rehearsal. By load the approach may move by it.
@@ -205,7 +211,7 @@ class _ContactSets:
     def _leave_coarse(self, solved, tension):
         """Update the last contact set of a coarse grid.
 
-        If the load is nearly met, u is not updated for the last release: the finer grid does that.
+        If the load is nearly met, u is not updated for the last released cells: the finer grid computes its own.
         """
         state, solver, loading = self.state, self.solver, self.loading
         if tension > MAX_RELEASED_SHARE:

@@ -1,11 +1,12 @@
-"""Lift: the pressure of the next finer grid from displacements.
+"""Lift: prolongation of the pressure to a finer grid, by displacements.
 
-p = B T, B the inverse of A continued periodically and T the displacement that p causes on that patch. With p_H and u_H
-of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
+B is the inverse of A continued periodically. The pressure p of the fine grid is computed as p = B T, with T its
+displacement on the periodic patch. The coarse grid has pressure p_H, displacement u_H and T_H = B_H^-1 p_H; I is
+interpolation to the fine grid:
 
 1. T = I T_H on all cells of the fine grid.
-2. C is that of the coarse grid and the cells with h + I u_H <= 0. There the gap shall be closed, u = -h; with the
-   difference of periodic and true displacement on the coarse grid, T = -h + I (T_H - u_H).
+2. The contact set C consists of that of the coarse grid and of the cells with h + I u_H <= 0. There the gap must close,
+   u = -h. T differs from u by T_H - u_H, known on the coarse grid, so T = -h + I (T_H - u_H).
 3. p = B T; cells without p > 0 leave C.
 
 Option ``-lcp_prolongation lift|copy``. For the gain see `app.methods.free`.
@@ -15,18 +16,18 @@ from app.base.numba_cache import njit
 from app.contact.kernels import gap
 from app.methods.free.circulant import circulant_inverse
 
-MAX_LOAD_RATIO = 20.0  # of the two grids, either way: otherwise p is copied
+MAX_LOAD_RATIO = 20.0  # largest ratio of the loads of the two grids, either way; above it p is copied
 
 
 def lift(transfer, coarse, state):
-    """Set C and p of `state` from the coarser grid.
+    """Set contact set and pressure of `state` from the coarser grid.
 
-    Collective. u of `state` is I u_H; u of the coarser grid is overwritten. Returns False if the loads differ so much
-    that the coarse grid cannot be trusted.
+    Collective. On entry u of `state` must be the interpolated displacement of the coarser grid; `coarse.u` is
+    overwritten. Returns False if the loads of the grids differ so much that the coarse grid cannot be trusted.
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
-    p = state.values  # T until it is B T
+    p = state.values  # stores T until 3.
     transfer.interpolate(coarse.u, p)  # 1.
     _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
     circulant_inverse(state.operator).apply(p, p)  # 3.
@@ -48,6 +49,6 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Add overlapping cells to C; subtract h + u from `target` there."""
+    """Add overlapping cells to contact; subtract h + u from `target` there."""
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

@@ -1,4 +1,4 @@
-"""Nested iteration, Sec. 4.3, with lifted pressures and windows."""
+"""Nested iteration (Sec. 4.3) with lifted pressures and windows around contact."""
 
 from functools import partial
 
@@ -23,23 +23,25 @@ def nested_iteration(
 ):
     """Solve on all grids, from the coarsest to the target.
 
-    Collective. The ranks that share a grid or its window solve it, and broadcast the results to those that share the
-    next one.
+    Collective. The ranks that share a grid or its window solve on it. They broadcast the results to the ranks that
+    join on the next grid.
 
     Parameters
     ----------
     hierarchy, distances, loading, stop, history, nested, beta
         See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
     lifted : bool
-        Pressures of finer grids are lifted, else copied.
+        Pressures are transferred to finer grids by `lift`, otherwise copied.
     coarse_minimum : ndarray or None
-        See `Hierarchy.coarse_minimum`.
+        Least undeformed distance of target cells in each cell of the finest grid without a window
+        (`Hierarchy.coarse_minimum`).
     cache : WindowCache
+        Solvers and window operators.
 
     Returns
     -------
     ContactState, Outcome
-        On the target grid.
+        Solution on the target grid, and how the solve ended.
     """
     grids, comm = GridSequence(hierarchy, distances, loading, nested), hierarchy.comm
     coarse = boxes = None
@@ -83,7 +85,10 @@ def nested_iteration(
 
 
 def solve_level(hierarchy, number, state, loading, stop, history, first, cache):
-    """Solve on one grid. Collective over the ranks of `state`."""
+    """Solve on one grid, by the safeguard if the default method stagnates.
+
+    Collective over the ranks of `state`. `first`: it is the coarsest grid, solved directly if it is small.
+    """
     operator = state.operator
     if first and starts_directly(hierarchy, number):
         test = StoppingTest(max_it=stop.max_it).for_coarse_grid()

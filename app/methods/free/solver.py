@@ -1,4 +1,4 @@
-"""Linear solver that updates u with p."""
+"""Linear solver that updates the displacement u = A p with p."""
 
 from petsc4py import PETSc
 
@@ -16,18 +16,18 @@ _event = PETSc.Log.Event("InfluenceByLevels")
 class TrackingSolver(LinearSolver):
     """Linear solver whose KSP is TrackingCG. Collective.
 
-    An iteration calls `improve`, then `release` or `update_displacement`, or it recomputes u. After a `release` it may
-    call `predict`. Parameters as of `LinearSolver`.
+    After `improve` has changed the pressure p, an iteration updates the displacement u by `release` or
+    `update_displacement`, or recomputes it. After a `release` it may call `predict`. Parameters as of `LinearSolver`.
 
     Attributes
     ----------
     multilevel : bool
-        Changes of u are multilevel products. May be set to False.
+        Changes of u are computed by multilevel products, otherwise by FFT. May be set to False.
 
     Raises
     ------
     ValueError
-        If the KSP is another one.
+        If the options choose a KSP other than TrackingCG.
     """
 
     def _make(self):
@@ -42,18 +42,25 @@ class TrackingSolver(LinearSolver):
         self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
     def begin(self, multilevel):
-        """Prepare the solution on a grid, with multilevel products if possible."""
+        """Prepare the solution on a grid.
+
+        `multilevel`: use multilevel products if the grid is large enough for them.
+        """
         self.multilevel = multilevel and multilevel_influence(self.operator) is not None
         self._change_not_in_u = False
 
     def improve(self, state, allowed, norm):
-        """Improve p towards (2.11) on C, step 3 of Sec. 4.1; keep u.
+        """Reduce the residual of the contact set's system (2.11) by CG.
+
+        The residual is the gap h + A p of contact cells, and this is step 3 of Sec. 4.1. p changes and u does not:
+        `release` or `update_displacement` then updates u.
 
         Parameters
         ----------
         state : ContactState
+            Its pressure p is changed.
         allowed : float
-            Largest norm of the residual that passes [mm].
+            Norm of the residual at which CG stops [mm].
         norm : float
             Present norm of the residual [mm].
 
@@ -61,7 +68,7 @@ class TrackingSolver(LinearSolver):
         -------
         iterations : int
         failure : str
-            As of `LinearSolver.solve`.
+            Why CG failed, or empty; see `LinearSolver.solve`.
         residual : float
             Norm of the residual [mm].
         """
@@ -86,20 +93,27 @@ class TrackingSolver(LinearSolver):
         apply_logged(_event, multilevel_influence(self.operator), p, u)
 
     def free_work(self):
-        """Free work arrays; the caller recomputes u."""
+        """Free work arrays; drop a pending change of u.
+
+        The caller recomputes u.
+        """
         self._change_not_in_u = False
         if self._large:
             self._cg.free_work()
 
     def check_multilevel(self, state, most):
-        """Switch to FFT if the recomputed residual exceeds `most` [mm]."""
+        """Stop using multilevel products if their error was too large.
+
+        This is the case if the residual, just recomputed by FFT, exceeds `most` [mm].
+        """
         if self.multilevel:
             self.multilevel = state.on_contact().residual <= most
 
     def release(self, state, tension=None, update=True):
-        """Release cells, step 4.a of Sec. 4.1, and update u.
+        """Release tensile cells from the contact set, and update u.
 
-        Returns whether cells left C. `update`: False leaves u for the caller. `tension`: that of the state, if known.
+        This is step 4.a of Sec. 4.1. Returns a true value if cells were released. `tension`: result of
+        `ContactState.tension`, if known. `update`: False if the caller recomputes u.
         """
         change = self._cg.change
         if not self._change_not_in_u:
@@ -110,18 +124,18 @@ class TrackingSolver(LinearSolver):
         return released
 
     def update_displacement(self, state):
-        """Update u by the last change of p, if pending."""
+        """Add A times the last change of p to u, unless done."""
         if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
             self._change_not_in_u, state.displacement_status = False, Displacement.UPDATED
 
     def predict(self, state, factor):
-        """Predict the change of u outside C [mm], times `factor`.
+        """Predict the change of u outside contact for a zero residual [mm].
 
-        The method ``extend(r)`` of the preconditioner continues the residual past the contact edge; without one the
-        result is None. It has the contact set of the last solve, so that released cells are not predicted to return.
-        The result is in the solver's work array.
+        The preconditioner's method ``extend`` continues the residual past the contact edge. It uses the contact set of
+        the last solve, so that released cells are not predicted to return. Returns `factor` times this change, in a
+        work array of the solver; None if `factor` is 0 or the preconditioner has no ``extend``.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None

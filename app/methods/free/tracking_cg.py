@@ -1,7 +1,9 @@
 """Conjugate gradients that start from a known displacement.
 
-The first residual, -(h + u), costs no product. The change of x is kept, so that the caller can update u by it. Products
-may be nearly A (`multiply`). Usable from options::
+They solve C A C x = C b for the pressure x in the contact set C. As the displacement u = A x is known, the first
+residual, -(h + u) = b + shift - u, costs no product. The change of x is stored, so that the caller can update u by A
+times this change. The caller may replace the products by approximate ones (`TrackingCG.multiply`). The directions of
+CG are d, their products q = A d, and z is the preconditioned residual r. Options::
 
     -ksp_type python -ksp_python_type app.methods.free.tracking_cg.TrackingCG
 """
@@ -18,7 +20,7 @@ from app.halfspace.operator import InfluenceOperator, get_operator, wrap_vec
 from app.multigrid.ksp_context import KspContext
 from app.parallel.reductions import add_row, add_tuples, njit_reassoc, nonzero_span
 
-# r.r is updated without a reduction until it has fallen to this share; then it is summed again.
+# r.r is updated without a sum over ranks until it has fallen to this share; then it is summed again.
 MIN_CARRIED_SQUARES = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
 
 # r and d vanish outside C; z and q need not. Loops run over each row from its first to its last cell of C.
@@ -77,9 +79,10 @@ def _dots_row(d, q, r, contact):
 
 @njit_reassoc
 def _first_residual(b, shift, u, contact, spans, r):
-    """Compute r = b + shift - u on C, and spans of C.
+    """Compute the first residual r in contact cells.
 
-    Returns r.r and the number of cells in these spans.
+    It is b + shift - u. `spans` receives the bounds of contact in each row. Returns r.r and the number of
+    cells in these spans.
     """
     squares, cells = 0.0, 0
     for j in range(r.shape[0]):
@@ -94,7 +97,10 @@ def _first_residual(b, shift, u, contact, spans, r):
 
 @njit_reassoc
 def _advance(change, r, d, q, contact, spans, alpha):
-    """Update `change` and r by a step; return r.r."""
+    """Make a step of CG; return r.r.
+
+    It adds alpha d to `change` and subtracts alpha q from r.
+    """
     squares = 0.0
     for j in range(r.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -112,7 +118,7 @@ def add(a, scale, b):
 
 @njit_reassoc
 def _direction(d, z, beta, contact, spans):
-    """Compute d = z + beta d on C."""
+    """Compute the direction d = z + beta d in contact cells."""
     for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
         _direction_row(d[j, span], z[j, span], beta, contact[j, span])
@@ -120,7 +126,7 @@ def _direction(d, z, beta, contact, spans):
 
 @njit_reassoc
 def _dot(a, b, contact, spans):
-    """Return a.b over C."""
+    """Return the scalar product a.b over contact cells."""
     total = 0.0
     for j in range(a.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -130,7 +136,7 @@ def _dot(a, b, contact, spans):
 
 @njit_reassoc
 def _dots(d, q, r, contact, spans):
-    """Return d.q, d.r, q.r and q.q over C."""
+    """Return the scalar products d.q, d.r, q.r, q.q over contact cells."""
     sums = 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
@@ -139,26 +145,29 @@ def _dots(d, q, r, contact, spans):
 
 
 class TrackingCG(KspContext):
-    """KSP context for C A C x = C b with an `InfluenceOperator`.
+    """Conjugate gradients from a known displacement, as a KSP context.
 
-    Collective. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
+    Collective. The system is C A C x = C b. The KSP's matrix is an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol,
+    -ksp_max_it, -pc_*.
 
     Attributes
     ----------
     displacement : ndarray, shape (local rows, nx), or None
-        u = A x on entry; set by the caller, with a nonzero initial guess x.
+        u = A x for the initial guess x. Set by the caller, together with a nonzero x.
     shift : float
         Constant that is added to b. Set by the caller.
     first_norm : float or None
-        Norm of the residual on entry, if known. Set by the caller for one solve.
+        Norm of the first residual, if known. Set by the caller for one solve.
     multiply : callable
-        ``multiply(d, q)`` computes q = A d, or nearly so. May be replaced by the caller.
+        ``multiply(d, q)`` computes q = A d, exactly or approximately. May be replaced by the caller.
     residual : float
-        Norm of the residual after the last solve, by these products.
+        Norm of the residual after the last solve, computed by these products.
     change : ndarray, shape (local rows, nx)
         Change of x in the last solve, in the operator's precision.
-    work, product : ndarray, shape (local rows, nx)
-        Storage of z, and in its place q, in the operator's precision. Free for other use between solves.
+    work : ndarray, shape (local rows, nx)
+        Work array in double precision. Free for other use between solves.
+    product : ndarray, shape (local rows, nx)
+        A d in the operator's precision. It shares the memory of `work`.
     """
 
     displacement = first_norm = None
@@ -166,7 +175,7 @@ class TrackingCG(KspContext):
     _z = _r = _d = _change = None
 
     def setUp(self, ksp):
-        """Make the work arrays; z and q share one."""
+        """Make the work arrays; `work` and `product` share memory."""
         mat = ksp.getOperators()[0]
         self._operator = operator = get_operator(mat, InfluenceOperator, "TrackingCG")
         check_unscaled(mat, "TrackingCG")
@@ -180,7 +189,10 @@ class TrackingCG(KspContext):
 
     @property
     def change(self):
-        """Change of x, in spare storage or freed by `free_work`."""
+        """Change of x in the last solve.
+
+        It is in spare storage of the operator, or in an array that `free_work` frees.
+        """
         if self._lent is not None:
             return self._lent
         if self._change is None:
@@ -192,7 +204,7 @@ class TrackingCG(KspContext):
         self._r = self._d = self._change = None
 
     def solve(self, ksp, b, x):
-        """Improve x."""
+        """Improve x by CG from the known displacement; store its `change`."""
         operator, multiply = self._operator, self.multiply
         precondition, local_terms, r, z = self._preconditioner(ksp.getPC())
         contact, spans, q, change = operator.mask, self._spans, self.product, self.change
@@ -234,7 +246,10 @@ class TrackingCG(KspContext):
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _direction_array(self, z):
-        """Return the work array of d, behind q in single precision."""
+        """Return a work array for the direction d.
+
+        In single precision it is the half of `work` that `product` leaves free.
+        """
         halves = self.work.reshape(-1).view(self._operator.dtype)
         if z is not self.work and halves.size > z.size:
             return halves[z.size :].reshape(z.shape)
@@ -243,9 +258,11 @@ class TrackingCG(KspContext):
         return self._d
 
     def _preconditioner(self, pc):
-        """Return functions for z and its `local_terms`, r and z.
+        """Return two functions of the preconditioner, and the arrays r and z.
 
-        They are in the operator's precision if the PC has `precondition` and `local_terms`, as `Circulant`; else Vecs.
+        The functions compute z from r, and the `local_terms` of q that save a reduction. If the PC has these methods,
+        as `Circulant`, r and z are in the operator's precision. For other PCs they are in double precision, and there
+        are no such terms.
         """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)
@@ -262,9 +279,10 @@ class TrackingCG(KspContext):
         return apply, lambda _: (), self._r, self.work
 
     def _start(self, ksp, b, x, r):
-        """Compute r = b + shift - u; return its norm and cells.
+        """Compute the first residual r = b + shift - u.
 
-        Without `displacement` u is A x for the initial guess.
+        u is `displacement`; if that is None, it is computed as A x. Returns the norm of r, and the number of cells in
+        the spans of contact.
         """
         u, norm, self.first_norm = self.displacement, self.first_norm, None
         if u is None:
@@ -278,7 +296,7 @@ class TrackingCG(KspContext):
         return (sqrt(self._sum([squares])[0]) if norm is None else norm), cells
 
     def reset(self, ksp):
-        """Free the work vectors."""
+        """Free the work arrays and vectors."""
         self.free_work()
         if self._z is not None:
             self._z.destroy()

@@ -1,7 +1,7 @@
-"""Verification product of a window, on all cells.
+"""Verification product of a window, on all cells of the grid.
 
-It is u = A p in double precision. Ranks outside the window wait in `end` while the window is solved, and take part in
-each product.
+It is u = A p in double precision and shows whether the bodies penetrate outside the window. Ranks outside the window
+wait in `VerificationProduct.end` while the window is solved, and take part in each product.
 """
 
 import numpy as np
@@ -10,22 +10,25 @@ _PRODUCT = "product"  # broadcast to waiting ranks before a product
 
 
 class VerificationProduct:
-    """Exact product of a window's operator.
+    """Product of a window with A on all cells, in double precision.
+
+    It verifies the pressure of the window, and serves as the exact product of the window's operator.
 
     Parameters
     ----------
     target : InfluenceOperator
-        Of the whole grid; it counts the products.
+        Operator of the whole grid, which also counts the products.
     scatter : Scatter
-        Between the grid and the window.
+        Transfer of fields between the grid and the window.
     inner : Slabs
-        Of the window.
+        Distribution of the window's rows.
     ranks : RankGroups
+        Ranks of the whole grid.
 
     Attributes
     ----------
     u : ndarray, shape (local rows of the target, nx), or None
-        Last product, until `forget`.
+        Last product on all cells; None after `forget`.
     """
 
     count = flops = 0
@@ -36,13 +39,19 @@ class VerificationProduct:
         self._scaled = self.u = None
 
     def apply(self, p, u):
-        """Compute u = A p. Collective over the ranks of the window."""
+        """Compute u = A p in the window. Collective over its ranks.
+
+        It wakes the waiting ranks for the product.
+        """
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)
         self.apply_on_all(p, u)
 
     def apply_on_all(self, p, u):
-        """Compute u = A p on all ranks. Collective."""
+        """Compute A p on the whole grid. Collective.
+
+        `u` receives the part in the window.
+        """
         if self.u is None:
             self.u = np.empty(self._target.local_shape)
         self.u[...] = 0
@@ -51,14 +60,14 @@ class VerificationProduct:
         self._scatter.forward(self.u, u)
 
     def forget(self):
-        """Free the last product: p changes."""
+        """Free the last product, which is wrong once p changes."""
         self.u = None
 
     def end(self, state):
-        """End the products for the `state` of the window. Collective.
+        """End the products of a window. Collective.
 
-        Ranks outside take part until then. The factor on p since the last product is broadcast in the end; None if that
-        is forgotten.
+        Ranks outside the window take part in products until the window's ranks call this. They then receive the factor
+        by which p of `state` was scaled since the last product, or None if that product was forgotten.
         """
         self._scaled = None if self.u is None else state.scaled
         if self._waiting and self._inner.active:
@@ -70,7 +79,10 @@ class VerificationProduct:
             self._scaled = message
 
     def displacement(self, state, converged):
-        """Return A p for the final p of `state`. Collective."""
+        """Return A p on all cells, for the final p. Collective.
+
+        `state` is that of the window. The last product is reused if the window has `converged`.
+        """
         if self._scaled is None or not converged:
             self.apply_on_all(state.p, state.u)
         elif self._scaled != 1.0:

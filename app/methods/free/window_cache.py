@@ -1,8 +1,8 @@
 """Cache of linear solvers and of operators of windows.
 
-They depend on the number and size of cells, not on the place of a window. So a window of the same shape, at another
-load or gap, needs no new spectra and no new PETSc objects. A large window with the same FFT length, as along a load
-path, needs no new spectra.
+Solvers and operators depend on the number and size of cells, not on the place of a window. So a window of the same
+shape, at another load or gap, needs no new spectra and no new PETSc objects. A large window is not cached, but its
+spectra are reused for the next window with the same FFT length, as along a load path.
 """
 
 from app.halfspace.fft.multiplier import SpectrumCache
@@ -19,7 +19,7 @@ class WindowCache(SolverCache):
     ----------
     hierarchy : Hierarchy
     target : TrackingSolver or None
-        Of the target grid; its owner frees it.
+        Solver of the target grid, which is not freed here.
     """
 
     def __init__(self, hierarchy, target=None):
@@ -29,7 +29,8 @@ class WindowCache(SolverCache):
     def window(self, place, grid, slabs, comm, verification=None):
         """Return the operator of a window. Collective over `comm`.
 
-        The last small window of each `place`, a hashable purpose, is cached. `verification`: its exact product.
+        `place` is a hashable key that names the window's purpose; the last small window of each key is cached. `grid`
+        and `slabs` are those of the window. `verification`: its VerificationProduct on the target grid.
         """
         operator = self._windows.get(place)
         if operator is None or (operator.grid.shape, operator.slabs.starts) != (grid.shape, slabs.starts):
@@ -47,16 +48,16 @@ class WindowCache(SolverCache):
         return operator
 
     def direct(self, number, operator):
-        """Return the direct solver of a level.
+        """Return the direct solver of level `number`.
 
-        This is the coarsest level, or a finer one if a gap has no admissible cell there.
+        This is the coarsest level, or a finer one if the coarsest has no admissible cell.
         """
         if operator not in self._direct:
             self._direct[operator] = DirectSolver(operator, number)
         return self._direct[operator]
 
     def close(self, operator):
-        """Count the products of a window; free it unless cached. Collective."""
+        """Count a window's products; free its operator unless cached. Collective."""
         self._hierarchy.count_window(operator)
         operator.spectra.drop_unused()
         if operator in self._windows.values():
@@ -65,7 +66,7 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Count products of windows after an error; free exact products."""
+        """Count the windows' products; free their exact products, after an error."""
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)
             operator.free_exact_product()
@@ -75,7 +76,7 @@ class WindowCache(SolverCache):
         operator.free()
 
     def destroy(self):
-        """Free everything."""
+        """Free all solvers and window operators."""
         super().destroy()
         for solver in self._direct.values():
             solver.destroy()

@@ -1,11 +1,11 @@
 """Windows: rectangles around the contact area of the coarser grid.
 
-A grid is solved in a window. The pressure vanishes outside. The verification product on all cells of the target grid
-shows whether the bodies penetrate there; if so, the iteration continues on all cells, which is expensive. Therefore
-each window also contains the cells where asperities of the target grid that are smaller than the cells of the finest
-grid without a window may touch (`Hierarchy.coarse_minimum`).
+A grid is solved in a window, outside which the pressure is zero. The verification product on all cells of the target
+grid shows whether the bodies penetrate outside the window. If so, the iteration continues on all cells, which is
+expensive. Therefore each window also contains predicted contact: the cells where asperities of the target grid may
+touch that are too small for the cells of the finest grid without a window (`Hierarchy.coarse_minimum`).
 
-Option ``-lcp_window`` (share of the extent of contact that is added on each side, 0: no windows). For the gain see
+Option ``-lcp_window``: width added on each side, as a share of the extent of contact (0: no windows). For the gain see
 `app.methods.free`.
 """
 
@@ -22,13 +22,15 @@ from app.halfspace.window import Scatter, Window, bounding_boxes, whole_window
 from app.methods.free.verification_product import VerificationProduct
 from app.multigrid.transfer import Transfer
 
-MIN_MARGIN = 4  # cells of the coarser grid around contact
-SIZE_STEP = 16  # cells between the cached sizes of small windows, of which the smallest has two steps
-MAX_WINDOW_FRACTION = 0.85  # of the cells: a larger window costs more for its spectra than it saves
+MIN_MARGIN = 4  # smallest margin around contact, in cells of the coarser grid
+SIZE_STEP = 16  # sizes of small windows are multiples of this number of cells, and at least two steps
+MAX_WINDOW_FRACTION = (
+    0.85  # largest share of the cells: a larger window costs more for its spectra than it saves
+)
 
 
 class CoarseSolution(NamedTuple):
-    """Solution of the coarser grid in the window."""
+    """Solution of the coarser grid, cut out around the window."""
 
     operator: InfluenceOperator
     u: np.ndarray
@@ -40,62 +42,71 @@ class CoarseSolution(NamedTuple):
 class WindowState(ContactState):
     """State of a window, which owns its undeformed distance.
 
-    `scaled` is the factor on p and u since the last product in double precision.
+    `scaled` is the factor by which p and u were scaled since the last product in double precision.
     """
 
     scaled = 1.0
 
     def compute_displacement(self, exact=False):
-        """See `ContactState.compute_displacement`."""
+        """Compute u = A p, as `ContactState`; an exact product resets `scaled`."""
         super().compute_displacement(exact)
         self.scaled = 1.0 if self.displacement_status is Displacement.EXACT else self.scaled
 
     def first_touch(self):
-        """See `ContactState.first_touch`; computed, as windows do not store it."""
+        """Return the depth of first touch in the window [mm]. Collective.
+
+        It is computed, since windows do not store it.
+        """
         return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
     def scale(self, factor):
-        """See `ContactState.scale`."""
+        """Multiply p, u and `scaled` by a factor."""
         super().scale(factor)
         self.scaled *= factor
 
     def destroy(self):
-        """See `ContactState.destroy`."""
+        """Free the state and its undeformed distance."""
         super().destroy()
         if self.distance is not None:
             self.distance.destroy()
 
 
 class Boxes(NamedTuple):
-    """Boxes for the next finer window, in cells of this grid."""
+    """Rectangles that determine the next finer window, in cells of this grid."""
 
     outer: Window  # the window of this grid
-    contact: Window | None
-    predicted: Window | None  # possible contact of the target grid that this grid does not resolve
+    contact: Window | None  # bounding box of contact, in cells from the corner of `outer`; None: no contact
+    predicted: Window | None  # bounding box of contact of small asperities of the target grid, see the module
 
 
 class WindowedLevel:
-    """Grid or window of a nested iteration. Collective.
+    """Level of a nested iteration, in a window if possible. Collective.
 
     Parameters
     ----------
-    hierarchy, cache, number
-        Hierarchy, WindowCache and level.
+    hierarchy : Hierarchy
+    cache : WindowCache
+    number : int
+        Number of the level.
     distance : UndeformedDistance
-        On all cells of the level.
-    coarse, boxes : ContactState or None, Boxes or None
-        Of the coarser grid.
+        Undeformed distance on all cells of the level.
+    coarse : ContactState or None
+        Solution of the coarser grid; None: no window.
+    boxes : Boxes or None
+        Result of `boxes_for_next` of the coarser level.
 
     Attributes
     ----------
     state : ContactState
+        State of the window, or of all cells.
     coarse : ContactState or CoarseSolution
-        On the cells below `state`. To be set to None when its arrays may be freed.
+        Coarse solution on the cells below `state`. To be set to None when its arrays may be freed.
     transfer : Transfer
-        Between these.
+        Transfer between the grids of `coarse` and `state`.
     windowed : bool
         `state` is that of a window.
     verification : VerificationProduct or None
+        Product on all cells, for a window of the target grid.
     """
 
     def __init__(self, hierarchy, cache, number, distance, coarse, boxes=None):
@@ -117,7 +128,7 @@ class WindowedLevel:
 
     @PETSc.Log.EventDecorator("ContactWindow")
     def _make_window(self, coarse_window, outer):
-        """Make operators, transfer and state of a window."""
+        """Make the operators, transfer and state of a window."""
         hierarchy, level = self._hierarchy, self._level
         coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
         self._window = window = coarse_window.refine(factors, level.grid)
@@ -136,10 +147,11 @@ class WindowedLevel:
         self.state = WindowState(fine, part)
 
     def boxes_for_next(self, coarse_minimum, depth):
-        """Return the boxes for the next finer window, or None.
+        """Return the Boxes that determine the next finer window.
 
-        Collective over the ranks of the state. `coarse_minimum`: see `Hierarchy.coarse_minimum`, used on the finest
-        grid without a window; `depth`: predicted on the next finer grid [mm].
+        Collective over the ranks of the state. None below the finest grid without a window. That grid predicts contact
+        from `coarse_minimum`, the least undeformed distance of target cells in its cells, and from `depth`, the depth
+        predicted on the next finer grid [mm].
         """
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:
@@ -154,15 +166,15 @@ class WindowedLevel:
         return Boxes(self._window, contact, others[0] if others else predicted)
 
     def close(self):
-        """Release the operators of a window."""
+        """Return the operators of a window to the cache."""
         if self.windowed:
             for operator in self._operators:
                 self._cache.close(operator)
 
     def expand_to_grid(self, converged):
-        """Return the state on all cells, and whether it is complete.
+        """Return the state on all cells, and whether it is solved there.
 
-        It is incomplete if the bodies penetrate outside of a window that has `converged`.
+        It is not if the bodies penetrate outside a window that has `converged`. The state of the window is freed.
         """
         inside, scatter = self.state, self._scatter
         u = self.verification.displacement(inside, converged)
@@ -179,10 +191,11 @@ class WindowedLevel:
 
 
 def _choose_window(boxes, patch, margin, possible):
-    """Return the window around contact of the coarser grid.
+    """Return the next window, in cells of the coarser grid.
 
-    If a smaller window does not pay it is that of the coarser grid, or None if that had none. `possible`: window of the
-    coarser grid around all cells where contact is possible.
+    It contains contact of the coarser grid with its `margin`, and predicted contact. If a smaller window saves no time,
+    it is the window of the coarser grid, or None if that had none. `possible`: window around all cells where contact is
+    possible.
     """
     outer, contact = boxes.outer, boxes.contact
     fallback, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)
@@ -198,13 +211,19 @@ def _choose_window(boxes, patch, margin, possible):
 
 
 def _widen(first, last, margin, lowest, highest):
-    """Add the margin on both sides, within bounds."""
+    """Widen an interval of cells on both sides, within bounds.
+
+    `margin` is a share of its length.
+    """
     by = max(MIN_MARGIN, int(np.ceil(margin * (last - first))))
     return max(first - by, lowest), min(last + by, highest)
 
 
 def _round_up_size(first, last, lowest, highest):
-    """Round up to a cached or fast length; empty stays empty."""
+    """Round up an interval to a cached size or fast FFT length.
+
+    It stays within `lowest` and `highest`; an empty interval stays empty.
+    """
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
         return lowest, lowest
