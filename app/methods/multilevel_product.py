@@ -2,11 +2,13 @@
 
     M = N + P M_H P^T
 
-`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres. `M_H` is the same on cells twice as
-large, and a product by FFT on the coarsest grid: multilevel multi-summation [1]_ of the lowest order. Of long cells
-only the shorter sides are joined until they are nearly square. See `app.methods.multilevel_operators` for its uses.
+`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres. `M_H` is such a product on cells twice
+as large; on the coarsest grid it is a product by FFT. This is multilevel multi-summation [1]_ of the lowest order.
+Long cells are first coarsened in their shorter direction only, until they are nearly square.
+`app.methods.multilevel_operators` makes such products for A and B.
 
-On several ranks a coarse row is on the rank of the first of its two fine rows. The halo has two rows, and a coarse one.
+On several ranks a coarse row belongs to the rank with the first of its two fine rows. The halo has two fine rows and a
+coarse one on each side.
 
 References
 ----------
@@ -23,38 +25,46 @@ from app.parallel.halo import CoarseHalo, Halo
 from app.parallel.reductions import copy_row, njit_reassoc, scale_row, wrap_ends
 from app.parallel.slabs import Slabs, none_if_single
 
-COST_IN_TRANSFORMS = 0.6  # of stencil and interpolation on a cell, over that of a transform and back
+COST_IN_TRANSFORMS = (
+    0.6  # cost of stencil and interpolation per cell, over the cost of an FFT and its inverse
+)
 
 
 def coarse_shape(shape, factors, periodic=False):
-    """Return the coarse shape, with one extra cell per side unless periodic."""
+    """Return the shape of the coarse grid.
+
+    It has one extra cell on each coarsened side unless the patch is periodic.
+    """
     added = 0 if periodic else 2
     return tuple(n // 2 + added if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
 
 
 class MultilevelOperator:
-    """Multilevel M. Collective over the ranks of the layout.
+    """Multilevel product M of one level, with those of coarser levels.
+
+    Collective over the ranks of the layout.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of the fields.
     near : sequence of StencilLevel
-        Of this level and those below.
+        Stencils of this level and the coarser ones.
     coarsest : callable
         ``coarsest(shape, layout)`` returns the product on the coarsest grid.
     layout : Layout
+        Distribution and precision of the fields.
     other : MultilevelOperator, optional
-        On the same grid, never used at the same time: coarse fields are shared.
+        Another product on the same grid, never used at the same time: the coarse fields are shared with it.
     periodic : bool
-        The period is `shape`.
+        The patch is periodic.
 
     Attributes
     ----------
     count : int
-        Products computed so far.
+        Number of products computed so far.
     periods : (int, int)
-        Of the FFT in y and x, in cells.
+        Periods of the FFT in y and x, in cells of this level.
     """
 
     def __init__(self, shape, near, coarsest, layout=SERIAL, other=None, periodic=False):
@@ -91,7 +101,10 @@ class MultilevelOperator:
 
     @property
     def points(self):
-        """Points transformed so far, or their equivalent in operations."""
+        """Number of cells transformed by FFT so far.
+
+        Stencils and interpolation count as the number of cells whose FFT takes as long.
+        """
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
@@ -124,7 +137,7 @@ class MultilevelOperator:
 
 
 # Padded rows have REACH zeros at either end, or the periodic continuation, so that the sides of the patch need no
-# branches. A factor 3 has the type of the rows: a Python number would multiply single precision in double.
+# branches. The factor `three` has the type of the rows: a Python number would turn single precision into double.
 
 
 @njit_reassoc
@@ -143,14 +156,17 @@ def _split(row, even, odd):
 
 @njit_reassoc
 def _halve(even, odd, sixteenth, three, out):
-    """Sum four cells each with weights 1, 3, 3, 1."""
+    """Sum neighbouring cells with weights 1, 3, 3, 1 into coarse cells."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 
 
 @njit_reassoc
 def _double(row, sixteenth, three, out):
-    """Interpolate a padded coarse row linearly, times 1/4."""
+    """Interpolate a padded coarse row linearly in x.
+
+    The result is multiplied by 1/4, the weight of the farther row in y.
+    """
     for i in range(row.size - 2):
         most = three * row[i + 1]
         out[2 * i] = sixteenth * (most + row[i])
@@ -161,7 +177,10 @@ def _double(row, sixteenth, three, out):
 
 @njit_reassoc
 def _in_y(rows, stencil, middle, once, twice):
-    """Apply the three columns of the stencil."""
+    """Apply the stencil in y: sum five rows with its weights.
+
+    `middle`, `once` and `twice` receive the sums for columns at distance 0, 1 and 2.
+    """
     a, b, c, d, e = rows
     here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]
     next0, next1, next2 = stencil[1, 0], stencil[1, 1], stencil[1, 2]
@@ -175,7 +194,10 @@ def _in_y(rows, stencil, middle, once, twice):
 
 @njit_reassoc
 def _in_x(middle, once, twice, near, far, three, out):
-    """Add the columns and the interpolation in y."""
+    """Apply the stencil in x, and add the interpolated coarse rows.
+
+    `middle`, `once` and `twice` are the sums of `_in_y`; `near` and `far` the nearer and farther coarse row.
+    """
     for i in range(out.size):
         next_cells, last_cells = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
         out[i] = three * near[i] + far[i] + middle[i + 2] + next_cells + last_cells
@@ -183,7 +205,10 @@ def _in_x(middle, once, twice, near, far, three, out):
 
 @njit()
 def _copy_row_at(j, p, rows, before, after, out):
-    """Copy local row j; return whether it is nonzero."""
+    """Copy row j of p or its halo; return whether it may be nonzero.
+
+    Rows are counted from the first local one; rows outside are zero.
+    """
     if 0 <= j < len(p):
         if rows[j]:
             copy_row(p[j], out)
@@ -200,9 +225,10 @@ def _copy_row_at(j, p, rows, before, after, out):
 
 @njit()
 def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
-    """Compute coarse = P^T p.
+    """Restrict p to the coarse grid: coarse = P^T p.
 
-    `first`: number of the first row of the slab; `four`, `halves`: work rows.
+    `first` and `first_coarse` are the numbers of the first fine and coarse row of this rank; `four` and `halves` are
+    work rows.
     """
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
     pad = 1 if periodic else 3
@@ -235,7 +261,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
 
 @njit()
 def _widen(row, fx, three, periodic, wide, out):
-    """Interpolate a coarse row in x, times 1/4."""
+    """Interpolate a coarse row linearly in x, times 1/4; `wide`: work row."""
     if fx == 1:
         scale_row(row, row.dtype.type(1 / 4), out)
     elif periodic:
@@ -248,7 +274,10 @@ def _widen(row, fx, three, periodic, wide, out):
 
 @njit()
 def _widen_parent(k, above, coarse, below, fx, three, periodic, wide, out):
-    """Interpolate coarse row k, counted from `above`."""
+    """Interpolate coarse row k in x, times 1/4.
+
+    Rows are counted from the first of `above`, the halo.
+    """
     here = k - len(above)
     if here < 0:
         _widen(above[k], fx, three, periodic, wide, out)
@@ -263,10 +292,10 @@ def _add_near(
     p, rows, before, after, stencil, parents, first, first_coarse, factors, periodic, out, five, columns, doubled,
     wide,
 ):  # fmt: skip
-    """Compute out = N p + P coarse on `rows`.
+    """Compute the stencil's product plus the interpolated coarse field.
 
-    `parents`: coarse rows above, in and below the slab; `five`, `columns`, `doubled`, `wide`: work rows, the first with
-    zeros at the ends.
+    It is out = N p + P coarse. Only `rows` are computed. `parents` are the coarse rows above, in and below the slab.
+    `five`, `columns`, `doubled` and `wide` are work rows; those of `five` have zeros at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):

@@ -4,7 +4,7 @@ PATIENCE = 8  # iterations within which a residual must be halved
 
 
 class NeedsSafeguard(Exception):
-    """Lack of progress, with the Outcome so far."""
+    """Raised if an iteration makes no progress; `outcome` is its Outcome."""
 
     def __init__(self, outcome):
         super().__init__(outcome.reason)
@@ -17,19 +17,22 @@ class HalvingTest:
     Attributes
     ----------
     best : float
-        Number to be halved.
+        Value that must be halved next.
     """
 
     def __init__(self, best=float("inf")):
         self.best, self._since = best, 0
 
     def update(self, number, otherwise=False):
-        """Record the number, or `otherwise` other progress."""
+        """Record the value of an iteration.
+
+        `otherwise`: the iteration made progress of another kind, which counts like halving.
+        """
         self._since += 1
         if number <= 0.5 * self.best or otherwise:
             self.best, self._since = min(number, self.best), 0
 
     @property
     def stagnates(self):
-        """True if the number was not halved for PATIENCE iterations."""
+        """True if there was no progress for PATIENCE iterations."""
         return self._since >= PATIENCE

@@ -1,13 +1,13 @@
 """Safeguard: projected Newton's method, which is proved to converge.
 
-It solves ``min f(p) = p.Ap / 2 + h.p, p >= 0`` [1]_. The direction d is an approximate solution of (2.11) on C, without
-the cells that have a gap and next to no pressure. The step along ``p(alpha) = max(p + alpha d, 0)`` is halved until f
-falls by Armijo's condition. With alpha = 1 these are steps 2 to 4 of Sec. 4.1. f falls in every iteration and the
-limit is the solution, for any symmetric positive definite preconditioner and any number of CG steps [1, Prop. 2].
+It solves ``min f(p) = p.Ap / 2 + h.p, p >= 0`` [1]_. The direction d solves (2.11) approximately on the contact set C,
+without the cells that have a gap and next to no pressure. The step along ``p(alpha) = max(p + alpha d, 0)`` is halved
+until f falls by Armijo's condition. With alpha = 1 these are steps 2 to 4 of Sec. 4.1. f falls in every iteration and
+the limit is the solution, for any symmetric positive definite preconditioner and any number of CG steps [1, Prop. 2].
 A prescribed load is met by a bracketing root search around it, since the load is monotone in the approach.
 
-All is in double precision. It needs some more vectors while it runs. The result counts the grids it was used on
-(``fallbacks``).
+All numbers are in double precision. The method needs some more vectors while it runs. The result counts the grids on
+which it was used (``fallbacks``).
 
 References
 ----------
@@ -26,15 +26,17 @@ from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import HalvingTest
 from app.multigrid.linear_solver import LinearSolver
 
-MAX_EXCLUDED_PRESSURE = 0.01  # of the largest pressure, for cells with a gap that the system leaves out
+MAX_EXCLUDED_PRESSURE = (
+    0.01  # largest pressure of a cell with a gap that the system leaves out, over the maximum
+)
 ARMIJO_FRACTION = 1e-4
 MAX_HALVINGS = 40
 
 
 def solve_safeguarded(hierarchy, number, state, loading, stop, history):
-    """Solve on one grid by the safeguard.
+    """Solve on one grid by projected Newton's method; return the Outcome.
 
-    Collective over the ranks of `state`.
+    Collective over the ranks of `state`. `number` is that of the level.
     """
     operator = state.operator
     with operator.double_precision():
@@ -52,9 +54,10 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
 
 
 def projected_newton(state, solver, stop, history):
-    """Solve (2.8)-(2.10) for the approach of `state`, from its pressure.
+    """Solve the contact problem (2.8)-(2.10) by projected Newton's method.
 
-    Collective over the ranks of `state`. Parameters and result as of `active_set`; the solver is in double precision.
+    Collective over the ranks of `state`, which has the approach and the first pressure. Parameters and result as of
+    `active_set`; the solver is in double precision.
     """
     history.start(state, solver)
     state.project()
@@ -107,16 +110,16 @@ def projected_newton(state, solver, stop, history):
 
 
 def _compute_gap(state, p):
-    """Return A p and h + A p. Collective."""
+    """Return displacement A p and gap h + A p. Collective."""
     u = np.empty(p.shape)
     state.operator.displacement(p, u)
     return u, u - (state.distance.b + state.depth)
 
 
 def _excluded_pressure(state, gap):
-    """Return the largest pressure of excluded cells with a gap.
+    """Return the pressure below which cells with a gap are excluded.
 
-    Collective. It vanishes in the limit.
+    Collective. It tends to zero as the iteration converges.
     """
     p = state.p
     step = np.abs(state.bounds.change(p, -gap / state.operator.diagonal))
@@ -125,7 +128,10 @@ def _excluded_pressure(state, gap):
 
 
 def _update_contact(state, gap, before):
-    """Set C by pressure and overlap; return the Update. Collective."""
+    """Set the contact set to the cells with pressure or overlap. Collective.
+
+    `gap` is h + A p, `before` the contact set that the returned Update is compared with.
+    """
     state.contact[...] = state.bounds.contact(state.p, gap)
     counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()
     inside = gap[state.contact]

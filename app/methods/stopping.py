@@ -10,19 +10,21 @@ IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may 
 
 @dataclass(frozen=True)
 class InexactStop(StoppingTest):
-    """Stopping test (5.1), also on contact alone; that of coarser grids.
+    """Stopping test of the target and coarser grids.
+
+    On the target grid it is (5.1), ||r|| <= rtol ||h||, with a second limit from ||h|| on the contact set C alone.
 
     Parameters
     ----------
     coarse_rtol : float
-        ||r|| / ||h|| on C at which a coarser grid is left.
+        Largest ||r|| / ||h|| on C with which a coarser grid is left.
     predictor : float
         Factor on the predicted change of u by which cells enter C.
     error_bound : float
-        Largest proved error of a solved target grid (`app.contact.certificate`).
+        Largest error bound of the certificate (`app.contact.certificate`) with which the target grid is solved.
     defect_correction : float
-        Share of the residual that is left to the next product by FFT. Changes of u are multilevel products until
-        then; 0: all products are by FFT.
+        Fraction of the residual at the last FFT product that multilevel products must reach before the next FFT
+        product. 0: all products are by FFT.
     """
 
     coarse_rtol: float = 0.0
@@ -31,10 +33,11 @@ class InexactStop(StoppingTest):
     defect_correction: float = 0.0
 
     def allowed(self, state, h_on_contact=None):
-        """Return the largest norm of r on C that passes [mm].
+        """Return the largest norm of the residual that passes the test [mm].
 
-        Collective, unless ||h|| on C is given [mm]. On the target grid the test is (5.1), and 100 rtol ||h|| on C. On
-        coarser grids it is coarse_rtol times the smaller of these ||h||. If h vanishes on C it is rtol ||h||.
+        Collective, unless `h_on_contact`, the norm of h on C, is given [mm]. On the target grid the limit is
+        rtol ||h||, or 100 rtol ||h|| on C if smaller. On coarser grids it is coarse_rtol times the smaller of these
+        norms. If h vanishes on C it is rtol ||h||.
         """
         norm = state.distance.norm()
         h_on_contact = state.on_contact(with_h=True).h if h_on_contact is None else h_on_contact
@@ -45,23 +48,25 @@ class InexactStop(StoppingTest):
         return min(self.rtol * norm, max(IN_CONTACT * self.rtol, ROUNDING_RESIDUAL) * h_on_contact)
 
     def certified(self, state, work=None):
-        """Return whether the certificate is within `error_bound`.
+        """Return whether the certificate proves an error of at most `error_bound`.
 
-        Collective. True on coarse grids, and where a smaller rtol is below rounding. `work`: a field to work in.
+        Collective. True without a test on coarse grids, and if rtol is so small that rounding prevents a smaller one.
+        `work`: array that may be overwritten.
         """
         if not self.final or IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL:
             return True
         return estimate(state, self.error_bound, work).error_bound <= self.error_bound
 
     def is_weak(self, state, h_on_contact):
-        """Return whether ||h|| on C [mm] is below 1% of ||h||.
+        """Return whether (5.1) is weak because contact is small.
 
-        (5.1) is weak then. The certificate is checked before a verification product then.
+        This is the case if `h_on_contact`, the norm of h on C [mm], is below 1% of ||h||. Then the certificate is
+        checked before a verification product.
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 
     def for_coarse_grid(self):
-        """Return the test of a coarse grid; C may change.
+        """Return the test of coarser grids, which need no unchanged contact set.
 
         Step 3.b of Sec. 4.3 requires the opposite.
         """

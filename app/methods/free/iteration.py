@@ -107,7 +107,10 @@ class _ContactSets:
         return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
-        """Solve the contact set's system (2.11) inexactly, by steps 2 and 3."""
+        """Solve the contact set's system (2.11) inexactly.
+
+        These are steps 2 and 3 of Sec. 4.1.
+        """
         stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
         if stop.final and multilevel:  # on coarse grids this error is below that of the grid
