@@ -1,16 +1,17 @@
 """Multilevel products with A and with B, its periodic inverse.
 
-They have stencils on several grids and an FFT on the coarsest one. B differs from that by FFT by less than CG notices.
-Some coarse cells separate opposite edges of the patch.
+A multilevel product applies stencils on several grids and an FFT on the coarsest one. Small grids have no stencils,
+since an FFT is fast there.
 
-Multilevel A has an error of about 1% on short waves and less on long ones, and takes a quarter to a third of the time
-of a product in single precision. That is enough for corrections of the pressure, whose displacement the next product
-replaces (defect correction [1]_).
+On a free patch multilevel B is a preconditioner: the number of CG iterations is the same as with B by FFT. The coarse
+grid is wider than the patch, so that opposite edges of the patch do not touch in the periodic continuation.
 
-On a periodic patch the multilevel operator is B. Its error is up to 0.5% on short waves of ``love``'s cells, and up to
-9% on those of the ``spectral`` symbol, which has a kink there.
+Multilevel A has an error of about 1% on short waves and less on long ones. It takes a quarter to a third of the time
+of a product by FFT in single precision. This accuracy is enough for corrections of the pressure, since the next product
+by FFT replaces their displacement (defect correction [1]_).
 
-Small grids have no stencils, since an FFT is fast there.
+On a periodic patch only B has a multilevel product. On short waves its error is up to 0.5% for the ``love`` symbol, and
+up to 9% for the ``spectral`` symbol, which has a kink there.
 
 References
 ----------
@@ -36,27 +37,31 @@ from app.methods.symbol import (
     near_field_correction,
 )
 
-MIN_CELLS = 128  # in a direction that is coarsened: on smaller grids an FFT is faster
+MIN_CELLS = 128  # in the longer direction: on smaller grids an FFT is faster
 MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact without padding
 
 
 def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
-    """Return B of a free patch, continued periodically.
+    """Create B, the inverse of A of a free patch continued periodically.
 
     Collective over the ranks of the layout.
 
     Parameters
     ----------
-    grid, compliance
-        See `InfluenceOperator`.
+    grid : Grid
+        Grid of the patch.
+    compliance : float
+        Compliance of the half-space [mm2/N].
     layout : Layout
+        Distribution and precision of the fields.
     apart : bool
-        With free cells between the patch and its copies, and multilevel except on small grids: for CG. Otherwise use
-        a plain FFT without a gap between periods; `lift` needs this to avoid a jump of the displacement.
+        True for CG: free cells separate the patch from its copies, and B is multilevel except on small grids. False
+        for `lift`: a plain FFT without a gap, across which the displacement would jump.
 
     Returns
     -------
     EvenMultiplier or MultilevelOperator
+        B by FFT, or multilevel.
     """
     near = _stencils(grid, -1, compliance) if apart else []
     (cy, cx), periods = coarsening_factors(near), _coarsest_shape(grid, near)
@@ -67,10 +72,10 @@ def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
 
 
 def create_multilevel_inverse(grid, compliance, layout=SERIAL):
-    """Return a multilevel B of a periodic patch, or None.
+    """Create the multilevel B of a periodic patch, or return None.
 
-    Collective over the ranks of the layout. It has no stencils for few cells or an odd number. Parameters as of
-    `create_circulant_inverse`.
+    Collective over the ranks of the layout. None if the grid is too small, or has an odd number of cells. Parameters as
+    of `create_circulant_inverse`.
     """
     near = _stencils(grid, -1, compliance)
     return (
@@ -79,7 +84,10 @@ def create_multilevel_inverse(grid, compliance, layout=SERIAL):
 
 
 def _create_inverse(grid, compliance, layout, near, periods, mean):
-    """Return B with given FFT periods; `mean`: eigenvalue for constants."""
+    """Create B with stencils on levels `near`, or by FFT alone.
+
+    `periods` are those of the FFT on the coarsest grid; `mean` is the eigenvalue of A for constants.
+    """
     cy, cx = coarsening_factors(near)
 
     def symbol(columns, rows):
@@ -99,10 +107,10 @@ def _create_inverse(grid, compliance, layout, near, periods, mean):
 
 
 def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
-    """Return a multilevel A of a free patch, or None.
+    """Create the multilevel A of a free patch, or return None.
 
-    Collective over the ranks of the layout. Small grids have none. `other`: see `MultilevelOperator`; other parameters
-    as of `create_circulant_inverse`.
+    Collective over the ranks of the layout. None if the grid is small. `other` is another multilevel product with which
+    coarse fields are shared; the other parameters are as of `create_circulant_inverse`.
     """
     near = _stencils(grid, 1, compliance)
     if not near:
@@ -126,7 +134,10 @@ def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
 
 
 def multilevel_influence(operator):
-    """Return the multilevel A of an operator, or None. Collective."""
+    """Return the multilevel A of an InfluenceOperator. Collective.
+
+    It is created on first use; None on periodic patches and small grids.
+    """
     if operator.grid.periodic:
         return None
     inverse = operator.multipliers.get("apart")
@@ -135,14 +146,17 @@ def multilevel_influence(operator):
 
 
 def multilevel_inverse(operator):
-    """Return the multilevel B of an operator, or None. Collective."""
+    """Return the multilevel B of a periodic InfluenceOperator. Collective.
+
+    It is created on first use; None on small grids and for odd numbers of cells.
+    """
     return get_or_create(operator, "inverse", create_multilevel_inverse)
 
 
 def get_or_create(operator, name, create, **options):
-    """Return a multiplier of an operator, created on first use.
+    """Return the multiplier `name` of an operator, created on first use.
 
-    Collective then. None on ranks without rows.
+    The creation by `create` is collective. None on ranks without rows.
     """
     multipliers = operator.multipliers
     if name not in multipliers and operator.active:
@@ -159,7 +173,10 @@ def prepare(grid):
 
 
 def _stencils(grid, power, compliance=1.0):
-    """Return stencils of large enough levels, of A^power."""
+    """Return the StencilLevels of A (`power` 1) or its inverse (-1).
+
+    There are none for levels so small that an FFT is faster.
+    """
     smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []

@@ -205,9 +205,9 @@ def _in_x(middle, once, twice, near, far, three, out):
 
 @njit()
 def _copy_row_at(j, p, rows, before, after, out):
-    """Copy row j of p or its halo; return whether it may be nonzero.
+    """Copy row j of p or its halo to `out`.
 
-    Rows are counted from the first local one; rows outside are zero.
+    Rows are counted from the first local one; rows outside are zero. Returns whether the row may be nonzero.
     """
     if 0 <= j < len(p):
         if rows[j]:

@@ -1,8 +1,8 @@
 """PETSc's solvers for bound constraints, TAO and SNESVI.
 
-For comparison and as oracles. TAO minimises ``p.Ap / 2 + h.p, p >= 0`` (``-lcp_type tao -tao_type tron``), SNESVI
-solves the complementarity problem (``-lcp_type snesvi``). They are configured by ``-tao_*``, ``-snes_*``, ``-ksp_*``
-and ``-pc_*``.
+They serve for comparison and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0`` (``-lcp_type tao
+-tao_type tron``), SNESVI solves the complementarity problem (``-lcp_type snesvi``). Both are configured by ``-tao_*``,
+``-snes_*``, ``-ksp_*`` and ``-pc_*``.
 """
 
 import time
@@ -22,10 +22,10 @@ FAILURE_CODES = 63, 72, 77, 82, 91
 
 
 class _ReferenceSolver:
-    """Base of both solvers, on the target grid of a hierarchy. Collective."""
+    """Base of `Tao` and `SnesVI`, on the target grid. Collective."""
 
     _name = ""
-    types = ()  # with bounds that only need products with the matrix; the first is the default
+    types = ()  # PETSc's types that handle bounds with matrix products only; the first is the default
 
     def __init__(self, hierarchy, stop):
         self.operator = hierarchy.target
@@ -41,9 +41,10 @@ class _ReferenceSolver:
         self._h = self.mat.createVecRight()
 
     def solve(self, state, history, start=None):
-        """Solve from the pressure of a Solution `start`, if given.
+        """Solve the contact problem for the approach of `state`.
 
-        Raises a PETSc.Error if the chosen linear solver needs more than this matrix offers.
+        The first pressure is that of the Solution `start`, if given. Returns the Outcome. Raises a PETSc.Error if the
+        chosen linear solver needs more than products with the matrix.
         """
         for listener in history.listeners:
             listener.start(state, self.level)
@@ -81,9 +82,9 @@ class _ReferenceSolver:
         return Outcome(converged, reason, self.iterations, norm / state.distance.norm())
 
     def _residual(self, state):
-        """Return the norms of residual and penetration outside contact [mm].
+        """Return the norms of gap in contact and overlap outside [mm].
 
-        By a product in double precision. Sets contact and displacement.
+        They are computed by a product in double precision. Sets the contact set and displacement of `state`.
         """
         state.project()
         state.contact[...] = state.bounds.between(state.p)
@@ -94,9 +95,9 @@ class _ReferenceSolver:
         return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()
 
     def _record(self, iteration, norm):
-        """Record an iteration with this norm of the residual [mm].
+        """Record an iteration with PETSc's `norm` of its residual.
 
-        The entry is written at the next one, since the last one gets the residual (5.1).
+        The entry is written one iteration later, since that of the last iteration gets the residual of (5.1) instead.
         """
         self._write_entry()
         if not iteration:
@@ -117,12 +118,12 @@ class _ReferenceSolver:
         self._entry = None
 
     def destroy(self):
-        """Free matrix and vectors."""
+        """Free the matrix and vectors."""
         for part in (self.mat, self._h):
             part.destroy()
 
     def _configure(self, solver):
-        """Set the options of PETSc's solver."""
+        """Set PETSc's options on `solver`; free everything if one is invalid."""
         try:
             with unwrap_errors():
                 solver.setFromOptions()
@@ -131,7 +132,7 @@ class _ReferenceSolver:
             raise
 
     def _default_tolerances(self, **tolerances):
-        """Return the tolerances without an option of the user."""
+        """Return the default values of tolerances that no option sets."""
         options = PETSc.Options(self.prefix)
         return {key: value for key, value in tolerances.items() if not options.hasName(f"{self._name}_{key}")}
 
@@ -165,7 +166,7 @@ class Tao(_ReferenceSolver):
 
     @property
     def iterations(self):
-        """Iterations of the last solve."""
+        """Number of TAO iterations of the last solve."""
         return self.tao.getIterationNumber()
 
     def _count(self, ksp, iteration, norm):
@@ -197,7 +198,7 @@ class Tao(_ReferenceSolver):
         return f"TAO {self.tao.getType()}: {reason_names(TAO_REASONS)[self.tao.getConvergedReason()]}"
 
     def destroy(self):
-        """Free the solver."""
+        """Free the TAO solver, matrix and vectors."""
         self.tao.destroy()
         super().destroy()
 
@@ -229,12 +230,12 @@ class SnesVI(_ReferenceSolver):
 
     @property
     def iterations(self):
-        """Iterations of the last solve."""
+        """Number of SNES iterations of the last solve."""
         return self.snes.getIterationNumber()
 
     @property
     def inner(self):
-        """Iterations of the linear solver in the present solve."""
+        """Number of linear iterations in the present solve."""
         return self.snes.getLinearSolveIterations()
 
     def _function(self, snes, x, f):
@@ -254,7 +255,7 @@ class SnesVI(_ReferenceSolver):
         return f"SNES {self.snes.getType()}: {reason}"
 
     def destroy(self):
-        """Free the solver."""
+        """Free the SNES solver, matrix and vectors."""
         self.snes.destroy()
         self._template.destroy()
         super().destroy()

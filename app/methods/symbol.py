@@ -1,18 +1,20 @@
-"""Eigenvalues of A continued periodically, and their stencils.
+"""Stencils that approximate A and its inverse on a periodic patch.
 
-Except for its mean, a patch that is continued periodically has the influence matrix of
-`app.halfspace.periodic_symbol` with ``love``'s cells. In units of a cell, its eigenvalues depend on the aspect of the
-cell only, so all grids of a problem share these results. They are `sinc sinc / |q|`, that of a cell, plus those of its
-images in Fourier space, which are smooth and interpolated.
+The stencils of a hierarchy of grids make up a multilevel product (`app.methods.multilevel_product`). They are fitted to
+the eigenvalues lambda(q) of A at wave vectors q. A free patch is continued periodically: its eigenvalues are those of
+`app.halfspace.periodic_symbol` for ``love``, the uniform pressure on cells, except for q = 0. In units of a cell they
+depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the spectrum of
+one cell, `sinc sinc / |q|`, plus its aliases, whose sum is smooth in q and interpolated.
 
-The eigenvalues, about 1 / |q|, and their inverse are smooth except at q = 0. Those of the ``spectral`` symbol, 1 / |q|,
-also have a kink at the highest waves. So a stencil approximates them for all but long waves. The remainder has long
-waves only and is represented on a grid twice as coarse, and so on:
+lambda, about 1 / |q|, and 1 / lambda are smooth except at q = 0. (For the ``spectral`` symbol, 1 / |q|, they also have
+a kink at the highest waves.) So a stencil approximates them for all but long waves. The remainder contains long waves
+only and is represented on a grid twice as coarse, and so on for level l = 0, 1, ...:
 
-    g_0 = lambda or 1 / lambda,    g_l = n_l + 4 c^6 g_(l+1)(2 k),    c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
+    g_0 = lambda or 1 / lambda,    g_l(k) = n_l(k) + 4 c^6 g_(l+1)(2 k),    c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
 
-`n_l` a stencil of 5 x 5 cells, 4 c^6 the effect of interpolation from the coarser grid and its transpose on a wave. Of
-long cells only the shorter sides are joined until they are nearly square: then it is 2 cos(ky / 2)^6, or that of x.
+with k the wave numbers in units of the cells of level l, `n_l` the eigenvalues of a stencil of 5 x 5 cells, and 4 c^6
+the factor of restriction and interpolation. Long cells are first coarsened in their shorter direction only, until they
+are nearly square; the factor is then 2 cos(kx / 2)^6 or 2 cos(ky / 2)^6 in place of 4 c^6.
 """
 
 from functools import lru_cache
@@ -26,42 +28,49 @@ from app.halfspace.grid import Grid
 from app.halfspace.periodic_symbol import influence_symbol
 
 REACH = 2  # cells of a stencil in each direction
-CHEBYSHEV_TERMS = 10  # even polynomials in a direction: accurate to rounding
-SAMPLED_WAVES = 48  # in a direction, that a stencil is fitted to
-MIN_FITTED_WAVE = 0.32  # of the highest frequency; longer waves are left to coarser grids
-MAX_ASPECT = 1.75  # of cells whose sides are joined in both directions
+CHEBYSHEV_TERMS = 10  # even polynomials in each direction: accurate to rounding
+SAMPLED_WAVES = 48  # wave numbers in each direction to which a stencil is fitted
+MIN_FITTED_WAVE = (
+    0.32  # smallest fitted wave number over the highest one; longer waves are left to coarser grids
+)
+MAX_ASPECT = 1.75  # largest side ratio of cells that are coarsened in both directions
 MAX_CELLS_PER_COARSE_CELL = 256  # fine cells per cell of the coarsest grid
-MAX_INTERPOLATED_ASPECT = 16.0  # of cells; longer ones would need too many Chebyshev terms
+MAX_INTERPOLATED_ASPECT = 16.0  # largest side ratio of cells; longer ones would need too many Chebyshev terms
 _WAVES = (np.arange(SAMPLED_WAVES) + 0.5) / SAMPLED_WAVES
 
 
 class StencilLevel(NamedTuple):
-    """Stencil of a level and factors to the next."""
+    """Stencil of a level, and its coarsening factors to the next level."""
 
-    stencil: np.ndarray  # (REACH + 1, REACH + 1), a quadrant [x, y], whose sides count twice, as cosines do
-    factors: tuple  # (fy, fx)
+    stencil: (
+        np.ndarray
+    )  # (REACH + 1, REACH + 1), a quadrant [x, y] as factors of cosines: twice the weight of a side
+    factors: tuple  # (fy, fx), fine cells per coarse cell
 
 
 def coarsening_factors(near):
-    """Return fine cells (in y, in x) per cell below some levels."""
+    """Return the number of finest cells per coarse cell in y, x.
+
+    The coarse cells are those of the grid below the levels `near`.
+    """
     return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
 
 def eigenvalues(grid, compliance, x, y):
-    """Compute eigenvalues of A continued periodically, except the mean.
+    """Compute eigenvalues of A continued periodically.
 
     Parameters
     ----------
     grid : Grid
     compliance : float
-        [mm2/N].
+        Compliance of the half-space [mm2/N].
     x, y : ndarray
-        Wave numbers in x and y over the highest ones, pi / dx and pi / dy, 0 to 1.
+        Wave numbers in x and y, divided by the highest ones, pi / dx and pi / dy: 0 to 1.
 
     Returns
     -------
-    ndarray, shape (x, y), [mm / (N/mm2)]
-        Infinite for a wave number 0 in both.
+    ndarray, shape (x.size, y.size), [mm / (N/mm2)]
+        Eigenvalue for each pair of wave numbers; infinite for the constant, where both are 0.
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
@@ -92,14 +101,17 @@ def _compute_directly(kind, dx, dy, x, y):
 
 @lru_cache(maxsize=16)
 def _smooth_part(dx, dy):
-    """Return Chebyshev coefficients [x, y] of the images in Fourier space."""
+    """Return Chebyshev coefficients [x, y] of the sum of aliases."""
     counts = [int(np.ceil(CHEBYSHEV_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
     x, y = map(chebyshev_nodes, counts)
     return fit_even_chebyshev(_compute_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))
 
 
 def centre(grid):
-    """Return the 3 x 3 centre of B, in some unit."""
+    """Return the 3 x 3 centre of B, in some unit.
+
+    B is the inverse of A continued periodically.
+    """
     side = max(grid.dx, grid.dy)
     return _centre(grid.dx / side, grid.dy / side)
 
@@ -112,9 +124,9 @@ def _centre(dx, dy):
 
 
 def fit_stencils(grid, power=-1):
-    """Return the StencilLevels of A (`power` 1) or its inverse (-1).
+    """Fit stencils to A (`power` 1) or its inverse (-1).
 
-    They are for unit compliance and cells whose longer side is 1.
+    Returns StencilLevels, finest first, for unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
@@ -142,10 +154,11 @@ def _stencils(kind, dx, dy, power):
 
 
 def near_field_correction(grid, levels):
-    """Return the difference of coarsest symbol and influence coefficients.
+    """Return the near-field correction of influence coefficients.
 
+    On the grid below `levels` levels with stencils, multilevel A needs the influence coefficients plus this correction.
     It vanishes at large distances, where only the load of a cell matters, not its shape. Shape (offsets in y, offsets
-    in x), for unit compliance, cells of the finest grid whose longer side is 1, and a number of `levels` with stencils.
+    in x), for unit compliance and cells of the finest grid whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     return _near_field_correction(grid.dx / side, grid.dy / side, levels)
@@ -163,15 +176,15 @@ def _near_field_correction(dx, dy, levels):
 
 
 def _powers(kind, dx, dy, x, y, power):
-    """Return g_0 at wave numbers."""
+    """Return g_0 = lambda^power at wave numbers x, y, for unit compliance."""
     return (2 * np.pi * _eigenvalues(kind, dx, dy, x, y)) ** power
 
 
 def coarsen_symbol(values, near, x, y):
-    """Return the remainder of g_0 below some levels.
+    """Return the remainder g_l of g_0 on the grid below levels `near`.
 
-    `values`, shape (x, y), are g_0 at wave numbers x, y over the highest ones of the finest grid; `near`: StencilLevels
-    in units of g_0.
+    `values`, shape (x, y), are g_0 at wave numbers x, y, divided by the highest ones of the finest grid. `near` are
+    StencilLevels in the unit of g_0.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T
