@@ -107,12 +107,6 @@ def test_box_product_does_not_depend_on_ranks(comm, dtype):
         assert_close(comm, u, (expected[slabs.rows], expected), tolerance)
 
 
-@pytest.mark.mpi(2, 3)
-def test_small_group_limit_gives_many_column_groups(comm):
-    with many_groups():
-        assert len(make_convolution(comm, GRIDS["many groups"])._groups) > 4
-
-
 @pytest.mark.mpi(1, 2, 3)
 @each_grid
 @each_block

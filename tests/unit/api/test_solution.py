@@ -10,6 +10,7 @@ from cases import APPROACH, hertz, punch
 
 from app import ContactProblem, ContactSolver, Grid, Material, Solution, Sphere, read_result, solve
 from app.api.solution import RUN_ATTRIBUTES
+from app.api.summary import summary
 from app.base import petsc
 from app.base.errors import InputError
 
@@ -178,3 +179,23 @@ def test_wrong_attributes_of_a_file_are_refused_in_one_line(message, call):
     with pytest.raises(InputError, match=message) as refused:
         call()
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("lift", [0.0, -0.3])
+def test_the_indentation_counts_from_first_touch(tmp_path, periodic, lift):
+    """Whatever zero heights have; what is prescribed, and what the file and a path say."""
+    grid, steel = Grid.from_domain(32, 32, (-1, 1, -1, 1)), Material.from_contact_modulus(1e3)
+    gap = np.random.default_rng(4).random(grid.shape) * 1e-2 + lift
+    problem = ContactProblem(grid, steel, gap, periodic=periodic)
+    with ContactSolver(problem) as solver:
+        found = solver.solve(approach=gap.min() + 2e-3)
+        assert found.indentation == pytest.approx(2e-3, rel=1e-9)
+        assert solver.solve(approach=gap.min() - 1e-3).indentation == pytest.approx(-1e-3, rel=1e-9)
+        path = solver.path(load=[found.load / 2, found.load])
+        last = list(path)[-1]
+    assert last.indentation == pytest.approx(2e-3, rel=1e-4)
+    np.testing.assert_allclose(path.table["indentation"], path.table["approach"] - gap.min(), rtol=1e-9)
+    last.save(tmp_path / "r.h5")
+    assert read_result(tmp_path / "r.h5").indentation == last.indentation
+    assert ("beyond first touch" in summary(last.attributes | {"contact_patches": 1}, grid)) == (lift < 0)

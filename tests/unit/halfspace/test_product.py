@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 from operators import DOUBLE, GRIDS, PERIODIC, STEEL, make_convolution, matrix_of, random_field
 
-from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.operator import InfluenceOperator
@@ -75,13 +74,6 @@ def test_product_is_symmetric_and_positive_definite(grid):
         product.apply(q, Aq)
         assert abs(np.vdot(q, Ap) - np.vdot(p, Aq)) <= 1e-13 * scale
         assert np.vdot(p, Ap) > 0
-
-
-def test_transform_length_is_even_and_avoids_wraparound():
-    for n in [*range(1, 70), 127, 1000, 1024]:
-        period = transform_length(n)
-        assert 2 * n - 1 <= period <= 1.34 * 2 * n + 1
-        assert period % 2 == 0
 
 
 @each_periodic_grid

@@ -7,8 +7,6 @@ import pytest
 
 from app.halfspace.grid import Grid
 from app.methods.periodic import stencil
-from app.parallel.halo import Halo
-from app.parallel.slabs import Slabs
 
 WEIGHTS = 0.7, *(np.float32(w) for w in (-0.19, -0.16, -0.04))
 
@@ -182,15 +180,6 @@ def test_long_waves_are_interpolated_and_added_to_the_first_sweep(shape, factors
     waves = bilinear((ay, by), shape[0], below.ny) @ coarse @ bilinear(in_x, shape[1], below.nx).T
     expected = swept(source, free, shares[1:], shares[0] * source + free * waves)
     np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
-
-
-@pytest.mark.parametrize("width", [1, 3, 7, 20])
-@pytest.mark.parametrize("rows", [1, 2, 6])
-def test_halo_of_one_slab_is_periodic(rows, width):
-    field = np.arange(3.0 * rows).reshape(rows, 3)
-    before, after = Halo(Slabs(rows), None, width)(field)
-    np.testing.assert_array_equal(before, field[np.arange(-width, 0) % rows])
-    np.testing.assert_array_equal(after, field[np.arange(width) % rows])
 
 
 @pytest.mark.parametrize("cut", [0, 2, 5])

@@ -5,6 +5,7 @@ import pytest
 from operators import random_field
 
 from app.halfspace.grid import Grid
+from app.methods.periodic.two_grid import TwoGrid
 
 SINGLE = 2e-6
 
@@ -29,6 +30,7 @@ each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 
 
 def applied(solver, field):
+    assert isinstance(solver.preconditioner, TwoGrid)
     z = np.empty(field.shape)
     solver.preconditioner.smooth(field, z)
     return z

@@ -7,6 +7,7 @@ from running import assert_proved_equal
 
 from app import ContactProblem, Grid, Material, Sphere, read_surface, refine, solve
 from app.base.errors import InputError
+from app.problems.surfaces.resampling import ResampledSurface
 
 from ..from_options import problem_from
 
@@ -22,7 +23,7 @@ PATCH = -4.5, 4.5, -1.5, 1.5
 
 
 def resampled(heights, cell=CELL):
-    return read_surface(heights, "mm", spacing=cell).resampled()
+    return ResampledSurface(read_surface(heights, "mm", spacing=cell))
 
 
 def quadratic(grid):

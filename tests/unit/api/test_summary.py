@@ -1,0 +1,22 @@
+"""The summary of a solution."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.api.summary import summary
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_without_load_nothing_is_said_of_where_it_acts(periodic):
+    """Nor has an approach, or a gap, of zero a sign."""
+    x = np.linspace(-1, 1, 16) ** 2
+    grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), np.add.outer(x, x), periodic=periodic)
+    zero = {} if not periodic else {"approach": -0.0, "mean_gap": -0.0}
+    for load, known in ((0.0, False), (1.0, not periodic)):
+        with ContactSolver(problem) as solver:
+            found = solver.solve(load=load)
+        said = summary(found.attributes | zero, found.grid)
+        assert ("centre of pressure" in said) == known
+        assert "nan" not in said and "-0 " not in said
