@@ -2,9 +2,10 @@
 
 - *Problem.* `distance` has h, `bounds` the bounds of the pressure, `loading` and `prescribed_load` the loadings.
   `state` has C, p and u, and the steps of Sec. 4.1 on them. `kernels` and `bounds_kernels` are their compiled loops.
-- *Iteration.* `active_set` puts the steps of Sec. 4.1 in order, around any KSP. `stopping` is (5.1). `full_multigrid`
-  is Sec. 4.3; `grid_sequence` is the loop over the grids that all nested iterations share. `periodic_state` and
-  `full_contact` are what periodic patches need.
-- *Result.* `certificate` proves it, `measures` and `contact_moments` are numbers of it, `grid_errors` estimates their
-  discretisation errors, `history` has a row for each iteration.
+- *Iteration.* `active_set` puts the steps of Sec. 4.1 in order, around any KSP. `stopping` is (5.1).
+  `full_multigrid` is Sec. 4.3; `grid_sequence` is the loop over the grids that all nested iterations share.
+  `periodic_state` and `full_contact` are used on periodic patches only.
+- *Result.* `certificate` proves an error bound of the pressure. `measures` and `contact_moments` compute
+  load, area and other numbers, `grid_errors` estimates their discretisation errors. `history` has a row for
+  each iteration.
 """

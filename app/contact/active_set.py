@@ -1,7 +1,8 @@
 """The active set iteration of Sec. 3 and 4.1.
 
-Options of the linear solver decide how far it solves the system of a contact set: by CG (NORM, Sec. 3), or by one
-multigrid cycle (MG + active set, Sec. 4.1). The pressure carries over from one set to the next.
+Options of the linear solver decide how accurately it solves the system of a contact set: fully by CG (NORM,
+Sec. 3), or by one multigrid cycle (MG + active set, Sec. 4.1). The pressure on one set is the initial one on
+the next.
 """
 
 from dataclasses import replace
@@ -19,10 +20,10 @@ TOO_MANY_ITERATIONS = (
 
 
 def active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid: Sec. 3 and 4.1.
+    """Solve the contact problem (2.8)-(2.10) on one grid (Sec. 3, 4.1).
 
     Collective over the ranks of `state`, whose contact set and pressure are the initial ones. `solver` is a
-    LinearSolver or DirectSolver on its operator. Returns the Outcome.
+    LinearSolver or DirectSolver of the same operator. Returns the Outcome.
     """
     if not start_grid(state, solver, loading, history):  # Sec. 4.1, 1
         return Outcome(loading.allows_no_contact, NO_CONTACT)
@@ -56,7 +57,8 @@ def active_set(state, solver, loading, stop, history):
 def active_set_or_search(state, solver, loading, stop, history):
     """Run `active_set`, with a root search for loads on periodic patches. Collective.
 
-    Near full contact the slope of the load changes with every cell, and Newton's method on it may not converge.
+    Near full contact the slope of the load changes with every cell, so that Newton's method for the load may
+    not converge. The search then follows.
     """
     if loading.approach_is_known or not state.grid.periodic:
         return active_set(state, solver, loading, stop, history)
@@ -76,7 +78,8 @@ def active_set_or_search(state, solver, loading, stop, history):
 def start_grid(state, solver, loading, history):
     """Start the iteration on a grid; return whether there is contact. Collective.
 
-    If C is empty, it is the cells that overlap without pressure: a coarser grid may have missed contact.
+    If C is empty, the cells that overlap without pressure enter, because a coarser grid may have missed
+    contact.
     """
     loading.begin(state)
     history.start(state, solver)
@@ -90,7 +93,7 @@ def start_grid(state, solver, loading, history):
 
 
 def failure_reason(failure, residual):
-    """Return why the iteration failed; empty if not."""
+    """Return why the iteration failed; empty if it did not."""
     if failure:
         return f"the linear solver failed: {failure}"
     return "" if residual < float("inf") else "the residual is not a finite number"

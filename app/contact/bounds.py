@@ -1,9 +1,9 @@
 """Bounds of the pressure, and operations on them.
 
-A cell of the contact set C has no gap and a pressure between its bounds, (2.1). Any other cell has the pressure of a
-bound, (2.2): zero where it is open. Each grid, and each window of one, has its `PressureBounds` in its
-`UndeformedDistance`; all methods use them. An upper bound is a subclass that overrides the methods below. It needs no
-set of its own, because the pressure of a cell outside C is that of its bound.
+A cell of the contact set C has no gap and a pressure between its bounds (2.1). Any other cell has the pressure of
+a bound (2.2): zero where it is open. The `UndeformedDistance` of each grid or window has its `PressureBounds`, which
+all methods use. To add an upper bound, write a subclass that overrides the methods below. It needs no second
+contact set, because the pressure of a cell outside C shows at which bound the cell is.
 """
 
 import numpy as np
@@ -15,18 +15,19 @@ from app.contact import bounds_kernels as loops
 class PressureBounds:
     """Bounds p >= 0 on one grid.
 
-    Inadmissible cells have p = 0. Pressure and contact set are arguments, of shape (local rows, nx).
+    Inadmissible cells have p = 0. Methods receive the pressure and the contact set, of shape (local rows, nx).
 
     Parameters
     ----------
     admissible : ndarray of bool, shape (local rows, nx)
+        True in cells that may be in contact.
 
     Attributes
     ----------
     lower, upper : float
-        In the admissible cells [N/mm2].
+        Bounds of the pressure in admissible cells [N/mm2].
     largest_load : float
-        Largest load on the whole grid [N].
+        Largest load that the whole grid can carry [N].
     rounding : float
         Violation that may be rounding, as a share of the highest pressure.
     release, activate, exchange, project, tension : callable
@@ -45,11 +46,11 @@ class PressureBounds:
         self.admissible = admissible
 
     def part(self, cut):
-        """Return the bounds in a window; ``cut(field)`` cuts a field."""
+        """Return the bounds in a window; ``cut(field)`` restricts a field to it."""
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
-        """Return the projected step from p [N/mm2]."""
+        """Return the change of p by a step that ends within bounds [N/mm2]."""
         return np.where(self.admissible, np.maximum(p + step, self.lower) - p, 0.0)
 
     def to_bound(self, p, contact):
@@ -57,21 +58,21 @@ class PressureBounds:
         return np.where(contact, 0.0, self.lower - p)
 
     def between(self, p, margin=0.0):
-        """Return the cells whose pressure is off its bounds by a margin."""
+        """Return a mask of cells with pressure above the bound by a margin."""
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
-        """Return the cells between bounds, or overlapping."""
+        """Return a mask of cells that are `between` bounds or overlap."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
     def overlap(self, p, gap):
-        """Return the negative gaps of cells without pressure, flat [mm]."""
+        """Return min(gap, 0) of the cells without pressure, 1D [mm]."""
         return gap[self.admissible & ~self.between(p)].clip(max=0)  # (2.10)
 
     def mean_pressures(self, waves):
-        """Return the range of m with m + waves allowed [N/mm2].
+        """Return the least and largest allowed mean pressure [N/mm2].
 
-        `waves` is a field without mean. The numbers are for the cells of this rank.
+        The pressure is a mean plus `waves`, a field without mean. Only the cells of this rank are regarded.
         """
         return self.lower - waves.min(initial=np.inf), self.upper
 

@@ -18,7 +18,10 @@ def violation(p, admissible):
 
 @njit_reassoc
 def projected_displacement(free, closed):
-    """Return the displacement `closed` if that needs p >= 0, else `free`."""
+    """Return the displacement `closed` of a closed gap if that needs p >= 0.
+
+    Otherwise return `free`, the displacement without pressure.
+    """
     return max(free, closed)
 
 
@@ -65,7 +68,7 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Return the sums of p, and of tension on C."""
+    """Return the sum of p, and that of -p in tensile cells."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -116,11 +119,11 @@ def _sum_row(x):
 
 @njit()
 def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
-    """Add cells that overlap to C; clear `released`.
+    """Add overlapping cells to C, and clear `released`.
 
-    They have h + u + expected <= 0.
-    `expected` without rows is zero. `overlap` is work space of a row. Returns the number of cells in C, of those added,
-    and of those released and not added again; the sums of squares of h + u and of h over the new C; the sum of p.
+    Cells overlap if h + u + expected <= 0; an `expected` without rows counts as zero. `overlap` is work space
+    of a row. Returns the number of cells in C, of those added, and of those released and not added again; the
+    sums of squares of h + u and of h over the new C; the sum of p.
     """
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
@@ -149,7 +152,7 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Project p in some cells; return the sum."""
+    """Clip p to p >= 0 in `cells`, 0 elsewhere; return the sum."""
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], cells[j], out[j])
@@ -181,8 +184,9 @@ def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance,
 
     Cells with p < -slack leave C, and others with e = w + change - b < least_gap enter.
 
-    Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squares of the moves
-    of these cells: their gap, or p times a compliance. It is infinite if one moves by more than `far`.
+    Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squared
+    moves. A captured cell moves by its gap, a released one by p times `compliance`. The last sum is infinite
+    if a cell moves by more than `far`.
     """
     sums = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):

@@ -1,13 +1,17 @@
 """A proved error bound of any pressure.
 
-With ``f(p) = p.Ap / 2 + h.p``, the contact problem is ``min f(p), p >= 0``, its dual ``max -q.Aq / 2, h + A q >= 0``.
-Any feasible pair bounds the error in the energy norm,
+With ``f(p) = p.Ap / 2 + h.p``, the contact problem is ``min f(p), p >= 0``, its dual
+``max -q.Aq / 2, h + A q >= 0``. Any feasible pair p, q bounds the error of p against the solution p* in the
+energy norm,
 
     ||p - p*||_A^2 / 2 <= f(p) - f(p*) <= f(p) + q.Aq / 2.
 
-*Free patch.* A dual feasible q costs no product, in two ways; the smaller bound holds. The first lifts only what
-penetrates, because all entries of A are positive: ``q = (1 + t) p + w`` lifts all cells a little by t >= 0, and
-``w = max(-(e + t u), 0) / A_II`` lifts the rest cell by cell. With ``L >= ||A||`` the gap of the pair is at most
+Below, u = A p and e = h + u is the gap.
+
+*Free patch.* There are two ways to a dual feasible q that cost no product; the smaller bound holds. The first
+lifts only what penetrates, because all entries of A are positive: ``q = (1 + t) p + w`` lifts all cells a
+little by t >= 0, and ``w = max(-(e + t u), 0) / A_II`` lifts the rest cell by cell. With ``L >= ||A||`` the
+gap of the pair is at most
 
     p.e + (t + t^2 / 2) p.u + (1 + t) w.u + L w.w / 2,
 
@@ -29,16 +33,17 @@ touch the factor is 1 up to rounding, so its difference from 1 and w are kept ap
 impossible may have any gap: the mean one, or what the factor needs. B is that of the iteration; the error of w.Bw in
 single precision is added. The norm is a seminorm: a constant pressure does not count.
 
-*Prescribed load.* Both hold if p has the load: f at the approach found differs from that of the load by a constant.
+*Prescribed load.* Both bounds hold if p has the load: f at the approach found and f under the load differ by
+a constant.
 
-*Rounding.* u is A p only up to an error d. The bounds are those of the problem with h + d, whose solution differs from
-that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves about
-``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm (measured: 0.26 to 0.72 times it);
-`_ROUNDING_FACTOR` times it is added to the bound. The stored matrix of a small periodic patch has rounded coefficients,
-which cancel in short waves: there it is ``||row of A|| / sqrt(smallest)`` in place of sqrt(A_II), and
-``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. The approach is rounded by an m of a
-unit in the last place, and full contact neglects a mean gap m. On a periodic patch both change the pressure by about
-``n m sqrt(B_II / k)``, spread over the k cells without pressure.
+*Rounding.* u is A p only up to an error d. The bounds are those of the problem with h + d, whose solution
+differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
+about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm (measured: 0.26 to 0.72 times it);
+`_ROUNDING_FACTOR` times it is added to the bound. The stored matrix of a small periodic patch has rounded
+coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with
+``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n
+cells, let m be one unit in the last place of the depth, plus the mean gap that full contact neglects. It
+changes the pressure by about ``n m sqrt(B_II / k)``, spread over the k cells without pressure.
 """
 
 import math
@@ -64,7 +69,7 @@ _LOAD_RTOL = 1e-6  # relative error of a prescribed load that is allowed
 
 @dataclass(frozen=True)
 class Certificate:
-    """Optimality of a pressure; the same on all ranks."""
+    """Proved error bound of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
     error_bound: float  # of ||p - p*||_A / ||p||_A; infinite without pressure, or if p or load is not allowed
@@ -75,7 +80,7 @@ class Certificate:
     def under(self, prescribed, load):
         """Return the certificate under a prescribed load [N].
 
-        A pressure with another load is proved for its approach only, so it has no bound.
+        The proof for a pressure with another load holds at its approach only, so its bound becomes infinite.
         """
         if prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD_RTOL):
             return self
@@ -88,8 +93,8 @@ _certificates = WeakKeyDictionary()  # of states: the key of `estimate` and the 
 def certify(state, wanted=np.inf):
     """Certify the pressure of a `ContactState`.
 
-    Collective. Computes the displacement in double precision unless `state` has it. A larger error bound `wanted` may
-    save a product.
+    Collective. Computes the displacement in double precision unless `state` has it. `wanted` is the
+    error bound that suffices; a larger one may save a product.
     """
     if state.displacement_status is not Displacement.EXACT:
         state.compute_displacement(exact=True)
@@ -99,8 +104,8 @@ def certify(state, wanted=np.inf):
 def estimate(state, wanted=np.inf, work=None):
     """Certify the pressure, assuming u = A p.
 
-    Collective. Parameters and result as of `certify`; `work` is a field of work space. The certificate is kept until
-    the pressure, the depth or the accuracy of u changes.
+    Collective. For parameters and result see `certify`; `work` is a field of work space. The certificate is
+    cached until the pressure, the depth or the accuracy of u changes.
     """
     key = state.pressure.stateGet(), state.depth, state.displacement_status
     cached_key, certificate = _certificates.get(state, (None, None))
@@ -147,7 +152,10 @@ def _prove(state, enough, work):
 
 
 def _lift_penetrations(state, most, energy, penetrates):
-    """Return the duality gap of lifted penetrations. Collective."""
+    """Return the least duality gap with penetrating cells lifted. Collective.
+
+    `most` is the largest factor t (see the module), `penetrates` a mask of rows.
+    """
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u
     loops.lift(state.distance.b, state.depth, state.u, state.admissible, most, penetrates, sums)
     sums = state.sum(sums)
@@ -164,10 +172,10 @@ def _lift_penetrations(state, most, energy, penetrates):
 
 
 def _close_gap(state, energy, enough, work):
-    """Return the duality gap, p.Ap and rounding error if periodic. Collective.
+    """Return duality gap, p.Ap and rounding error, if periodic. Collective.
 
-    The duality gap is ``p.g + w.Bw / 2``, ``w = g - e``. The product with B is left out if ``w.Bw <= ||B|| w.w`` bounds
-    the error by `enough`. p.Ap of a flat patch is at least its rounding error.
+    The duality gap is ``p.g + w.Bw / 2``, ``w = g - e`` (see the module). The product with B is left out if
+    ``w.Bw <= ||B|| w.w`` bounds the error by `enough`. p.Ap of a flat patch is at least its rounding error.
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
@@ -200,8 +208,8 @@ def _gap_with_mean(gaps, excess, inside, n):
     """Choose a dual feasible gap g that has the mean of e.
 
     ``g = (1 + stretch) max(e - p / B_II, 0) + constant``, where the constant is 0 if the stretch is within -1 and 1.
-    In the cells that are not admissible g is arbitrary, and `elsewhere` is added to it. `inside` of the n cells are
-    admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, and `excess` that of the same minus e.
+    In inadmissible cells any g is allowed; there the change of the gap is `elsewhere`. `inside` of the n cells are
+    admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, `excess` the sum of ``max(e - p / B_II, 0) - e``.
     """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere

@@ -32,9 +32,10 @@ def _gaps_row(b, depth, u, p, admissible, diagonal):
 
 @njit()
 def gaps(b, depth, u, p, admissible, diagonal):
-    """Return the sums of `app.contact.certificate` on periodic patches.
+    """Return the sums that certify a pressure on a periodic patch.
 
-    They are of g = max(e - p / B_II, 0), g - e, p g, p, p p, u, and of cells without pressure.
+    They are the sums of g = max(e - p / B_II, 0), g - e, p g, p, p p and u, and the number of cells without
+    pressure. `diagonal` is B_II.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
@@ -58,9 +59,10 @@ def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere
 
 @njit()
 def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
-    """Return w.w and w.field; set `field` to scale w.
+    """Return w.w and w.field; set `field` to scale times w.
 
-    w is the change of e to the dual feasible gap. A `field` without columns is left out.
+    w is the change from the gap e to the dual feasible gap, by the numbers of `certificate._gap_with_mean`.
+    If `field` has no columns, only w.w is computed.
     """
     sums = 0.0, 0.0
     for j in range(b.shape[0]):
@@ -118,9 +120,10 @@ _NO_CONTACT = (0.0,) * 8  # result of `_survey_row` without pressure and overlap
 def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sums):
     """Update maxima and sums of gaps and pressures.
 
-    They are the largest of -e / u, -e, |h|, -p, |p e|, p and the sums of u u, p u, p e, p g, w w, p p. h and e are zero
-    in inadmissible cells; g and w use the smallest eigenvalue. Rows without pressure and penetration, most rows, are
-    only scanned. ``penetrates[j]`` is set where row j has e < 0. -e / u is computed if `lifts`.
+    `largest` gets the maxima of -e / u, -e, |h|, -p, |p e| and p, `sums` the sums of u u, p u, p e, p g, w w
+    and p p. Here g = max(e - p times the smallest eigenvalue, 0) and w = g - e. h and e are zero in
+    inadmissible cells. Rows without pressure and penetration, most rows, are only scanned. ``penetrates[j]``
+    is set if e < 0 in row j. -e / u is computed if `lifts`.
     """
     for j in range(b.shape[0]):
         penetration, deepest, highest, u_squares = _scan_row(b[j], depth, u[j], p[j], admissible[j])
@@ -139,8 +142,9 @@ def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sum
 def lift(b, depth, u, admissible, most, penetrates, sums):
     """Sum products of e and u in penetrating cells.
 
-    The sums are of -e u, e e and u u, by the first k with a positive w; ``w = max(-(e + t u), 0)`` with t = most / 2^k,
-    and t = 0 for the last k. Cumulative sums over k give w u and w w. Rows that do not penetrate are skipped.
+    Trial k has t = most / 2^k, the last one t = 0, and ``w = max(-(e + t u), 0)``. Column k of `sums` has the
+    sums of -e u, e e and u u over the cells whose w is positive from trial k on. Sums over columns up to k
+    then give the sums of w u and w w. Rows that do not penetrate are skipped.
     """
     trials = sums.shape[1] - 1
     for j in range(b.shape[0]):

@@ -72,7 +72,7 @@ def _moments_row(p, contact, x):
 
 @njit()
 def _moments(p, contact, x, y, sums):
-    """Add the moments of a slab to `sums`."""
+    """Add to `sums` what the cells of a slab contribute to moments."""
     for j in range(y.size):
         load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
         row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]

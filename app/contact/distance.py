@@ -1,4 +1,4 @@
-"""The undeformed distance h on one grid, as shape and depth."""
+"""The undeformed distance h = shape - approach on one grid."""
 
 from fractions import Fraction
 from math import sqrt, ulp
@@ -20,8 +20,8 @@ _MIN_SEARCHED_GAP = 1e-10  # of the mean distance: least mean gap in the search 
 class Statistics(NamedTuple):
     """Statistics of h, which give its norm at any approach."""
 
-    cells: int  # admissible
-    mean: float  # of the undeformed distance at depth 0 over them [mm]
+    cells: int  # number of admissible cells
+    mean: float  # of the undeformed distance at depth 0 over these cells [mm]
     squares_about_mean: float  # of its differences from the mean, summed [mm2]
     mean_rest: float  # rounding error of the mean [mm]
 
@@ -29,26 +29,27 @@ class Statistics(NamedTuple):
 class UndeformedDistance:
     """The undeformed distance h = shape - approach on one grid. Collective.
 
-    The approach is a reference plus the *depth* beyond it, so that large constants cost no digits. The shape never
-    changes: the depth moves the bodies, without rounding. The right-hand side on C is ``-h = b + depth``.
+    The approach is a reference plus the *depth* beyond it, so that large constants cost no digits. Moving the
+    bodies changes the depth only, never the stored shape, so it does not add rounding errors. The right-hand
+    side on C is ``-h = b + depth``.
 
     Parameters
     ----------
     operator : InfluenceOperator
-        Of that grid.
+        Influence operator of that grid.
     shape : ndarray, shape (local rows, nx), [mm]
-        Undeformed distance at the reference; NaN in inadmissible cells. Not changed.
+        Undeformed distance at the reference; NaN in inadmissible cells. The array is not changed.
     reference : float
-        An approach, the same on all grids of a problem [mm].
+        Approach from which depths are counted, the same on all grids of a problem [mm].
     measured : bool
-        Compute the statistics now. `on_levels` computes them for all levels at once.
+        Compute the statistics now. If false, `on_levels` computes them for all levels at once.
 
     Attributes
     ----------
     b : ndarray, shape (local rows, nx), [mm]
         -h at depth 0, read-only; 0 in inadmissible cells.
     rhs : Vec
-        The same.
+        The field `b` as a Vec.
     depth : float
         The approach beyond the reference [mm].
     neglected_gap : float
@@ -58,15 +59,16 @@ class UndeformedDistance:
     max_depth : float
         Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
     zero_load_depth : float
-        Depth below which no load is carried [mm]: `touching`, also in a window.
+        Depth below which no load is carried [mm]: that of first touch, known in a window, too.
     full_contact_pressures : (float, float)
         Least and largest mean pressure of full contact of a periodic patch; infinite until known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
+        True in cells that may be in contact.
     bounds : PressureBounds
     patch : Grid
-        Whole grid, also in a window; the statistics are over it.
+        Whole grid, even if the distance is that of a window; the statistics are over it.
     possible : Window or None
-        Around all admissible cells.
+        Window around all admissible cells; None if there are none.
     """
 
     neglected_gap, max_depth = 0.0, np.inf
@@ -87,7 +89,8 @@ class UndeformedDistance:
     def on_levels(cls, operators, shapes, reference, comm):
         """Make the distances of all levels of a hierarchy, with two reductions.
 
-        Collective over `comm`, all ranks that need the norms. For the parameters see the class.
+        Collective over `comm`, all ranks that need the norms. `operators` and `shapes` have one item for each
+        level.
         """
         levels = [cls(*of, reference, measured=False) for of in zip(operators, shapes, strict=True)]
         _measure(levels, comm)
@@ -95,7 +98,10 @@ class UndeformedDistance:
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
-        """Return the distance in a window, with the whole norm. Collective."""
+        """Return the distance in a window, with statistics of the grid. Collective.
+
+        `scatter` moves fields from the grid of `whole` to the window.
+        """
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
@@ -110,7 +116,7 @@ class UndeformedDistance:
         self.rhs = wrap_vec(b, operator)
 
     def h_at(self, depth):
-        """Return h at a depth, (rows, nx) [mm]; NaN in inadmissible cells."""
+        """Return h at a depth [mm], with NaN in inadmissible cells."""
         return np.where(self.admissible, -(self.b + depth), np.nan)
 
     @property
@@ -126,7 +132,7 @@ class UndeformedDistance:
 
     @property
     def max_searched_depth(self):
-        """Largest depth in the search for a load [mm]."""
+        """Largest depth that the search for a load tries [mm]."""
         depth = self.max_depth
         return depth - _MIN_SEARCHED_GAP * abs(depth) if depth < np.inf else depth
 
@@ -155,12 +161,15 @@ class UndeformedDistance:
         return self._norm
 
     def destroy(self):
-        """Free the vector. Collective."""
+        """Free the vector `rhs`. Collective."""
         self.rhs.destroy()
 
 
 def _measure(levels, comm):
-    """Compute statistics and first touch of some distances. Collective over `comm`."""
+    """Compute statistics and first touch of several `UndeformedDistance`.
+
+    Collective over `comm`.
+    """
     size, rank = (comm.size, comm.rank) if comm else (1, 0)
     counts, parts = [np.count_nonzero(d.admissible) for d in levels], np.zeros((size, 2 * len(levels)))
     # Each rank adds zeros to the others' sums, so that none is rounded.
@@ -184,7 +193,10 @@ def _measure(levels, comm):
 
 
 def _mean(parts, cells):
-    """Return a mean, and its rounding error."""
+    """Return the mean over cells, and its rounding error.
+
+    `parts` are numbers that add up exactly to the sum over the cells.
+    """
     if not cells:
         return 0.0, 0.0
     exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)

@@ -1,11 +1,12 @@
 """Full contact of a periodic patch without holes, which costs two products.
 
-If all gaps are closed, u is the negative undeformed distance except for its mean, so ``p = mean pressure + B (-h)``
-with B the inverse of A on fields without mean. If the bounds allow this p it solves (2.8)-(2.10), and the approach is
-the mean undeformed distance.
+If all gaps are closed, u is -h without its mean, so ``p = mean pressure + B (-h)``, where B is the inverse of
+A on fields without mean. If the bounds allow this p, it solves (2.8)-(2.10), and the approach is the mean
+undeformed distance.
 
-Means over cells are smoother than the cells, and mostly need less pressure. If a coarser grid is far from full contact,
-the iteration runs first, and full contact is tried only if that closes all cells or fails.
+Shapes on coarser grids are smoother, and mostly need less pressure for full contact. If a coarser grid is far
+from full contact, the iteration runs first, and full contact is tried only if the iteration closes all cells
+or fails.
 """
 
 import numpy as np
@@ -21,13 +22,15 @@ _MAX_PRESSURE_FRACTION = 0.5  # of the pressure for full contact there: below it
 
 
 class FullContact:
-    """Solver for all cells in contact; in the history a linear solver.
+    """Solver for the case that all cells are in contact.
+
+    The history treats it as a linear solver.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     distances : list of UndeformedDistance
-        On every level.
+        Undeformed distances on all levels, coarsest first.
 
     Attributes
     ----------
@@ -78,7 +81,7 @@ class FullContact:
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Find the mean pressures of full contact, from p = B (-h). Collective."""
+        """Compute p = B (-h); return the mean pressures of full contact. Collective."""
         if inverse is not None:
             inverse.apply(distance.b, p)
         least, most = distance.bounds.mean_pressures(p)
@@ -87,7 +90,10 @@ class FullContact:
         return distance.full_contact_pressures
 
     def _is_unlikely(self, mean_pressure):
-        """Return whether a coarser grid is far from full contact. Collective."""
+        """Return whether full contact on a coarser grid needs much more pressure.
+
+        Collective.
+        """
         if not self.level:
             return False
         number = max(self.level - _PROBED_LEVELS, 0)

@@ -19,29 +19,30 @@ from app.parallel.communicator import propagate_errors
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
     """Solve on the grids from coarsest to target.
 
-    Collective. The ranks that share a grid solve on it, and broadcast the result to those that join on the next.
+    Collective. The ranks that share a grid solve on it, and broadcast the result to the other ranks of the
+    next.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     distances : list of UndeformedDistance
-        On every level, coarsest first.
+        Undeformed distances on all levels, coarsest first.
     loading : Loading
     stop : StoppingTest
     history : History
     nested : bool
         Nested iteration; otherwise the target grid alone, from C = {h <= 0}.
     beta : float
-        Of the first contact set on a finer grid, as a share of the largest u.
+        Tolerance of the first contact set of a grid (4.1), over the largest displacement.
     prolong : callable or None
-        See `prolongate`.
+        Replaces the prolongation by copy; see `prolongate`.
     target_solver : LinearSolver
-        Of the target grid.
+        Linear solver of the target grid.
 
     Returns
     -------
     ContactState, Outcome
-        On the target grid.
+        Solution and outcome on the target grid.
     """
     grids, coarse = GridSequence(hierarchy, distances, loading, nested), None
     for number in grids:  # Sec. 4.3, 4
@@ -80,7 +81,8 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
 def prolongate(transfer, coarse, state, beta, prolong):
     """Initialise C, p and u from the coarser grid. Collective.
 
-    C and p come from ``prolong(transfer, coarse, state)``, or by copy if that is None or returns false.
+    ``prolong(transfer, coarse, state)`` sets C and p. If `prolong` is None or returns false,
+    `copy_prolongation` sets them.
     """
     transfer.interpolate(coarse.u, state.u)
     state.displacement_status = Displacement.STALE
@@ -89,7 +91,7 @@ def prolongate(transfer, coarse, state, beta, prolong):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Initialise C by the displacement and p by copy. Collective."""
+    """Initialise C by the tolerance (4.1), and p by copying. Collective."""
     max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
     # Sec. 4.3, (3.a)
     np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1)

@@ -31,7 +31,7 @@ class GridNumbers(NamedTuple):
     load: float  # [N]
     depth: float  # approach from the reference of the undeformed distance [mm]
     max_pressure: float  # [N/mm2]
-    contact_area: float  # of cells with pressure; most captured cells without may leave again [mm2]
+    contact_area: float  # of cells with pressure [mm2]; just captured cells have none, and may leave again
     cell_area: float = 0.0  # [mm2]
 
 
@@ -44,9 +44,10 @@ class GridErrors(NamedTuple):
     contact_area_error: float = float("nan")
 
     def with_contact_edge(self, solution):
-        """Return the errors, that of the area at least the edge cells.
+        """Raise the error of the area to that of edge cells.
 
-        See ``contact_fraction_corrected``. Numbers of cells scatter, so those of two grids may agree by chance.
+        This is the correction in ``contact_fraction_corrected``. Areas of two grids may agree by chance,
+        because numbers of cells scatter.
         """
         if not solution.contact_fraction or np.isnan(self.contact_area_error):
             return self
@@ -66,9 +67,9 @@ _MAX_RATIO = 10 / 11  # of neighbouring differences in a series, which then sums
 
 
 def compute_grid_numbers(state, comm, load=None, depth=None):
-    """Compute the numbers of a ContactState.
+    """Compute the `GridNumbers` of a `ContactState`.
 
-    Collective over `comm`, all ranks that need them. `load` and `depth` replace those of the state.
+    Collective over `comm`, all ranks that need the numbers. `load` and `depth` replace those of the state.
     """
     grid = state.operator.grid
     total, highest, cells = kernels.sum_pressure(state.p, state.contact)
@@ -86,9 +87,9 @@ def estimate_errors(grids, touching, prescribed):
     grids : sequence of GridNumbers
         From coarse to fine, each twice as fine as the one before. The errors are unknown if there are fewer than two.
     touching : float
-        Depth of first touch on the finest; or its approach, if `grids` have approaches as depths [mm].
+        Depth of first touch on the finest grid [mm]; its approach, if `grids` have approaches as depths.
     prescribed : str
-        Of `LOADINGS`; "mean_gap" determines neither load nor approach.
+        Name of the prescribed number in `LOADINGS`; "mean_gap" determines neither load nor approach.
     """
     if len(grids) < 2:
         return UNKNOWN
@@ -106,7 +107,8 @@ def estimate_errors(grids, touching, prescribed):
 def _error(values, pairs, scatter=0.0):
     """Estimate the relative error of the first value, at most 1.
 
-    Values are those of grids from fine to coarse. A last difference up to `scatter` is not extrapolated.
+    `values` are those of the grids from fine to coarse; `pairs` of them are compared. If the finest two
+    differ by at most `scatter`, nothing is extrapolated.
     """
     if not values[0]:
         return float("nan")
@@ -121,7 +123,10 @@ def _error(values, pairs, scatter=0.0):
 
 
 def pressure_difference(comm, transfer, coarse, state):
-    """Return the relative difference of pressures, or NaN. Collective."""
+    """Return the relative difference of pressures on two grids. Collective.
+
+    `coarse` is the pressure on the coarser grid. NaN if the pressures are equal.
+    """
     fine = transfer.restrict_defect(state.p)
     squares = [np.vdot(p, p) for p in (fine, coarse)]
     fine -= coarse

@@ -9,20 +9,20 @@ from app.multigrid.direct import can_start_on
 class GridSequence:
     """Levels of a nested iteration, from coarse to fine, and their results.
 
-    Iterating yields the numbers of the levels. All ranks that share a grid have its results, and broadcast them to
-    those that join on the next one. Collective. For the parameters see `app.contact.full_multigrid.full_multigrid`;
-    `only_target` uses the target grid alone.
+    Collective. Iterating yields the numbers of the levels. All ranks that share a grid have its results, and
+    broadcast them to the other ranks of the next grid. For the parameters see
+    `app.contact.full_multigrid.full_multigrid`; `only_target` uses the target grid alone.
 
     Attributes
     ----------
     following : int
         Number of the level after this one.
     at_target : bool
-        True on the last one.
+        True on the target grid, which is the last one.
     outcome : Outcome or None
-        Of the grid solved last, with the fallbacks of all.
+        Outcome of the grid solved last, with the fallbacks of all grids.
     grid_numbers : list of GridNumbers
-        Of the coarser grids, from coarse to fine, if the method appends them.
+        Numbers of the coarser grids, from coarse to fine, if the method appends them.
     """
 
     def __init__(self, hierarchy, distances, loading, nested, only_target=False):
@@ -41,20 +41,23 @@ class GridSequence:
         return stop if self.at_target else stop.for_coarse_grid()
 
     def record(self, outcome, depth):
-        """Record outcome and depth [mm] of a grid."""
+        """Record the outcome and the final depth [mm] of a grid."""
         coarser = self.outcome.fallbacks if self.outcome else 0
         self.outcome = outcome._replace(fallbacks=coarser + outcome.fallbacks)
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and idle ranks."""
+        """Return the communicator of rank 0 and the ranks without rows.
+
+        It is None on other ranks.
+        """
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def broadcast_to_next(self, state, extra=None):
-        """Broadcast results to ranks of the next grid.
+        """Broadcast the results to ranks that join on the next grid.
 
-        Collective. They get the depth of `state`, which is on the grid or a window of it, and `extra`, any other
-        results, which is returned.
+        Collective. These ranks receive the depth of `state`, which is on the grid or a window of it, and
+        `extra`, any other results. Returns `extra`.
         """
         if self.hierarchy.gains_ranks(state.operator, self.following) and (comm := self.waiting_ranks(state)):
             results = state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra
@@ -65,7 +68,7 @@ class GridSequence:
     def result(self, state, difference=float("nan")):
         """Return the outcome with estimated errors. Collective.
 
-        `difference` is that of the pressures on the last two grids.
+        `difference` is the relative difference of the pressures on the last two grids.
         """
         errors = UNKNOWN
         if self.grid_numbers:
@@ -77,9 +80,9 @@ class GridSequence:
 def _route(hierarchy, distances, loading, nested):
     """Return the numbers of the levels to solve on.
 
-    Without nested iteration that is the target alone, after a small grid if the approach must be found. Grids without
-    admissible cells are left out, and all finer ones up to the next that has some. At or before first touch it is the
-    target alone: a coarser grid might overlap, and its pressure would vanish only up to rounding.
+    A nested iteration starts above the finest level without admissible cells. Otherwise only the target is
+    solved on, after a small grid if the approach must be found. If the bodies at most touch, it is the target
+    alone: they might overlap on a coarser grid, whose pressure would vanish only up to rounding.
     """
     last = len(hierarchy.levels) - 1
     if loading.misses_contact(distances[last]):

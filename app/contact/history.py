@@ -1,4 +1,4 @@
-"""History, listeners, and outcome of a solve."""
+"""History of a solve, its listeners, and its outcome."""
 
 import time
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ class Listener:
         """Handle an active set iteration: its history entry and the state.
 
         With every method the state has ``grid``, ``contact`` and ``p``. The default method of periodic patches has no
-        ``u`` before the end, and the approach in the entry only.
+        ``u`` before the end, and puts the approach in the entry only.
         """
 
     def end(self):
@@ -30,7 +30,7 @@ class Listener:
 
 
 class Monitor(Listener):
-    """-lcp_monitor: a line per active set iteration."""
+    """Listener that prints a line per active set iteration (-lcp_monitor)."""
 
     HEADER = "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
     say = staticmethod(partial(print, flush=True))
@@ -57,48 +57,49 @@ class Monitor(Listener):
 
 @dataclass
 class History:
-    """One entry per active set iteration on any grid, and the listeners.
+    """Record of all active set iterations, which also calls the listeners.
 
-    Complete on rank 0; other ranks lack the grids and windows without their rows.
+    It has one entry for each iteration on any grid. It is complete on rank 0. Other ranks lack the grids and
+    windows in which they have no rows.
     """
 
     listeners: list = field(default_factory=list)
     entries: list = field(default_factory=list)
 
     def start(self, state, solver):
-        """Start a grid."""
+        """Start the record of a grid, and call the listeners."""
         self._started, self._iteration, self._work = time.perf_counter(), 0, solver.work_units
         for listener in self.listeners:
             listener.start(state, solver.level)
 
     def add(self, state, solver, update, inner):
-        """Record an iteration with its update and inner iterations. Collective."""
+        """Record an iteration: its `Update` and its inner iterations. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
         work, seconds = self._work - before, time.perf_counter() - self._started
         self.record(make_entry(state, solver.level, self._iteration, update, inner, work, seconds), state)
 
     def record(self, entry, state):
-        """Record the entry of an iteration."""
+        """Append the entry of an iteration, and call the listeners."""
         self.entries.append(entry)
         for listener in self.listeners:
             listener.iteration(entry, state)
 
     def stagnates(self):
-        """Return whether the residual was not halved last."""
+        """Return whether the last iteration did not halve the residual."""
         if self._iteration < 2:
             return False
         before, now = (entry["residual"] for entry in self.entries[-2:])
         return now > before / 2
 
     def columns(self):
-        """Return the entries as a dict of lists."""
+        """Return the entries as a dict of columns, each a list."""
         names = self.entries[0] if self.entries else ()
         return {name: [entry[name] for entry in self.entries] for name in names}
 
 
 def make_entry(state, level, iteration, update, inner, work, seconds):
-    """Make the history entry of an iteration. Collective."""
+    """Make the history entry of an active set iteration. Collective."""
     return {
         "level": level,
         "iteration": iteration,
@@ -128,7 +129,10 @@ class Outcome(NamedTuple):
     to_rounding: bool = False  # the residual is as small as rounding allows
 
     def require_bound(self, bound, allowed):
-        """Return this outcome; not converged if `bound` exceeds `allowed`."""
+        """Return this outcome, as not converged if its error is too large.
+
+        `bound` is the proved relative error of the pressure, `allowed` the largest that is accepted.
+        """
         if not self.converged or bound <= allowed:
             return self
         advice = (
@@ -141,7 +145,7 @@ class Outcome(NamedTuple):
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
     def after(self, first):
-        """Return this outcome plus an earlier one."""
+        """Return this outcome, with an earlier one's iterations and fallbacks added."""
         return self._replace(
             iterations=first.iterations + self.iterations, fallbacks=first.fallbacks + self.fallbacks
         )

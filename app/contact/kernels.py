@@ -1,4 +1,4 @@
-"""Compiled loops of the contact state: one pass over the cells each.
+"""Compiled loops of the contact state, each one pass over the cells.
 
 Arrays are (rows, nx) of a rank; `b` is -h at depth 0, so that the gap is ``e = u - (b + depth)``. Sums are taken row by
 row, which keeps their rounding small on large grids.
@@ -53,7 +53,7 @@ def sum_pressure(p, contact):
 
 @njit()
 def compensated_sum(x, mask):
-    """Return the sum over a mask, and its rounding error."""
+    """Return the sum of x over a mask, and its rounding error."""
     total, lost = 0.0, 0.0
     for j in range(x.shape[0]):
         for i in range(x.shape[1]):
@@ -97,9 +97,9 @@ def _gap_row(b, depth, u, mask, overlapping):
 
 @njit_reassoc
 def sum_gaps(b, depth, u, mask, overlapping):
-    """Return sums of gaps, and the number of cells.
+    """Return the sums of squared gaps and gaps, and number of cells.
 
-    They are of (h + u)^2 and h + u, over the cells of `mask`, and those of `overlapping` with h + u <= 0.
+    The sums are over the cells of `mask`, and those of `overlapping` with a gap h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
@@ -117,9 +117,10 @@ def _count_differences(row, other):
 
 @njit()
 def count_faces(contact, before, periodic):
-    """Count the faces between contact and no contact.
+    """Count the faces between cells in and out of contact.
 
-    In x and in y; `before` is the row before the first. The upper faces of the last row are left out.
+    Returns the numbers of faces in x and in y. `before` is the row before the first. The upper faces of the
+    last row are left out.
     """
     in_x, in_y = 0, 0
     for j in range(contact.shape[0]):

@@ -1,10 +1,16 @@
 """Loadings: the base class, a prescribed approach and a prescribed mean gap.
 
-The solvers call `first_solve` on the first grid, or `resume` from a solution. On each grid they call `begin`; in each
-active set iteration `update`, between u = A p and the activation of cells; on the target, when (5.1) holds, `settle`;
-after a grid `record`, and before the next one `predict`. Ranks that join receive `shared_state`. `solve_by_search` is
-the fallback. The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of `update`
-and `settle`.
+The solvers call these methods of a loading:
+
+- `first_solve` solves on the first grid; `resume` chooses the approach if an earlier solution is given instead;
+- `begin` prepares the iteration on a grid;
+- `update` moves the approach in each active set iteration, after u = A p and before cells enter C (4.b);
+- `settle` meets the prescribed number exactly, on the target grid, when the stopping test (5.1) holds;
+- `record` keeps the depth found on a grid, and `predict` extrapolates it to the next grid.
+
+Ranks that share only the next grid receive `shared_state`. `solve_by_search` is the fallback if the iteration
+fails. The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of
+`update` and `settle`.
 
 A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """
@@ -13,14 +19,14 @@ import numpy as np
 
 
 class Loading:
-    """Base of all loadings; its methods are those of a known approach.
+    """Base class of loadings; its methods suit a known approach.
 
     Attributes
     ----------
     kind : str
-        As in `LOADINGS`.
+        Name of the prescribed number in `LOADINGS`.
     load : float or None
-        Total force, if it is prescribed [N].
+        Prescribed total force [N]; None if another number is prescribed.
     approach_is_known : bool
         True if the loading alone determines the approach on every grid.
     allows_no_contact : bool
@@ -32,31 +38,37 @@ class Loading:
     kind, load, approach_is_known, allows_no_contact, shared_state = "", None, True, True, None
 
     def depth_on(self, distance):
-        """Return the depth for an `UndeformedDistance`, infinite if unknown [mm]."""
+        """Return the depth on an `UndeformedDistance` [mm]; infinite if unknown."""
         return np.inf
 
     def mean_pressure_on(self, grid):
-        """Return the mean pressure over the patch, infinite if unknown [N/mm2]."""
+        """Return the mean pressure over the patch [N/mm2]; infinite if unknown."""
         return np.inf
 
     def largest_pressure(self, distance, grid, coefficient):
-        """Estimate the highest pressure [N/mm2] from a coefficient [mm3/N]."""
+        """Estimate the highest pressure [N/mm2].
+
+        `coefficient` is the largest influence coefficient [mm3/N].
+        """
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement by the mean pressure [mm]."""
+        """Return the displacement of a cell by the mean pressure on it [mm].
+
+        It is 0 if the mean pressure is unknown.
+        """
         return 0.0
 
     def misses_contact(self, distance):
-        """Return whether no cell can carry pressure."""
+        """Return whether the bodies at most touch, without pressure."""
         return False
 
     def solved_approach(self, state):
-        """Return the approach, exactly as prescribed [mm]."""
+        """Return the approach of a solution [mm], without rounding if prescribed."""
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return ContactMeasures with the prescribed number exactly."""
+        """Return `ContactMeasures` that have the prescribed number without rounding."""
         return measures
 
     def first_solve(self, state, solve):
@@ -66,14 +78,17 @@ class Loading:
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
         """Solve by a root search if the load is prescribed. Collective.
 
-        ``solve(loading, stop)`` solves at any approach and returns the Outcome. `tighter` is a factor on the tolerance
-        of solves after which the pressure is scaled, `rtol` that of the search, and `step` the estimated error of the
-        depth of `state` [mm].
+        ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a factor on the
+        tolerance of these solves, because the pressure is scaled to the load after them. `rtol` is the tolerance of the
+        search, `step` the estimated error of the depth of `state` [mm].
         """
         return solve(self, stop)
 
     def resume(self, state, load):
-        """Choose the first approach from a solution with a load [N]. Collective."""
+        """Choose the approach to resume from the solution in `state`. Collective.
+
+        `load` is the load of that solution [N].
+        """
         raise NotImplementedError
 
     def record(self, depth):
@@ -91,15 +106,18 @@ class Loading:
         return 0.0
 
     def settle(self, state, update):
-        """Meet the prescribed value exactly; return the new Update. Collective."""
+        """Meet the prescribed number exactly; return the new `Update`. Collective."""
         return update
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Scale a pressure with sum `total` to the load; return success."""
+        """Scale a pressure to the prescribed load, if any; return success.
+
+        `total` is the sum of the pressure over all cells.
+        """
         return True
 
     def set_depth(self, state):
-        """Set the depth of a periodic state. Collective."""
+        """Set the depth of a periodic state by this loading. Collective."""
         state.depth = self.depth_on(state.distance)
 
 
@@ -111,7 +129,7 @@ class PrescribedApproach(Loading):
     approach : float
         delta [mm].
     depth : float, optional
-        The same beyond the reference, if known without the rounding of the approach [mm].
+        Approach beyond the reference [mm], if known without the rounding of `approach`.
     """
 
     kind = "approach"
@@ -120,29 +138,29 @@ class PrescribedApproach(Loading):
         self.approach, self._depth = float(approach), depth
 
     def depth_on(self, distance):
-        """See `Loading.depth_on`."""
+        """Return the depth of the prescribed approach; see `Loading.depth_on`."""
         return self.approach - distance.reference if self._depth is None else self._depth
 
     def misses_contact(self, distance):
-        """See `Loading.misses_contact`."""
+        """Compare the depth with first touch; see `Loading.misses_contact`."""
         return self.depth_on(distance) <= distance.touching
 
     def solved_approach(self, state):
-        """See `Loading.solved_approach`."""
+        """Return the prescribed approach; see `Loading.solved_approach`."""
         return self.approach
 
     def first_solve(self, state, solve):
-        """See `Loading.first_solve`."""
+        """Solve at the prescribed approach, from C = {h <= 0}; see `Loading.first_solve`."""
         state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
 
     def resume(self, state, load):
-        """See `Loading.resume`."""
+        """Set the prescribed depth; see `Loading.resume`."""
         state.depth = self.depth_on(state.distance)
 
     def begin(self, state):
-        """See `Loading.begin`."""
+        """Set the prescribed depth on this grid; see `Loading.begin`."""
         # The depth on the coarser grid may differ: at full contact, or under a mean gap.
         state.depth = self.depth_on(state.distance)
 
@@ -155,11 +173,11 @@ class PrescribedMeanGap(PrescribedApproach):
     Parameters
     ----------
     distance : UndeformedDistance
-        On the target grid.
+        Undeformed distance on the target grid.
     depth : float
-        There [mm].
+        Depth on the target grid [mm].
     mean_gap : float
-        As given [mm].
+        Mean gap as the user gave it [mm].
     """
 
     kind = "mean_gap"
@@ -169,9 +187,9 @@ class PrescribedMeanGap(PrescribedApproach):
         self._mean, self._mean_gap = distance.statistics.mean, max(mean_gap, 0.0)
 
     def restore_prescribed(self, measures):
-        """See `Loading.restore_prescribed`."""
+        """Restore the mean gap, at least 0; see `Loading.restore_prescribed`."""
         return measures._replace(mean_gap=self._mean_gap)
 
     def depth_on(self, distance):
-        """See `Loading.depth_on`."""
+        """Return the depth that gives the mean gap; see `Loading.depth_on`."""
         return self._depth + (distance.statistics.mean - self._mean)

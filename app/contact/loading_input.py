@@ -16,15 +16,15 @@ _ROUNDING_ULPS = 4  # units in the last place: rounding error of numbers that us
 
 
 def make_loading(grid, distance, **given):
-    """Make the loading of a number.
+    """Make the `Loading` for one prescribed number.
 
-    `grid` and `distance` are those of the target. `given` has exactly one of `LOADINGS` that is not None: approach or
-    mean gap [mm], load [N], or mean pressure [N/mm2], load over area of the patch.
+    `grid` and `distance` are those of the target grid. In `given` exactly one of `LOADINGS` is not None:
+    approach or mean gap [mm], load [N], or mean pressure, which is load over area of the patch [N/mm2].
 
     Raises
     ------
     InputError
-        If not exactly one is given, or it is not allowed.
+        If not exactly one number is given, or the number is not allowed.
     """
     given = {kind: number for kind, number in given.items() if number is not None}
     if len(given) != 1 or not given.keys() <= LOADINGS.keys():
@@ -67,9 +67,10 @@ def make_loading(grid, distance, **given):
 
 
 def _without_rounding(depth, size, touching, full):
-    """Return a depth, or that of first touch or full contact.
+    """Round a depth to first touch or full contact if close.
 
-    The latter if it differs by rounding of numbers of `size` only: such a contact or gap has no digits.
+    `touching` and `full` are the depths of these. Close is a difference within the rounding of numbers as
+    large as `size`, from which the depth was computed: pressures or gaps would have no correct digits.
     """
     rounding = _ROUNDING_ULPS * ulp(size)
     if full - depth <= rounding:
@@ -78,12 +79,12 @@ def _without_rounding(depth, size, touching, full):
 
 
 def validate_number(kind, number):
-    """Return the number of a loading as a float.
+    """Return the prescribed number of a loading as a float.
 
     Raises
     ------
     InputError
-        If it is no number, or too large or small.
+        If it is no real number, or too large or too small.
     """
     if isinstance(number, np.ndarray) and not number.shape:
         number = number[()]
@@ -107,7 +108,7 @@ def validate_number(kind, number):
 
 
 def _check_mean_gap(value, grid, holes, rounding):
-    """Raise if a mean gap does not determine the approach."""
+    """Raise if a mean gap is negative, or does not determine the approach."""
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
     if not grid.periodic:
         raise InputError(f"{text}: only on a periodic patch does it determine the approach; {others}")

@@ -21,7 +21,7 @@ PER_FACE = (np.pi - 1 + np.log(2)) / 24
 
 
 class ContactMeasures(NamedTuple):
-    """Numbers of a solution; the same on all ranks."""
+    """Load, gap and area of a solution; the same on all ranks."""
 
     load: float  # [N]
     max_pressure: float  # [N/mm2]
@@ -31,7 +31,7 @@ class ContactMeasures(NamedTuple):
     contact_area: float  # [mm2]
     mean_contact_pressure: float  # load over the contact area [N/mm2]; 0 without contact
     perimeter: float  # length of the faces between contact and no contact [mm]
-    contact_fraction: float  # of the admissible cells
+    contact_fraction: float  # contact cells over admissible cells
     contact_fraction_corrected: float  # minus `PER_FACE` of a cell for each face of the perimeter
 
 
@@ -46,8 +46,8 @@ class ShapeRoughness(NamedTuple):
 def measure_contact(state):
     """Return the ContactMeasures of a `ContactState`.
 
-    Collective. Faces of different lengths have the same correction: each moves the contact edge by a part of a cell, so
-    their number times the area of a cell counts.
+    Collective. The corrected contact fraction treats long and short faces alike: each moves the contact edge
+    by a share of a cell, so the number of faces matters, not their length.
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
@@ -80,9 +80,9 @@ def measure_contact(state):
 
 
 def contact_width(state, contact, enough):
-    """Return the longest runs of contact in x and y, in cells. Collective.
+    """Return the longest runs of contact cells in x and y. Collective.
 
-    At most `enough`. `contact` are the ContactMeasures of `state`.
+    Runs are counted up to `enough` cells. `contact` are the ContactMeasures of `state`.
     """
     grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
     excess = contact.contact_fraction - contact.contact_fraction_corrected
@@ -124,7 +124,7 @@ def measure_roughness(operator, distance, shape):
 
 
 def _steps_at_sides(operator, shape):
-    """Return the rms steps across the sides and next to them. Collective."""
+    """Return rms height steps across the sides, and next to them. Collective."""
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
 
@@ -141,7 +141,10 @@ def _steps_at_sides(operator, shape):
 
 
 def _wave_slope(operator, shape):
-    """Return the mean square gradient, the sum of q^2 |h_q|^2. Collective."""
+    """Return the mean square slope of the Fourier interpolant. Collective.
+
+    It is the sum of q^2 |h_q|^2 over the waves q.
+    """
     grid = operator.grid
 
     def square(columns, rows):
@@ -156,7 +159,7 @@ def _wave_slope(operator, shape):
 
 
 def _difference_slope(operator, shape):
-    """Return the mean square of the gradient by differences across faces. Collective."""
+    """Return the mean square slope from differences across faces. Collective."""
     grid = operator.grid
     before = fetch_row_before(shape, bool(grid.periodic), operator.slabs, operator.comm, np.nan)
     in_x, faces_x, in_y, faces_y = sum_over(
@@ -180,9 +183,10 @@ def _squares_row(row, other):
 
 @njit()
 def _squared_differences(shape, before, periodic):
-    """Sum squared differences across faces, and count these.
+    """Return sums of squared differences across faces, and numbers of faces.
 
-    In x, then in y; NaN is left out.
+    The first two numbers are for x, the others for y. Faces next to NaN are left out. `before` is the row
+    before the first.
     """
     in_x, in_y = (0.0, 0), (0.0, 0)
     for j in range(shape.shape[0]):

@@ -8,7 +8,10 @@ _PATIENCE = 4  # iterations in which the number of changed cells may stagnate
 
 
 def contact_state(operator, distance, **options):
-    """Make the `ContactState` for a grid, periodic or not; see there. Collective."""
+    """Make the `ContactState` of a grid, periodic or not. Collective.
+
+    `options` are the other arguments of that class.
+    """
     kind = PeriodicState if operator.grid.periodic else ContactState
     return kind(operator, distance, **options)
 
@@ -19,9 +22,10 @@ class PeriodicState(ContactState):
     _fewest_changed, _stagnating, _tensile = float("inf"), 0, 0
 
     def before_iteration(self, k):
-        """Open a cell if all are in contact below full contact. Collective.
+        """Open one cell if C has all cells below full contact. Collective.
 
-        Otherwise (2.11) could not be solved. It is the cell with the least pressure or the largest gap.
+        Without an open cell the system (2.11) has no solution, because A is singular. The cell with the least
+        p - h / A_II is opened, which has a low pressure or a large gap.
         """
         if k == 1:
             self._fewest_changed, self._stagnating, self._tensile = float("inf"), 0, 0
@@ -34,15 +38,15 @@ class PeriodicState(ContactState):
         self.compute_displacement()
 
     def release_tensile(self, *args, **options):
-        """See `ContactState.release_tensile`."""
+        """Release tensile cells, and note their number; see `ContactState.release_tensile`."""
         self._tensile = super().release_tensile(*args, **options)
         return self._tensile
 
     def activate_penetrating(self, expected=None):
-        """See `ContactState.activate_penetrating`.
+        """Add overlapping cells without cycling; see `ContactState.activate_penetrating`.
 
-        Contact sets may cycle near full contact. If the number of changed cells stagnates, cells enter only if none
-        have left, as in Kalker's NORM.
+        Contact sets may cycle near full contact. If the number of changed cells stagnates, cells enter only
+        in iterations in which none leave, as in Kalker's NORM.
         """
         if self._tensile and self._stagnating >= _PATIENCE:
             expected = np.full(self.u.shape, np.inf)
@@ -52,9 +56,11 @@ class PeriodicState(ContactState):
         return update
 
     def set_load(self, load, present_load):
-        """Add a constant to high pressures; compute u. Collective.
+        """Reach a load [N] by adding a constant to high pressures. Collective.
 
-        Near full contact a constant hardly displaces anything, a factor would displace everything.
+        High are those above twice the missing load over C. If less than half of C has such pressures, p and u
+        are scaled instead. Otherwise u is computed. Near full contact a constant hardly changes u, but a
+        factor does.
         """
         cells = max(self.cells_in_contact(), 1)
         missing = (load - present_load) / self.grid.cell_area

@@ -1,10 +1,11 @@
 """A prescribed load, and the search for its approach.
 
-The load F(delta) = dx dy sum(p) of the solved problem increases with the approach. Its slope is S = dx dy sum(q) with
-``A q = 1`` on C. On the first grid a bracketing root search meets the load and gives a secant slope. After that every
-active set iteration moves the approach by the missing load over the slope (Newton's method), as soon as the load error
-exceeds what the residual can explain. `settle` makes the load exact. Where that does not converge, a root search over
-solved problems does on any grid, because F is monotone.
+The load F(delta) = dx dy sum(p) of the solved problem increases with the approach delta. Its slope is S = dx
+dy sum(q), where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search
+meets the load and gives a secant slope. After that every active set iteration moves the approach by the
+missing load over the slope (Newton's method), as soon as the load error exceeds what the residual can
+explain. `settle` makes the load exact. If this iteration does not converge, a root search does: it solves
+problems of prescribed approach, and F is monotone.
 """
 
 from itertools import pairwise
@@ -35,9 +36,9 @@ class PrescribedLoad(Loading):
     Parameters
     ----------
     load : float
-        F, positive [N].
+        The load F, positive [N].
     mean_pressure : float
-        The same over the area of the patch, for the results [N/mm2].
+        Load over the area of the patch, as results report it [N/mm2].
     """
 
     kind, approach_is_known, allows_no_contact = "load", False, False
@@ -49,19 +50,19 @@ class PrescribedLoad(Loading):
         self._depths = []  # final depths of the grids solved so far [mm]
 
     def mean_pressure_on(self, grid):
-        """See `Loading.mean_pressure_on`."""
+        """Return the load over the area; see `Loading.mean_pressure_on`."""
         return self.load / (grid.n * grid.cell_area)
 
     def largest_pressure(self, distance, grid, coefficient):
-        """See `Loading.largest_pressure`; that of a single cell with the whole load."""
+        """Return the pressure of one cell with all load; see `Loading.largest_pressure`."""
         return self.load / grid.cell_area
 
     def least_displacement(self, operator):
-        """See `Loading.least_displacement`."""
+        """Multiply mean pressure and A_II; see `Loading.least_displacement`."""
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
     def restore_prescribed(self, measures):
-        """See `Loading.restore_prescribed`; a load that was missed stays."""
+        """Restore a load that was met up to rounding; see `Loading.restore_prescribed`."""
         if not isclose(measures.load, self.load, rel_tol=LOAD_ROUNDING):
             return measures
         in_contact = self.load / measures.contact_area if measures.contact_area else 0.0
@@ -70,12 +71,12 @@ class PrescribedLoad(Loading):
         )
 
     def first_solve(self, state, solve):
-        """See `Loading.first_solve`; the approach is found by root search."""
+        """Find the approach by root search; see `Loading.first_solve`."""
         outcome = self.search(state, solve, rtol=0.02)
         return solve(self).after(outcome) if outcome.converged else outcome
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """See `Loading.solve_by_search`; the load is made exact and (5.1) is tested again."""
+        """Search, make the load exact and test (5.1) again; see `Loading.solve_by_search`."""
         tight = stop.tighter(tighter)  # after scaling, the stopping test must still hold
         outcome = self.search(state, lambda loading: solve(loading, tight), rtol, step)
         state.first_contact()  # a search for a tiny load may end without contact
@@ -88,13 +89,14 @@ class PrescribedLoad(Loading):
         return outcome
 
     def search(self, state, solve, rtol, step=None):
-        """Search for the approach of the load by bracketing.
+        """Search for the approach that gives the load, by bracketing.
 
         Collective. Solves problems of prescribed approach. Converges for every problem that `solve` can solve, because
         the load is monotone in the approach.
 
         ``solve(loading)`` solves from the contact set and pressure of `state`. `rtol` is relative to the load, or to
-        the depth beyond first touch. `step` is the estimated error of the depth [mm], None if that is arbitrary.
+        the depth beyond first touch. `step` is the estimated error of the depth of `state` [mm]; None: the
+        search starts from an estimate of its own.
         Returns the Outcome of all solves, converged if all are.
         """
         touching = state.first_touch()
@@ -102,7 +104,10 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the error of load^(2/3) at a depth, linear for a sphere."""
+            """Return the relative error of load^(2/3) at a depth.
+
+            For a sphere it is linear in the depth.
+            """
             nonlocal outcome
             if depth not in loads:
                 state.depth = depth
@@ -145,8 +150,8 @@ class PrescribedLoad(Loading):
     def _estimate_depth(self, state, touching):
         """Estimate the depth beyond first touch [mm], and start there.
 
-        Collective. The overlap of the undeformed bodies carries the load as a flat punch of its area and mean depth:
-        right for flat punches, 4% too little for a sphere.
+        Collective. The overlap of the undeformed bodies is taken as a flat punch of its area and mean depth.
+        That is right for flat punches, and 4% too little for a sphere.
         """
         stiffness = stiffness_of_patch(state)
         beyond = self.load / stiffness
@@ -163,10 +168,11 @@ class PrescribedLoad(Loading):
         return beyond
 
     def resume(self, state, load):
-        """See `Loading.resume`; the solution may be of another problem.
+        """Estimate depth and slope from a solution; see `Loading.resume`.
 
-        The depth follows from the gap in contact. The load grows like that of a sphere, the 3/2 power of the depth
-        beyond first touch; the power is 1 for a punch and 2 for a cone.
+        It may be the solution of another problem. Its depth follows from its mean gap on C. The load is
+        assumed to grow with the power 3/2 of the depth beyond first touch, as for a sphere (1 for a punch, 2
+        for a cone).
         """
         state.depth = touching = state.first_touch()
         beyond = state.on_contact().mean
@@ -177,12 +183,12 @@ class PrescribedLoad(Loading):
             self.slope = stiffness_of_patch(state)
 
     def record(self, depth):
-        """See `Loading.record`."""
+        """Keep the final depth on a grid for `predict`; see `Loading.record`."""
         self._depths.append(depth)
 
     @property
     def shared_state(self):
-        """Slope, and final depths of the grids."""
+        """Slope of the load, and final depths of the grids so far."""
         return self.slope, self._depths
 
     @shared_state.setter
@@ -190,20 +196,21 @@ class PrescribedLoad(Loading):
         self.slope, self._depths = shared_state
 
     def predict(self, depth):
-        """See `Loading.predict`; extrapolates the depths of the grids as a geometric series."""
+        """Extrapolate the depths as a geometric series; see `Loading.predict`."""
         last = [finer - coarser for coarser, finer in pairwise(self._depths[-3:])]
         ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
-        """See `Loading.begin`."""
+        """Forget the last move, and ensure contact; see `Loading.begin`."""
         self._before = None
         state.first_contact()
 
     def update(self, state):
-        """See `Loading.update`; the step is the missing load over the slope.
+        """Move by the missing load over the slope; see `Loading.update`.
 
-        The mean gap in contact gives the load expected at this approach once the system is solved.
+        The mean gap in contact gives the load that is expected at this approach once the system (2.11) is
+        solved.
         """
         gaps = state.on_contact_or_overlap()
         if not gaps.cells:
@@ -221,10 +228,10 @@ class PrescribedLoad(Loading):
         return abs(state.depth - depth)
 
     def _learn_slope(self, state, expected, rms):
-        """Compute dF/d(depth) from the last move. Collective.
+        """Update the slope dF/d(depth) from the last move of the depth. Collective.
 
-        Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. The slope grows with the depth, so it
-        is at least the mean slope since first touch.
+        Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. `expected` is the load at
+        this depth [N]. The slope grows with the depth, so it is at least the mean slope since first touch.
         """
         beyond = state.depth - state.distance.zero_load_depth
         mean_slope = expected / beyond if beyond > 0 else 0.0
@@ -239,9 +246,9 @@ class PrescribedLoad(Loading):
             self.slope = min(max(self.slope, least), MAX_LEAST_STIFFNESS_RATIO * least)
 
     def settle(self, state, update):
-        """See `Loading.settle`; the gap in contact gives the approach.
+        """Scale p to the load, and make the mean gap zero; see `Loading.settle`.
 
-        The pressure is changed by a factor, on a periodic patch by a constant on C. Without pressure the load is
+        On a periodic patch a constant is added to high pressures instead. Without pressure the load is
         distributed evenly over C.
         """
         load = state.load
@@ -255,19 +262,19 @@ class PrescribedLoad(Loading):
         return state.activate_penetrating().after(update)
 
     def scale_pressure(self, pressure, total, cell_area):
-        """See `Loading.scale_pressure`."""
+        """Multiply by prescribed over present load; see `Loading.scale_pressure`."""
         if total > 0:
             pressure *= self.load / (cell_area * total)
         return total > 0
 
     def set_depth(self, state):
-        """See `Loading.set_depth`; the mean gap on C becomes zero."""
+        """Make the mean gap on C zero; see `Loading.set_depth`."""
         state.depth = 0.0
         state.depth = state.on_contact().mean
 
 
 def _root(function, low, high, xtol):
-    """Return the zero of an increasing function."""
+    """Return the zero of an increasing function between two arguments."""
     for _ in range(_MAX_SECANTS):
         a, b = function(low), function(high)
         middle = low - a * (high - low) / (b - a)
@@ -280,8 +287,9 @@ def _root(function, low, high, xtol):
 def least_stiffness(state):
     """Return a lower bound of the stiffness of C [N/mm]. Collective.
 
-    It is 0 on a free patch. Near full contact the stiffness grows without bound. With A q = 1 on C, 1.q >= (1.1)^2 /
-    (1.A 1), sums over C.
+    On a free patch it returns 0. Otherwise let q be the pressure on C with A q = 1 there. The stiffness is
+    the cell area times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact it grows
+    without bound.
     """
     if not state.grid.periodic:
         return 0.0
@@ -290,5 +298,5 @@ def least_stiffness(state):
 
 
 def stiffness_of_patch(state):
-    """Return the stiffness of a punch as large as the patch [N/mm]."""
+    """Return the stiffness of a round punch with the patch's area [N/mm]."""
     return 2 / (np.pi * state.operator.compliance) * np.sqrt(state.grid.n * state.grid.cell_area / np.pi)

@@ -1,4 +1,4 @@
-"""The contact state, and operations on it for the steps of Sec. 4.1.
+"""The contact state on one grid, and the steps of Sec. 4.1 on it.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -11,7 +11,7 @@ e = h + u, (2.3)          ``gap()``, ``u - (b + depth)``   mm
 r (defect)                ``h + u`` on C                   mm
 ========================  ===============================  =====
 
-The order of the steps is that of the iteration, see `active_set`.
+`active_set` calls the steps, in the order of the paper.
 """
 
 from enum import IntEnum
@@ -28,16 +28,19 @@ from app.parallel.reductions import minimum_over, sum_over
 
 
 class Update(NamedTuple):
-    """Update of the contact set; the same on all ranks. NaN: unknown."""
+    """Result of one update of the contact set; same on all ranks.
 
-    cells: int  # in the new set
+    Unknown numbers are NaN.
+    """
+
+    cells: int  # number of cells in the new set
     added: int
-    released: int  # without those that entered again
+    released: int  # number of cells released, without those that entered again
     residual: float  # ||h + u||_2 over the new set [mm]
     h_on_contact: float = float("nan")  # ||h||_2 over the new set [mm]
     load: float = float("nan")  # [N]
     approach: float = float("nan")  # [mm]; NaN: that of the state
-    moves: float = float("inf")  # norm of the displacement by the update, about [mm]; infinite: unknown
+    moves: float = float("inf")  # approximate norm of the change of u by the update [mm]; infinite: unknown
 
     @property
     def changed(self):
@@ -45,14 +48,14 @@ class Update(NamedTuple):
         return self.added + self.released
 
     def after(self, first):
-        """Return this update and an earlier one since `release_tensile`, summed."""
+        """Return this update with the changes of an earlier one added."""
         return self._replace(added=first.added + self.added, released=first.released + self.released)
 
 
 class Gaps(NamedTuple):
-    """Sums over gaps; the same on all ranks.
+    """Sums over the gaps of some cells; the same on all ranks.
 
-    NaN: not computed.
+    Sums that were not computed are NaN.
     """
 
     cells: int
@@ -63,7 +66,7 @@ class Gaps(NamedTuple):
 
     @property
     def residual(self):
-        """||h + u||_2 [mm]."""
+        """Norm ||h + u||_2 of the gaps [mm]."""
         return sqrt(self.squares)
 
     @property
@@ -81,7 +84,7 @@ _NO_FIELD = np.zeros((0, 0))
 
 
 class Displacement(IntEnum):
-    """Accuracy of u as the displacement of p."""
+    """Accuracy with which u is the displacement A p."""
 
     STALE = 0  # u is not A p
     UPDATED = 1  # u is A p up to single precision and the errors of summed changes
@@ -89,16 +92,16 @@ class Displacement(IntEnum):
 
 
 class ContactState:
-    """State of a solution on one grid: C, p, u and approach.
+    """Contact set C, pressure p, displacement u and approach on one grid.
 
-    Collective. `contact` *is* the operator's mask, and is emptied here. All states of an operator share it: to return
-    to an earlier state, keep a copy of its contact set and restore it.
+    Collective. `contact` *is* the mask of the operator, and a new state empties it. All states of an operator
+    share this mask: to return to an earlier state, keep a copy of its contact set and restore it.
 
     Parameters
     ----------
     operator : InfluenceOperator
     distance : UndeformedDistance
-        On the same cells.
+        Undeformed distance of the same cells.
     u : ndarray, shape (local rows, nx), [mm], optional
         Initial displacement. Not copied.
     displacement_status : Displacement
@@ -150,7 +153,7 @@ class ContactState:
 
     @property
     def values(self):
-        """The local pressure, writable."""
+        """Local pressure as a writable array; each access counts as a change."""
         self.pressure.stateIncrease()
         return self._p
 
@@ -176,7 +179,10 @@ class ContactState:
         return int(self.sum([np.count_nonzero(self.contact)])[0])
 
     def on_contact(self, with_h=False):
-        """Return the Gaps on C; `with_h` includes ||h|| there. Collective."""
+        """Return the `Gaps` of the cells in C. Collective.
+
+        `with_h`: compute their ||h||, too.
+        """
         b, depth, contact = self.distance.b, self.distance.depth, self.contact
         h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
         squares, total, cells, h = self.sum(
@@ -185,7 +191,7 @@ class ContactState:
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
-        """Return the Gaps on C and overlapping cells, and the load. Collective."""
+        """Return the `Gaps` of C and overlapping cells, with the load. Collective."""
         sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, self.admissible)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
@@ -193,7 +199,7 @@ class ContactState:
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
 
     def before_iteration(self, k):
-        """Adapt C before iteration k, if periodic. Collective."""
+        """Adapt C before iteration k; does nothing on free patches. Collective."""
 
     def start_from_interpenetration(self):
         """Start from C^0 = {h <= 0} and p = 0, step 1 of Sec. 4.1."""
@@ -220,14 +226,17 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
-        """Return the right-hand side for a correction of p."""
+        """Return the defect -(h + u) on C, 0 elsewhere [mm].
+
+        It is the right-hand side of the contact set's system (2.11) for a correction of p.
+        """
         with self.right as values:
             out = values.reshape(self.u.shape)
             kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)  # (2.11)
         return self.right
 
     def add(self, correction):
-        """Add a correction, a Vec, to p."""
+        """Add a correction of the pressure, a Vec, to p."""
         self.pressure.axpy(1.0, correction)
         self.displacement_status = Displacement.STALE
 
@@ -236,16 +245,20 @@ class ContactState:
         self.bounds.project(self.p, self.admissible, self.values)
 
     def tension(self):
-        """Return the share of the pressure that a release would remove. Collective."""
+        """Return the tension on C over the total pressure. Collective.
+
+        Step (4.a) would remove this share. It is infinite if there is tension without pressure.
+        """
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove tensile cells from C, (4.a), for (2.9).
+        """Remove the tensile cells from C (4.a), so that p >= 0 (2.9).
 
-        Collective if `some` is None, else `some` says whether any rank has such cells. Returns the number of released
-        cells, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
+        Collective if `some` is None. Otherwise `some` is true if any rank has tensile cells. Returns the
+        number of released cells on all ranks, or `some`. The change of p is added to `change`, shape (local
+        rows, nx) [N/mm2].
         """
         released = self.bounds.release(self.values, self.contact, self._released, change)
         released = int(self.sum([released])[0]) if some is None else some
@@ -254,7 +267,7 @@ class ContactState:
         return released
 
     def compute_displacement(self, exact=False):
-        """Compute u = A p; `exact` in double precision. Collective."""
+        """Compute u = A p; `exact`: in double precision. Collective."""
         exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
         compute(self.p, self.u)  # (2.7)
@@ -262,10 +275,11 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):
-        """Add cells that overlap to C, (4.b), for (2.10).
+        """Add the overlapping cells to C (4.b), for (2.10).
 
-        Collective. Cells just released may enter again. Returns the Update since before `release_tensile`. `expected`,
-        shape (local rows, nx) [mm], is an expected change of u outside C, added to u in this test.
+        Collective. Cells just released may enter again. Returns the `Update` by the last `release_tensile`
+        and this step. `expected`, shape (local rows, nx) [mm], is an expected change of u outside C. The test
+        for overlap adds it to u.
         """
         fields = self.u, self.p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
@@ -284,13 +298,13 @@ class ContactState:
         self.scale(load / present_load)
 
     def distribute_load(self, load):
-        """Distribute a load [N] evenly over C; u = A p. Collective."""
+        """Distribute a load [N] evenly over C, and compute u. Collective."""
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)
         self.compute_displacement(exact=True)
 
     def destroy(self):
-        """Free the vectors made here. Collective."""
+        """Free the vectors of this state. Collective."""
         self.pressure.destroy()
         if "right" in vars(self):
             self.right.destroy()

@@ -8,7 +8,7 @@ BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choos
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """Accuracy, step 6 of Sec. 4.1, and limit of iterations."""
+    """Test (5.1) of the residual (Sec. 4.1, step 6), and limit of iterations."""
 
     rtol: float = 1e-6
     max_it: int = 100
@@ -19,7 +19,7 @@ class StoppingTest:
         return self.rtol * state.distance.norm()
 
     def __call__(self, state, residual):
-        """Return whether ||r||_rms / ||h||_rms <= rtol; `residual` in mm."""
+        """Return whether a residual ||r||_2 [mm] is at most rtol ||h||_2."""
         return residual <= self.allowed(state)  # (5.1)
 
     def tighter(self, factor):
@@ -27,8 +27,8 @@ class StoppingTest:
         return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
-        """Return the test of coarser grids: an unchanged contact area.
+        """Return the test of coarser grids, which allows any residual.
 
-        It is that of step 3.b of Sec. 4.3.
+        Step 3.b of Sec. 4.3 demands an unchanged contact area only.
         """
         return StoppingTest(float("inf"), self.max_it, final=False)
