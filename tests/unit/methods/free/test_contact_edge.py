@@ -175,14 +175,3 @@ def test_extension_follows_the_contact_set_whatever_the_unit_of_the_stencil():
 def test_impossible_numbers_of_steps_raise(steps):
     with pytest.raises(ValueError, match="steps"):
         EdgeExtension((4, 4), None, None, steps)
-
-
-@pytest.mark.parametrize("steps", [0, 1, 2, 3, 10, 51])
-def test_order_of_chebyshev_steps_amplifies_nothing(steps):
-    low, high = 0.5, 1.4
-    lengths, waves = chebyshev_steps(steps, low, high), np.linspace(low, high, 500)
-    factors = 1 - lengths[:, None] * waves
-    assert lengths.shape == (steps,)
-    assert (abs(np.cumprod(factors, axis=0)) <= 1).all()
-    least = 1 / np.cosh(steps * np.arccosh((high + low) / (high - low)))  # of Chebyshev's polynomial
-    assert abs(np.prod(factors, axis=0)).max() <= least * (1 + 1e-9)
