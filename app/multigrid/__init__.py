@@ -1,9 +1,9 @@
 """Grids, and linear solvers of the masked system (2.11).
 
 `hierarchy` has the operators of all grids, `transfer` restricts and prolongs between two of them (loops:
-`interpolation`). `pcmg` is the multigrid method (Sec. 4.2), a PC for any KSP; `smoothers` complete PETSc's. `direct`
-solves on the coarsest grid. `linear_solver` is a KSP from PETSc's options, `ksp_context` the base of our own KSPs, and
-`solver_cache` keeps solvers between solves.
+`interpolation`). `pcmg` is the multigrid method (Sec. 4.2), a PC for any KSP; `smoothers` complete PETSc's.
+`direct` solves on the coarsest grid. `linear_solver` sets up a KSP by PETSc's options, `ksp_context` is the
+base class of our own KSPs, and `solver_cache` keeps linear solvers between solves.
 """
 
 from app.multigrid.pcmg import ContactMG

@@ -11,22 +11,25 @@ from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
-    """Return whether a grid is directly solvable."""
+    """Return whether the grid of an operator is small, on one rank."""
     return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
 def can_start_on(hierarchy, number):
-    """Return whether a nested iteration may start on a level."""
+    """Return whether a nested iteration may start on a level.
+
+    The level must be coarser than the target, and small.
+    """
     return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= MAX_DIRECT_CELLS
 
 
 def starts_directly(hierarchy, number):
-    """Return whether a start on a level is solved directly."""
+    """Return whether `DirectSolver` solves a nested iteration's start on a level."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):
-    """Return the dense A of a small grid, on its rank."""
+    """Return the dense A of a small grid; empty on ranks without the grid."""
     grid = operator.grid
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
@@ -45,7 +48,7 @@ def stored_matrix(operator):
 
 @njit()
 def _cut(matrix, cells, system):
-    """Copy the lower triangle of some cells."""
+    """Copy the lower triangle of A for some cells to `system`."""
     for i in range(cells.size):
         row = matrix[cells[i]]
         for j in range(i + 1):
@@ -80,7 +83,7 @@ class DirectSolver:
         self._failure = "the influence matrix of the contact set is not positive definite" if failed else ""
 
     def solve(self, b, allowed=0.0):
-        """See `LinearSolver.solve`."""
+        """Solve C A C x = b by Cholesky factors; see `LinearSolver.solve`."""
         right = b.getArray(readonly=True)[self._cells]
         with self._work as x:
             x[...] = 0

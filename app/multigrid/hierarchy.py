@@ -20,13 +20,13 @@ from app.multigrid.transfer import Transfer
 from app.parallel.rank_groups import RankGroups
 from app.problems.problem import evaluate_shape
 
-_COMPARED_ROWS = 0.08, 0.37, 0.79  # of all rows: those by which ranks compare their problems
+_COMPARED_ROWS = 0.08, 0.37, 0.79  # positions of the rows that ranks compare, over the number of rows
 MAX_DIRECT_CELLS = 1024  # of a grid whose matrix is stored and factorised
 _MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no time
 
 
 def check_memory(comm, grid, settings):
-    """Raise if a host lacks the memory for a target. Collective."""
+    """Raise if a host lacks the memory for a target grid. Collective."""
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.
@@ -65,7 +65,10 @@ def _check_equal_on_ranks(comm, problem):
 
 
 def _make_coarser(target, grids, sizes, ranks):
-    """Make the operators of coarser grids, the finest first. Collective."""
+    """Make the operators of coarser grids, finest first. Collective.
+
+    `sizes` are their numbers of ranks. The operators become ``coarser_levels`` of `target`.
+    """
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
         InfluenceOperator(grid, target.compliance, *ranks.distribute(grid, size), dtype, target=finest)
@@ -79,7 +82,8 @@ def _make_coarser(target, grids, sizes, ranks):
 def get_coarser_levels(operator):
     """Get or make the operators of coarser grids, finest first. Collective.
 
-    An operator without hierarchy keeps those made here, on all of its ranks, or on one if small.
+    An operator without a hierarchy keeps the operators made here. They share its ranks; those of small grids
+    are on one.
     """
     if operator.coarser_levels is None:
         grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
@@ -89,9 +93,9 @@ def get_coarser_levels(operator):
 
 
 def make_transfers(operators, comm):
-    """Make the transfers between levels; the first is None.
+    """Make the transfers of all levels from the next coarser one.
 
-    `comm` is of all ranks with rows of the finest grid, None if there is one.
+    The first is None. `comm` has all ranks with rows of the finest grid; it is None if there is one.
     """
     transfers = [None]
     for coarse, fine in pairwise(operators):
@@ -112,6 +116,7 @@ class Hierarchy:
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     comm : mpi4py communicator
+        All ranks of the solver.
     coarsest : int
         Directions with at most this many cells are not halved.
     cells_per_rank : int
@@ -121,10 +126,10 @@ class Hierarchy:
     dtype : numpy real type
         Precision of the products. With float32 the target grid also has a double precision product.
     margin : float
-        Margin of the windows around contact on larger grids, as a share of its extent; 0: no windows. Products on all
-        cells of such grids are only made when used.
+        Margin of the windows around contact on larger grids, as a share of its extent; 0: no windows.
+        Products on all cells of such grids are prepared when first used.
     prefix : str
-        Of the solvers' options in PETSc's database.
+        Prefix of the solvers' options in PETSc's database.
     """
 
     def __init__(
@@ -160,7 +165,7 @@ class Hierarchy:
 
     @property
     def petsc_comm(self):
-        """PETSc communicator of all ranks."""
+        """PETSc communicator of all ranks of the hierarchy."""
         return petsc_comm(self.comm)
 
     def gains_ranks(self, operator, number):
@@ -182,14 +187,14 @@ class Hierarchy:
         return operator.grid.n / self.target.grid.n
 
     def shapes(self, problem):
-        """Return the undeformed distance on every level, coarsest first. Collective.
+        """Return the undeformed distance on all levels, coarsest first. Collective.
 
         A function is evaluated on every grid; samples are averaged.
 
         Raises
         ------
         InputError
-            If its values are invalid.
+            If the undeformed distance has invalid values, or differs between ranks.
         """
         levels = self.levels[-1:] if problem.sampled else self.levels
         shapes = call_collectively(
@@ -202,14 +207,15 @@ class Hierarchy:
 
     @cached_property
     def finest_unwindowed(self):
-        """Number of the largest level that has no window."""
+        """Number of the finest level that is never solved in a window."""
         whole = [number for number, level in enumerate(self.levels) if not self.may_be_windowed(level)]
         return max(whole, default=0)
 
     def coarse_minimum(self, shapes):
         """Return the least distance on the finest unwindowed level. Collective.
 
-        It is NaN in cells that are inadmissible as a whole. None if the target grid has no window.
+        Each cell gets the minimum over its cells on the target grid, NaN if all are inadmissible. Returns
+        None if the target grid is not solved in windows.
         """
         if not self.may_be_windowed(self.target):
             return None
@@ -219,7 +225,7 @@ class Hierarchy:
         return lowest
 
     def operator_applications(self):
-        """Return the work on all grids, in products on the target."""
+        """Return the work on all grids, in units of products on the target."""
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
@@ -235,7 +241,7 @@ class Hierarchy:
             collect_garbage(comm)
 
     def destroy(self):
-        """Free the products, and the communicators made here. Collective."""
+        """Free the products of all levels, and the communicators. Collective."""
         for level in self.levels:
             level.free()
         self.ranks.destroy()

@@ -18,7 +18,7 @@ QUINTIC_MARGIN = _POINTS // 2  # coarse cells that are needed on either side of 
 
 @njit()
 def _interpolate_inner(row, fine):
-    """Interpolate to the children of all cells except first and last."""
+    """Interpolate a coarse row to the children of its inner cells."""
     for i in range(1, row.size - 1):
         fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
         fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]
@@ -28,7 +28,8 @@ def _interpolate_inner(row, fine):
 def interpolate_bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
     """Compute fine[j, i] from coarse rows a[j], b[j] and columns c[i], d[i].
 
-    `halved`: each coarse column has two fine ones. `row`: work space of a coarse row.
+    `weight_y` and `weight_x` are those of a and c; b and d have the rest to 1. `halved`: each coarse column
+    has two fine ones. `row` is work space of a coarse row.
     """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
@@ -50,7 +51,7 @@ def _mix_six(a, b, c, d, e, f, weights, out):
 
 @njit_reassoc
 def _interpolate_halved(row, weights, fine):
-    """Interpolate to both children of all cells."""
+    """Interpolate a coarse row to both children of its cells."""
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     for i in range(np.uint64(fine.size // 2)):
@@ -62,11 +63,11 @@ def _interpolate_halved(row, weights, fine):
 
 @njit()
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """Compute fine cells from six coarse rows and columns each.
+    """Compute each fine cell from six coarse rows and columns.
 
-    They begin at rows[j], columns[i].
-    Columns count from `QUINTIC_MARGIN` before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`:
-    each coarse column has two fine ones. `row`: work space of (coarse columns + 2 QUINTIC_MARGIN).
+    The rows and columns of fine[j, i] begin at rows[j] and columns[i]. Columns count from `QUINTIC_MARGIN`
+    before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`: each coarse column has two
+    fine ones. `row` is work space of (coarse columns + 2 QUINTIC_MARGIN).
     """
     nx = coarse.shape[1]
     for j in range(fine.shape[0]):
@@ -88,11 +89,12 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 
 @lru_cache(maxsize=64)
 def bilinear_weights(start, stop, count, factor, place, first=None):
-    """Return two coarse cells around each fine one, and weights.
+    """Return two coarse cells for each fine one, and the first's weight.
 
-    They are the parent, with weight 3/4, and the nearest neighbour; at the boundary of the grid the parent, with weight
-    5/4, and the cell inside. On a periodic grid they are the cells before and behind the centre, by `place`
-    (`Grid.places_in`). They count from cell `first`, or are taken modulo the period if that is None.
+    The cells are the parent, with weight 3/4, and the nearest neighbour. At the boundary of the grid they are
+    the parent, with weight 5/4, and the neighbour inside. On a periodic grid they are the cells before and
+    behind the centre of the fine cell, by `place` (`Grid.places_in`). Cell numbers count from `first`; if
+    that is None, they are taken modulo `count`.
     """
     index = np.arange(start, stop)
     one = other = index // factor
@@ -110,7 +112,10 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
 @lru_cache(maxsize=64)
 def quintic_weights(start, stop, place, first):
-    """Return the first of six coarse cells around each fine one; weights."""
+    """Return the first of six coarse cells for each fine one, and weights.
+
+    `place` is that of `Grid.places_in`; the numbers of cells count from `first`.
+    """
     before, share = _before(np.arange(start, stop), place)
     return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(
         share, np.arange(_POINTS) - (QUINTIC_MARGIN - 1)
@@ -118,7 +123,10 @@ def quintic_weights(start, stop, place, first):
 
 
 def _before(index, place):
-    """Return the coarse cells before fine centres, and the distances."""
+    """Return the coarse cells before fine centres, and distances to these.
+
+    The unit is a coarse cell.
+    """
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)
     return before, centre - before

@@ -6,7 +6,7 @@ from app.parallel.reductions import sum_over
 
 
 class KspContext:
-    """KSP context that lets PETSc decide when to stop.
+    """KSP context whose convergence test is PETSc's.
 
     Attributes
     ----------
@@ -17,7 +17,7 @@ class KspContext:
     norm_type = PETSc.KSP.NormType.UNPRECONDITIONED
 
     def setFromOptions(self, ksp):
-        """Choose the norm of the method, unless an option does."""
+        """Set the method's norm, unless ``-ksp_norm_type`` is given."""
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_norm_type"):
             ksp.setNormType(self.norm_type)
 
@@ -25,11 +25,11 @@ class KspContext:
         """Free the work arrays until the next set-up."""
 
     def destroy(self, ksp):
-        """Free everything."""
+        """Free everything that the context holds."""
         self.reset(ksp)
 
     def _report(self, ksp, iteration, norm):
-        """Report an iteration to PETSc; return its reason to stop, or 0."""
+        """Report an iteration to PETSc; return PETSc's reason to stop, or 0."""
         if not norm >= 0:
             return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
         ksp.its, ksp.norm = iteration, norm

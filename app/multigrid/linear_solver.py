@@ -14,7 +14,7 @@ from app.options.solver_options import temporary_options
 
 
 def reason_names(reasons):
-    """Return the names of one of PETSc's classes of reasons, by value."""
+    """Return names by value of a PETSc class of convergence reasons."""
     return {value: name for name, value in vars(reasons).items() if isinstance(value, int)}
 
 
@@ -27,15 +27,16 @@ _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "ei
 class LinearSolver:
     """KSP on the contact set in the operator's mask: C A C p = b.
 
-    Collective over the ranks of the grid. Options are read from PETSc's database now.
+    Collective over the ranks of the grid. The options are read from PETSc's database when the solver is
+    created.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     level : int
-        Number of the grid; default the target.
+        Number of the level; by default the target.
     operator : InfluenceOperator, optional
-        Of a window of that level, in place of the level's.
+        Operator of a window of that level; by default that of the whole level.
 
     Raises
     ------
@@ -96,8 +97,8 @@ class LinearSolver:
     def work_units(self):
         """Work in the paper's units.
 
-        These are the products and sweeps by the KSP, over those on the target grid. The assembled matrix of the
-        coarsest grid is not counted.
+        A unit is a product or sweep on the target grid. All products and sweeps of the KSP count, except
+        those with the assembled matrix of the coarsest grid.
         """
         total = 0.0
         for operator, share in self._counted:
@@ -112,6 +113,7 @@ class LinearSolver:
         Parameters
         ----------
         b : Vec
+            Right-hand side [mm], zero outside C.
         allowed : float
             Norm of the residual that is small enough [mm]: the absolute tolerance of Krylov methods that monitor
             the true residual, unless -ksp_atol is given.
@@ -132,7 +134,10 @@ class LinearSolver:
         return self._work, iterations, failure
 
     def _atol_for(self, allowed):
-        """Return the absolute tolerance, None to keep that of options."""
+        """Return the absolute tolerance for a norm that is small enough.
+
+        None: the tolerance of the options holds.
+        """
         other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
         if self._own_atol or other_norm or not math.isfinite(allowed):
             return None

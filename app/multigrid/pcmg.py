@@ -57,9 +57,10 @@ _DIRECT = {
 
 
 class MaskedMatrix:
-    """The coarsest system, assembled, for step 4 of Sec. 4.2.
+    """Assembled matrix of the coarsest grid, for step 4 of Sec. 4.2.
 
-    ``C A C + d (I - C)``; all of it is on the rank that has the grid, of at most `MAX_DIRECT_CELLS` cells.
+    It is ``C A C + d (I - C)``, d the diagonal of A. All of it is on the rank that has the grid, of at most
+    `MAX_DIRECT_CELLS` cells.
     """
 
     def __init__(self, operator, comm):
@@ -71,7 +72,10 @@ class MaskedMatrix:
         self.update()
 
     def update(self, energy=0.0):
-        """Assemble, with ``p.Ap >= energy`` for p = 1 on C. Collective."""
+        """Assemble for the contact set in the operator's mask. Collective.
+
+        A constant is added on C, so that ``p.Ap >= energy`` for p = 1 there.
+        """
         if self.operator.active:
             inside = self.operator.mask.reshape(-1)
             both = inside[:, None] & inside
@@ -97,7 +101,7 @@ class ContactMG:
     Attributes
     ----------
     operators : list of InfluenceOperator
-        Of the levels, coarsest first.
+        Operators of the levels, coarsest first.
     """
 
     operators = _transfers = _mats = ()
@@ -133,7 +137,7 @@ class ContactMG:
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y = M x, by one cycle or ``-pc_mg_multiplicative_cycles``."""
+        """Compute y = M x by ``-pc_mg_multiplicative_cycles`` cycles, one by default."""
         if self._cycle is None:
             self.setUp(pc)
         try:
@@ -145,12 +149,12 @@ class ContactMG:
             raise
 
     def view(self, pc, viewer):
-        """View the PCMG."""
+        """Print the PCMG with its levels to a viewer."""
         if self._cycle is not None:
             self._cycle.view(viewer)
 
     def reset(self, pc):
-        """Free everything made here; the next use makes it again."""
+        """Free all PETSc objects; the next use makes them again."""
         # Also the Mat: PETSc's garbage_cleanup may call this, and loses what Python drops inside it.
         for part in (self._cycle, self._coarse, *self._mats, self._mat):
             if part is not None:
@@ -222,7 +226,7 @@ class ContactMG:
 
 
 def _levels_wanted(operator, options):
-    """Return the number of levels, by ``-pc_mg_levels``."""
+    """Return the number of levels; ``-pc_mg_levels`` may limit it."""
     levels = 1 + len(operator.coarser_levels)
     most = max(levels, 1 + len((operator.target or operator).coarser_levels or ()))
     wanted = options.getInt("pc_mg_levels", levels)
@@ -238,10 +242,11 @@ def _levels_wanted(operator, options):
 
 
 def _energy_of_constant(fine, coarse):
-    """Return p.Ap for p = 1 on C, if periodic. Collective.
+    """Return the energy p.Ap of p = 1 on C, for the coarsest grid. Collective.
 
-    It is 0 on a free patch. A coarser grid has a larger share of its cells in C, up to all of them, where a constant
-    has no energy: its correction would be much too large, or infinite.
+    It is computed on the fine grid of a periodic patch; on a free patch it is 0. A coarser grid has a larger
+    share of its cells in C, up to all of them, where a constant has no energy: its correction would be much
+    too large, or infinite.
     """
     if not fine.grid.periodic:
         return 0.0
@@ -250,7 +255,10 @@ def _energy_of_constant(fine, coarse):
 
 
 def _default_options(options, symmetric):
-    """Return default options of smoothers and coarsest grid."""
+    """Return default options of the smoothers and the coarsest grid.
+
+    `options` are the user's; `symmetric`: the cycle must be symmetric.
+    """
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in options for kind in _OTHER_SWEEPS):
         del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others
@@ -260,7 +268,7 @@ def _default_options(options, symmetric):
 
 
 def _adjoint_smoothers(options):
-    """Return options of up smoothers adjoint to the down smoothers."""
+    """Return options that make up smoothers the adjoints of down smoothers."""
     turned = {"forward": "backward", "backward": "forward"}
     adjoint = {"pc_mg_distinct_smoothup": ""}
     for name, text in options.items():

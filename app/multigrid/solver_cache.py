@@ -14,17 +14,20 @@ class SolverCache:
     Parameters
     ----------
     kind : type
-        `LinearSolver` or a subclass.
+        Class of the solvers: `LinearSolver` or a subclass.
     hierarchy : Hierarchy
     target : LinearSolver or None
-        Of the target grid; its owner frees it.
+        Solver of the target grid, which the cache returns but does not free.
     """
 
     def __init__(self, kind, hierarchy, target=None):
         self._kind, self._hierarchy, self._target, self._solvers = kind, hierarchy, target, {}
 
     def prepare(self, first=0):
-        """Make the solvers of small levels without windows. Collective."""
+        """Make the solvers of small levels without windows. Collective.
+
+        Levels below number `first` are left out.
+        """
         hierarchy = self._hierarchy
         for number, level in enumerate(hierarchy.levels):
             is_cached = not (is_large(level.grid) or hierarchy.may_be_windowed(level))
@@ -40,7 +43,10 @@ class SolverCache:
         return self._solvers[operator]
 
     def release_solver(self, operator):
-        """Free the solver of a large grid or window. Collective."""
+        """Free an operator's solver if its grid is large. Collective.
+
+        The target's solver only frees its large work arrays.
+        """
         if self._is_of_target(operator):
             self._target.free_work()
         elif is_large(operator.grid):
@@ -54,7 +60,7 @@ class SolverCache:
             self._solvers.pop(operator).destroy()
 
     def destroy(self):
-        """Free all solvers. Collective."""
+        """Free all cached solvers. Collective."""
         for solver in self._solvers.values():
             solver.destroy()
         self._solvers.clear()

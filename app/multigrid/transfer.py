@@ -1,8 +1,9 @@
 """Restriction to the next coarser grid, and prolongation (Sec. 4.2, 4.3).
 
-A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 if the other direction is not halved). Each grid has its own slabs
-and ranks. The rank that owns the first child of a coarse row computes that row, perhaps with the next rank's first row,
-and sends it to its owner. For prolongation ranks fetch the parents of their rows. Nothing moves if the slabs fit.
+A coarse cell joins 2 x 2 fine ones, its children (2 x 1 or 1 x 2 if the other direction is not halved). Each
+grid has its own slabs and ranks. The rank that owns the first child of a coarse row computes that row,
+perhaps with the next rank's first row, and sends it to its owner. For prolongation ranks fetch the parents of
+their rows. No rows are sent if fine and coarse slabs fit.
 """
 
 from functools import cached_property
@@ -31,10 +32,11 @@ class Transfer:
     Parameters
     ----------
     fine, coarse : InfluenceOperator
+        Operators of the two grids.
     factors : (int, int)
         ``(fy, fx)``: fine cells per coarse cell in y and x.
     comm : mpi4py communicator or None
-        Of all ranks of the solver; None if there is one.
+        All ranks of the solver; None if there is one.
     """
 
     def __init__(self, fine, coarse, factors, comm=None):
@@ -46,7 +48,7 @@ class Transfer:
 
     @cached_property
     def _fetch_children(self):
-        """Fetch of the children of coarse rows here."""
+        """`Fetch` of the children of the coarse rows computed here."""
         first, last = (
             np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
         )
@@ -54,14 +56,14 @@ class Transfer:
 
     @cached_property
     def _fetch_overlapping(self):
-        """Fetch of the fine rows that periodic coarse rows here overlap."""
+        """`Fetch` of fine rows that overlap the periodic coarse rows here."""
         first, last = self._made.bounds(self._ranks)
         low, high = self.fy * first - 1, self.fy * (last - 1) + 3
         return Fetch(self.fine.slabs, [(low, np.where(last > first, high, low))], self._comm)
 
     @cached_property
     def _send_to_owner(self):
-        """Fetch of coarse rows by their owners."""
+        """`Fetch` that brings computed coarse rows to their owners."""
         return Fetch(self._made, [self.coarse.slabs.bounds(self._ranks)], self._comm)
 
     _fetch_parents = cached_property(lambda self: self._make_parent_fetch(0))
@@ -69,7 +71,10 @@ class Transfer:
     _fetch_quintic_neighbours = cached_property(lambda self: self._make_parent_fetch(QUINTIC_MARGIN))
 
     def _make_parent_fetch(self, margin):
-        """Make the Fetch of the parents of fine rows, with a margin."""
+        """Make the `Fetch` of the parents of fine rows.
+
+        `margin` is the number of coarse rows to fetch on either side of them.
+        """
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
         first, last = first // self.fy - margin, -(-last // self.fy) + margin
@@ -78,9 +83,9 @@ class Transfer:
         return Fetch(self.coarse.slabs, [(first, np.where(some, last, first))], self._comm)
 
     def _children(self, fine):
-        """Yield the first, second, ... children of coarse cells, and these cells.
+        """Yield the first, second, ... children of all coarse cells. Collective.
 
-        Collective.
+        Each item is a view of the fine field, and the index of the coarse cells that have such a child.
         """
         fine = self._fetch_children(fine)
         for j in range(self.fy):
@@ -90,7 +95,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Return the average of the children; missing ones count as zero. Collective."""
+        """Return means over children; missing ones count as zero. Collective."""
         coarse = np.zeros(self._local)
         _add_children(self._fetch_children(fine), coarse, self.fy, self.fx)
         coarse *= 1.0 / (self.fy * self.fx)  # Sec. 4.2, 3, formula 1
@@ -99,17 +104,21 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
-        """Set C_H: coarse cells with a child in C_h. Collective."""
+        """Set the coarse contact set C_H from the fine C_h. Collective.
+
+        C_H has the coarse cells with a child in C_h. The sets are the masks of the two operators.
+        """
         contact = np.zeros(self._local, bool)
         for child, parents in self._children(self.fine.mask):
             contact[parents] |= child  # Sec. 4.2, 3, formula 2
         self.coarse.mask[...] = self._send_to_owner(contact)
 
     def restrict_shape(self, shape):
-        """Return the mean of the admissible children, NaN without any. Collective.
+        """Return means over admissible children, NaN without any. Collective.
 
-        On a periodic grid coarse cells may be shorter than two fine ones. Then it is the mean of all cells they
-        overlap, weighted by the overlap, which preserves the mean over the patch and the approach of full contact.
+        On a periodic grid coarse cells may be shorter than two fine ones. Then the mean is over all fine
+        cells that overlap the coarse one, weighted by the overlap, which preserves the mean over the patch
+        and the approach of full contact.
         """
         if self.fine.grid.periodic and any(
             n % f for n, f in zip(self.fine.grid.shape, self.factors, strict=True)
@@ -139,7 +148,7 @@ class Transfer:
             return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Return the minimum of the children, NaN if all are NaN. Collective."""
+        """Return minima over children, NaN if all are NaN. Collective."""
         coarse = np.full(self._local, np.nan)
         for child, parents in self._children(fine):
             np.fmin(coarse[parents], child, out=coarse[parents])
@@ -178,7 +187,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate_quintic(self, coarse, fine):
-        """Interpolate on a periodic grid, by quintics. Collective."""
+        """Interpolate by quintic polynomials on a periodic grid. Collective."""
         wide = self._fetch_quintic_neighbours(coarse)
         if not fine.size:
             return
@@ -192,23 +201,27 @@ class Transfer:
 
     @property
     def _halved(self):
-        """True if each coarse column has two fine ones, at equal places."""
+        """True if each coarse column has two fine ones, at equal places in it."""
         return self.fx == 2 and not (self.coarse.grid.periodic and self.fine.grid.nx % 2)
 
     def restriction_mat(self, comm):
-        """Make the Mat of the masked restriction or its transpose. Collective."""
+        """Make the Mat of the restriction between contact sets. Collective.
+
+        It is the transpose (fine x coarse) if this PETSc restricts by the transpose.
+        """
         sides = (self.fine, self.coarse) if restricts_by_transpose() else (self.coarse, self.fine)
         return _transfer_mat(_Restriction(self), *sides, comm)
 
     def interpolation_mat(self, comm):
-        """Make the Mat (fine x coarse) of the masked copy prolongation. Collective."""
+        """Make the Mat (fine x coarse) of the copy prolongation. Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
 def _overlaps(n, count, factor):
-    """Return the overlaps of coarse cells with four fine ones.
+    """Return the lengths by which coarse cells overlap four fine ones.
 
-    The first of these is the one before the first child.
+    `n` and `count` are the numbers of fine and coarse cells in a direction. The first of the four is the cell
+    before the first child. The unit is a fine cell.
     """
     first, size = factor * np.arange(count), n / count
     low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
@@ -228,7 +241,10 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells to their coarse ones, from a first child on."""
+    """Add fine cells to the coarse cells that they are children of.
+
+    The first fine row and column are the first children of the first coarse ones.
+    """
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])
@@ -250,7 +266,10 @@ def _copy_row(coarse, fine, fx):
 
 @njit()
 def _copy(coarse, fine, skipped, fy, fx):
-    """Copy coarse cells to children; the first fine row is child `skipped`."""
+    """Copy coarse cells to their children.
+
+    `skipped` is the number of fine rows of the first coarse row that are not in `fine`.
+    """
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], fine[j], fx)
 
@@ -273,7 +292,7 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Mat context of the masked restriction."""
+    """Mat context of the restriction from C_h to C_H."""
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -287,7 +306,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Mat context of the masked copy prolongation."""
+    """Mat context of the copy prolongation P from C_H to C_h."""
 
     def __init__(self, transfer):
         self.transfer = transfer
