@@ -1,4 +1,4 @@
-"""Validation of arrays: real numbers, of a lattice, not too large."""
+"""Validation of arrays: real numbers, coordinates of a lattice, limits of size."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from app.options.option_table import LARGEST
 
 
 def real_numbers(label, values, needed="an array of real numbers, or a function of x and y"):
-    """Return a copy as float64, NaN for masked entries.
+    """Return a float64 copy of an array, with NaN for masked entries.
 
     Raises InputError also for texts, complex numbers and None, which numpy would convert.
     """
@@ -21,7 +21,10 @@ def real_numbers(label, values, needed="an array of real numbers, or a function 
 
 
 def lattice(x, y, origin):
-    """Return columns x, (nx,), and rows y, (ny,), from an origin."""
+    """Return coordinates x (nx,) and y (ny,) relative to an origin.
+
+    They are the columns and rows of a lattice of points. Raises InputError for other shapes.
+    """
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):
         shapes = f"shapes {x.shape} and {y.shape}"
@@ -30,7 +33,10 @@ def lattice(x, y, origin):
 
 
 def check_size(label, values, first_row=0):
-    """Raise InputError for numbers whose square overflows."""
+    """Raise InputError for numbers above `LARGEST`, whose products may overflow.
+
+    The number of the `first_row` is needed for the message.
+    """
     large = np.abs(values) > LARGEST
     if large.any():
         j, i = np.argwhere(large)[0]

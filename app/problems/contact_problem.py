@@ -21,7 +21,7 @@ def is_measured(surface):
 
 
 class _SampledOrFunction:
-    """An array or a function as a "gap" or "surface"."""
+    """Gap or surface that is an array or a function."""
 
     name = "given"
 
@@ -30,7 +30,7 @@ class _SampledOrFunction:
         self._values = real_numbers(label, values) if self.sampled else values
 
     def check_grid(self, grid):
-        """Raise if an array has another shape or too large values."""
+        """Raise if an array misfits the grid or has too large values."""
         if not self.sampled:
             return
         if self._values.shape != grid.shape:
@@ -40,7 +40,7 @@ class _SampledOrFunction:
         check_size(self._label, self._values)
 
     def shape_on(self, grid, rows=slice(None)):
-        """See `Problem.shape_on`."""
+        """Return the distance or heights in some rows; see `Problem.shape_on`."""
         if self.sampled:
             return np.array(self._values[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
@@ -66,7 +66,7 @@ class _SampledOrFunction:
             raise type(error)(f"{error}; {advice}").with_traceback(error.__traceback__) from None
 
     def describe(self):
-        """See `Problem.describe`."""
+        """Return an empty dict: a result file does not repeat the values."""
         return {}
 
 
@@ -85,12 +85,13 @@ class ContactProblem(Problem):
         ``gap(x, y)`` is called with arrays that broadcast to the cells wanted, also for coarser grids, whose last
         cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a plane.
     periodic : bool or str, optional
-        Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic_symbol`.
-        Default: as the grid. The attribute is the symbol of the grid, empty on a free patch.
+        Whether the patch repeats for ever in x and y; True means "spectral", one of the symbols of
+        `app.halfspace.periodic_symbol`. Default: as the grid. The attribute `periodic` is the grid's symbol, an empty
+        text on a free patch.
     surfaces : sequence of array_like, callable or surface
-        Heights of the bodies' roughness, of either of them, peaks towards the other body [mm]: arrays and functions as
-        for `gap`, surfaces of `app.problems.random_surfaces`, or measured ones (`app.read_surface`). They
-        reduce the gap.
+        Roughness of either body: heights [mm], positive towards the other body, which are subtracted from the gap.
+        Each is an array or a function as for `gap`, a surface of `app.problems.random_surfaces`, or a measured one
+        (`app.read_surface`).
 
     Examples
     --------
@@ -167,21 +168,21 @@ class ContactProblem(Problem):
 
     @property
     def sampled(self):
-        """True if coarse grids average the gap, see `Problem`."""
+        """True if coarse grids average the gap instead of evaluating it."""
         return any(part.sampled for part in self._parts)
 
     @property
     def refinable(self):
-        """See `Problem.refinable`."""
+        """True if gap and surfaces are defined on finer grids, too."""
         return all(getattr(part, "refinable", not part.sampled) for part in self._parts)
 
     @property
     def notes(self):
-        """See `Problem.notes`."""
+        """Doubts about gap and surfaces for the user, one line each."""
         return tuple(note for part in self._parts for note in getattr(part, "notes", ()))
 
     def shape_on(self, grid, rows=slice(None)):
-        """See `Problem.shape_on`."""
+        """Return the gap minus the surfaces' heights; see `Problem.shape_on`."""
         distance = self.shape.shape_on(grid, rows)
         if self.surfaces:
             distance = np.array(distance, dtype=float)
@@ -190,14 +191,17 @@ class ContactProblem(Problem):
         return distance
 
     def reference(self, approach):
-        """See `Problem.reference`; for smooth problems on a free patch."""
+        """Return the analytic solution at an approach, or None.
+
+        It is known of some smooth shapes on a free patch.
+        """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
         if not smooth or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 
     def describe(self):
-        """See `Problem.describe`."""
+        """Return data of gap, material and surfaces for the result file."""
         own = self.shape.describe()
         if isinstance(self.shape, Problem):  # its material and patch are not used
             own = {name: value for name, value in own.items() if name not in Problem.describe(self.shape)}

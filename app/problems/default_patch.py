@@ -8,11 +8,15 @@ from app.problems.shapes import Cylinder, FlatPunch, Paraboloid, Plane
 
 MARGIN = 1.5  # half side of the patch over the semi-axis of the contact
 LINE_MARGIN = 2.0  # the same for the half-width of a line contact, which is wider at the ends
-END_MARGIN = 8 / 7  # of known lengths; the ends are edges of cells if their number is a multiple of 16
+END_MARGIN = (
+    8 / 7
+)  # side over a known length; the ends are edges of cells if there are a multiple of 16 cells
 
 
 def default_patch(shape, contact_modulus, approach=None, load=None):
-    """Return a patch (x0, x1, y0, y1) around the contact of a smooth shape [mm].
+    """Return a patch around the contact of a smooth shape.
+
+    It is (x0, x1, y0, y1) [mm], centred at the origin.
 
     Parameters
     ----------
@@ -20,9 +24,9 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
     contact_modulus : float
         [N/mm2]
     approach : float, optional
-        Either this [mm] or the load; a flat punch needs neither.
+        Approach of the bodies [mm]; give this or the load. A flat punch needs neither.
     load : float, optional
-        [N]
+        Total force [N].
 
     Raises
     ------
@@ -51,7 +55,10 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
 
 
 def _roller_sides(roller, contact_modulus, loading):
-    """Return half sides by line contact, or by Hertz for a short ellipse."""
+    """Return half the sides of a roller's patch [mm].
+
+    They follow from the line contact, or from Hertz's ellipse if an arc crown makes that shorter than the roller.
+    """
     half_width = LINE_MARGIN * roller.line_contact(contact_modulus, **loading).a
     half_length = END_MARGIN * roller.half_length
     if roller.crown == "arc":

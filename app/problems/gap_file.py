@@ -8,7 +8,7 @@ from app.problems.surfaces.text_heads import read_gwyddion_head
 
 
 class GapFile(StoredArray):
-    """Undeformed distance [mm] from a file; NaN: no contact."""
+    """Undeformed distance [mm] from a file; NaN where contact is impossible."""
 
     label = "gap file"
     name, sampled = "file", True
@@ -30,7 +30,7 @@ class GapFile(StoredArray):
         check_size(f"gap file {self.file}", self.rows(rows), rows.start or 0)
 
     def check_grid(self, grid):
-        """Raise if a grid has another shape."""
+        """Raise if a grid has another shape than the file's array."""
         if self.shape != grid.shape:
             raise InputError(
                 f"gap file {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
@@ -38,11 +38,11 @@ class GapFile(StoredArray):
             )
 
     def shape_on(self, grid, rows=slice(None)):
-        """See `Problem.shape_on`; on the grid of the file only."""
+        """Return some rows of the file's array, on its own grid only."""
         if grid.shape != self.shape:
             raise ValueError("a sampled gap is known on its own grid only")
         return self.rows(rows)
 
     def describe(self):
-        """See `Problem.describe`."""
+        """Return the file's name, for the result file."""
         return {"gap_file": self.file}

@@ -1,7 +1,8 @@
 """Interface of contact problems.
 
-The paper's h(x, y) is ``shape - approach``, its delta ``approach`` [mm]. `shape` is the undeformed distance at zero
-approach. It is NaN in *inadmissible* cells, where contact is impossible: outside a punch, at holes in measured data.
+The paper's undeformed distance h(x, y) is ``shape - approach``, and its delta is ``approach`` [mm]. `shape` is the
+distance at zero approach. It is NaN in *inadmissible* cells, where contact is impossible: outside a punch, at holes in
+measured data.
 """
 
 from copy import copy
@@ -19,7 +20,7 @@ from app.problems.arrays import check_size, real_numbers
 class Problem:
     """A patch of cells, a material and a shape, which subclasses define.
 
-    If it is `sampled`, coarse grids average the shape of the target grid; otherwise they call `shape_on` again.
+    If `sampled` is true, coarse grids average the shape of the target grid; otherwise `shape_on` is called for them.
     """
 
     grid: Grid
@@ -32,7 +33,8 @@ class Problem:
     def shape_on(self, grid, rows=slice(None)):
         """Return the undeformed distance in some rows of a grid.
 
-        It is that of cell centres at zero approach, shape (rows, nx) [mm], NaN in inadmissible cells.
+        The array of shape (rows, nx) holds the distance in cell centres at zero approach [mm], NaN in inadmissible
+        cells.
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
@@ -42,7 +44,7 @@ class Problem:
 
     @property
     def periodic(self):
-        """Symbol of a periodic patch, empty on a free one."""
+        """Name of a periodic patch's symbol, empty on a free patch."""
         return self.grid.periodic
 
     @property
@@ -51,7 +53,7 @@ class Problem:
         return not self.sampled
 
     def on(self, grid):
-        """Return the problem on another grid of the patch."""
+        """Return the problem on another grid of the same patch."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
@@ -61,7 +63,7 @@ class Problem:
         return None
 
     def describe(self):
-        """Return names and values for the result file."""
+        """Return names and values that describe the problem in result files."""
         return {
             "problem": self.name,
             **self.material.describe(),
@@ -71,9 +73,9 @@ class Problem:
 
 
 def evaluate_shape(problem, grid, rows):
-    """Return a valid copy of `Problem.shape_on` in float64.
+    """Return a validated float64 copy of what `Problem.shape_on` returns.
 
-    Raises InputError if the problem returns anything but distances of this shape.
+    Raises InputError unless these are real numbers of shape (rows, nx).
     """
     expected = len(range(*rows.indices(grid.ny))), grid.nx
     if not expected[0]:

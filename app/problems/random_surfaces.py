@@ -1,7 +1,7 @@
 """Random rough surfaces: sums of waves.
 
-All ranks sample the same function. Coarse grids sample `WavySurface` in their own cell centres (Sec. 5.2), and average
-`SelfAffineSurface`.
+All ranks evaluate the same function. Coarse grids evaluate a `WavySurface` in their own cell centres (Sec. 5.2). They
+average a `SelfAffineSurface`, whose short waves would be aliased.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from app.problems.arrays import lattice
 from app.reference.base import require_numbers
 
 BLOCK = 32768  # values that stay in cache while the terms of a sum are added
-STRIP = 64  # columns or rows of a Fourier sum at a time
+STRIP = 64  # columns or rows of a Fourier sum that are computed together
 BYTES_PER_MODE = 88.0  # of work arrays of `WavySurface.height`
 
 
@@ -59,15 +59,15 @@ class _Function:
 class WavySurface(_Function):
     """The paper's surface: M x N products of cosines.
 
-    Amplitudes and phases are random, see (6.1), (6.2) and References. The random numbers come from
-    ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
+    The height is the sum (6.1), with random amplitudes a and phases phi, theta, scaled to a standard deviation by
+    (6.2). The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
 
     Parameters
     ----------
     modes : tuple of int
         M, N: number of waves in x and y, 1 or more.
     decay : float
-        gamma, 0 < gamma <= 1: amplitudes are uniform on [0, gamma^(m+n-2)) before scaling.
+        gamma, 0 < gamma <= 1: before scaling, the amplitude of wave (m, n) is uniform on [0, gamma^(m+n-2)).
     sigma : float
         Standard deviation of the height over the patch [mm]. Exact: the amplitudes are scaled to it.
     seed : int
@@ -112,7 +112,7 @@ class WavySurface(_Function):
 
     @cached_property
     def coefficients(self):
-        """Amplitudes a [mm], phases phi, theta, each (M, N)."""
+        """Amplitudes a [mm] and phases phi, theta, each (M, N)."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
@@ -126,7 +126,7 @@ class WavySurface(_Function):
         return [2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)]
 
     def describe(self):
-        """Return data for the result file, by option names."""
+        """Return the parameters by option names, for the result file."""
         numbers = {f"surface_{name}": getattr(self, name) for name in ("seed", "sigma", "decay")}
         return {**numbers, "surface_modes": list(self.modes)}
 
@@ -146,8 +146,8 @@ class WavySurface(_Function):
     def height(self, x, y):
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
-        A value depends on its own x and y only, to the bit. It costs O(M + N): by
-        cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
+        A value depends on its own x and y only, to the bit. Each value costs O(M + N) operations: by
+        cos(a + b) = cos a cos b - sin a sin b the double sum over the waves becomes two matrix products.
         """
         a, phi, theta = self.coefficients
         qx, qy = self._wave_numbers
@@ -162,7 +162,10 @@ class WavySurface(_Function):
 
 
 def _samples_per_period(coordinates, period):
-    """Return the number of samples in a period, or None."""
+    """Return the number of equal steps per period.
+
+    None if the coordinates are not equally spaced by such a step.
+    """
     if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
         return None
     n = round(period * (len(coordinates) - 1) / (coordinates[-1] - coordinates[0]))
@@ -174,7 +177,11 @@ def _samples_per_period(coordinates, period):
 
 
 def _synthesise(coefficients, first, coordinates, period):
-    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)``."""
+    """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)``.
+
+    c are the `coefficients`, one column for each sum, and x the `coordinates`. The sum is an FFT if the coordinates
+    divide the period into equal steps, otherwise a matrix product.
+    """
     k = first + np.arange(len(coefficients))
     n = _samples_per_period(coordinates, period)
     if n is None:
@@ -206,22 +213,22 @@ class SelfAffineSurface(_Function):
     hurst : float
         Hurst exponent H, 0 < H <= 1.
     rolloff_wavelength, shortest_wavelength, longest_wavelength : float
-        [mm]; the last one is by default the longest of the period.
+        Wavelengths [mm] that bound the ranges of the spectrum. The longest one is by default that of the period.
     period : tuple of float
-        l_x, l_y [mm].
+        l_x, l_y: sides of the period [mm].
     seed : int
         0 or more.
     rms_height, rms_slope : float
-        Root mean square of the height [mm], or of the gradient's length, over the period; exactly one.
+        Root mean square over the period of the height [mm] or of the gradient's length; exactly one of them.
     origin : tuple of float
         Lower left corner of the patch [mm].
 
     Attributes
     ----------
     rms_height, rms_slope : float
-        Of this surface over the period [mm], [1].
+        Both root mean squares of this surface over the period [mm], [1].
     wave_numbers : tuple of ndarray
-        k_x, shape (K_x + 1,), and k_y, shape (2 K_y + 1,).
+        Integers k_x, shape (K_x + 1,), and k_y, shape (2 K_y + 1,), up to the shortest wavelength.
     coefficients : ndarray, shape (2 K_y + 1, K_x + 1)
         ``a_k exp(i phi_k)`` [mm].
 
@@ -289,12 +296,12 @@ class SelfAffineSurface(_Function):
         return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
 
     def check_grid(self, grid):
-        """Raise if a grid is too coarse or too long."""
+        """Raise if a grid has too coarse cells or exceeds the period."""
         check_cut_off(grid, self.shortest_wavelength)
         self._check_span(grid.x(), grid.y())
 
     def describe(self):
-        """Return data for the result file, by option names."""
+        """Return the parameters by option names, for the result file."""
         return {
             "surface_hurst": self.hurst,
             "surface_rolloff": self.rolloff_wavelength,
@@ -311,7 +318,7 @@ class SelfAffineSurface(_Function):
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
-        """Yield columns, their unscaled power spectrum and q."""
+        """Yield slices of k_x, their unscaled power spectrum and wave numbers q."""
         kx, ky = self.wave_numbers
         for start in range(0, len(kx), STRIP):
             columns = slice(start, start + STRIP)
@@ -331,7 +338,7 @@ class SelfAffineSurface(_Function):
         return self._factor * np.sqrt(power) * np.exp(2j * np.pi * self._draws())
 
     def _draws(self):
-        """Return the phases over 2 pi, rows k_y, columns k_x."""
+        """Return the phases divided by 2 pi; rows are k_y, columns k_x."""
         rng = np.random.default_rng(self.seed)
         largest_x, largest_y = (k[-1] for k in self.wave_numbers)
         # Square rings max(|k_x|, |k_y|) = s of 4 s vectors are drawn in full: phases do not depend on the cut-off.
@@ -350,9 +357,10 @@ class SelfAffineSurface(_Function):
     def height(self, x, y):
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
-        They span less than a period. If they divide it into equal parts (cell centres of grids with whole cells per
-        period) they cost an FFT, otherwise a matrix product; the values agree up to rounding. Waves too short for the
-        lattice are aliased. The work arrays take 16 bytes for each row and k_x, and 8 for each wave.
+        x and y must span less than a period. If their steps divide it into equal parts (cell centres of grids with
+        whole cells per period), the sum is computed by an FFT, otherwise by a matrix product; the values agree up to
+        rounding. Waves too short for the lattice are aliased. The work arrays take 16 bytes for each pair of a row and
+        a k_x, and 8 for each wave.
         """
         x, y = lattice(x, y, self.origin)
         self._check_span(x, y)

@@ -143,7 +143,10 @@ class Roller(Shape):
 
 
 def read_profile(path):
-    """Read a crown from a text file of two columns, y and z [mm]."""
+    """Read a crown's table from a text file.
+
+    It has two columns, y and the drop z of the surface [mm].
+    """
     try:
         with open(path, encoding="utf-8") as file:  # noqa: PTH123
             rows = [line.replace(",", " ").split("#")[0] for line in file]

@@ -1,7 +1,7 @@
 """Base shapes: smooth bodies with apex at the origin.
 
-A shape has a `name`, `sampled`, `shape_on` and `describe` as `app.problems.problem.Problem`. Its `check_grid`, if any,
-raises for a grid that does not fit.
+A shape has `name`, `sampled`, `shape_on` and `describe`, as `app.problems.problem.Problem` has. Its `check_grid`, if
+any, raises InputError for a grid that does not fit.
 """
 
 import math
@@ -24,12 +24,15 @@ class Shape:
     _solution = None  # class of `app.reference`, and its parameters
 
     def shape_on(self, grid, rows=slice(None)):
-        """See `Problem.shape_on`."""
+        """Return the distance in some rows of cells; see `Problem.shape_on`."""
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
     def analytic(self, contact_modulus, approach=None, load=None):
-        """Return the analytic solution for this E*, or None."""
+        """Return the analytic solution at an approach or load, or None.
+
+        `contact_modulus` is E* [N/mm2].
+        """
         if self._solution is None:
             return None
         kind, *parameters = self._solution
@@ -38,7 +41,7 @@ class Shape:
         return kind.from_load(*parameters, contact_modulus, load)
 
     def describe(self):
-        """Return data for the result file, by option names."""
+        """Return the finite sizes by option names, for the result file."""
         sizes = {f"{self.name}_{f.name}": getattr(self, f.name) for f in fields(self)}
         return {name: size for name, size in sizes.items() if math.isfinite(size)}
 
@@ -59,7 +62,7 @@ class Plane(Shape):
 class Paraboloid(Shape):
     """A paraboloid of relative radii rx, ry [mm] (Sec. 5.1).
 
-    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), its contact that of Hertz.
+    The undeformed distance is x^2/(2 rx) + y^2/(2 ry). The contact is Hertz's ellipse.
 
     Examples
     --------
@@ -72,7 +75,7 @@ class Paraboloid(Shape):
 
     rx: float
     ry: float
-    bodies: tuple = ()  # radii of both, angle between them, angle of x
+    bodies: tuple = ()  # radii of body 1, of body 2; angles of body 2's first axis and of x to body 1's
 
     name = "hertz"
 
@@ -83,11 +86,13 @@ class Paraboloid(Shape):
     def between(cls, radii1, radii2, angle=0.0):
         """Return the relative paraboloid of two bodies.
 
-        See Johnson, Contact Mechanics, Sec. 4.1. Their curvatures in the direction theta add up to
-        ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2`` with s the sum of all four, d = 1/R' - 1/R''
-        of a body. The patch's x is the principal direction of k nearest to the first axis of body 1. The radii [mm] are
-        those of the body's first and second axis; inf: straight; negative: concave. The angle [degrees] is that from
-        body 1's first axis to body 2's.
+        `radii1` and `radii2` [mm] are the radii of curvature along the first and second axis of each body; inf:
+        straight; negative: concave. `angle` [degrees] goes from body 1's first axis to body 2's.
+
+        The bodies' curvatures in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1)
+        ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``, with s the sum of all four curvatures and
+        d1, d2 the difference of each body's two. The patch's x is the principal direction of k nearest to the first
+        axis of body 1.
         """
         for body, radii in ((1, radii1), (2, radii2)):
             if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):
@@ -123,7 +128,7 @@ class Paraboloid(Shape):
         return reference.EllipticHertz, self.rx, self.ry
 
     def describe(self):
-        """See `Shape.describe`."""
+        """Return relative radii, and the bodies' if known, for result files."""
         facts = {"hertz_rx": self.rx, "hertz_ry": self.ry}
         if self.bodies:
             radii1, radii2, angle, turn = self.bodies
@@ -134,9 +139,9 @@ class Paraboloid(Shape):
 
 @usage("Sphere(10), radius [mm]")
 class Sphere(Paraboloid):
-    """A sphere of (relative) radius R [mm], as its paraboloid.
+    """A sphere of (relative) radius R [mm], approximated by a paraboloid.
 
-    The half-space neglects terms of the order of their difference.
+    The difference is of the order of the terms that the half-space approximation neglects anyway.
     """
 
     name = "sphere"
@@ -146,14 +151,14 @@ class Sphere(Paraboloid):
         super().__init__(radius, radius)
 
     def describe(self):
-        """See `Shape.describe`."""
+        """Return the radius and the paraboloid's data for result files."""
         return {"sphere_radius": self.rx, **super().describe()}
 
 
 @usage("Cylinder(10, length=8) [mm]")
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder along y [mm]; contact is impossible past its ends."""
+    """A cylinder along y; contact is impossible past its ends [mm]."""
 
     radius: float
     length: float = math.inf
@@ -170,7 +175,7 @@ class Cylinder(Shape):
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Raise for a strip, or a patch without cells under the cylinder."""
+        """Raise for a one-cell strip, or without cells under the cylinder."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
@@ -180,7 +185,7 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True)
 class Cone(Shape):
-    """A cone of an angle [degrees] to the flat body."""
+    """A cone whose flank has an angle [degrees] to the flat body."""
 
     angle: float
 
@@ -192,7 +197,7 @@ class Cone(Shape):
 
     @property
     def slope(self):
-        """Height over radius."""
+        """Height over radius, the tangent of the angle."""
         return math.tan(math.radians(self.angle))
 
     def distance(self, x, y):
@@ -206,9 +211,9 @@ class Cone(Shape):
 
 @dataclass(frozen=True)
 class FlatPunch(Shape):
-    """A rigid flat-ended circular punch [mm] (Sec. 5.2).
+    """A rigid circular punch with a flat end (Sec. 5.2).
 
-    Its centre is the origin. Contact is impossible outside.
+    `diameter` is in mm. The centre is the origin. Contact is impossible outside of the punch.
     """
 
     diameter: float
@@ -223,7 +228,7 @@ class FlatPunch(Shape):
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
     def check_grid(self, grid):
-        """Raise for a patch without cells under the punch."""
+        """Raise if no cell of the patch lies under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {format_exact(self.diameter)}: no cell centre of the patch lies under the punch"

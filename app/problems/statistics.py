@@ -72,7 +72,7 @@ class NormalPlot:
     height : ndarray, shape (n,), [mm]
         Heights in increasing order.
     correlation : float
-        Correlation coefficient of the two; NaN for a flat surface.
+        Correlation coefficient of quantiles and heights; NaN for a flat surface.
     """
 
     quantile: np.ndarray
@@ -100,8 +100,8 @@ def _check_cells(height, least, **sizes):
 def roughness(height, dx, dy):
     """Return the `Roughness` of heights in cells of dx x dy [mm].
 
-    The heights have the shape (ny, nx), at least 2 x 2. Slopes are central differences across the faces between
-    neighbouring cells, which multiply a wave q in x by sin(q dx / 2) / (q dx / 2).
+    The heights have the shape (ny, nx), at least 2 x 2. Slopes are differences between neighbouring cells over their
+    distance. They reduce the slope of a wave cos(q x) by the factor sin(q dx / 2) / (q dx / 2).
     """
     height = _check_cells(height, 2, dx=dx, dy=dy)
     deviation = height - height.mean()
@@ -119,8 +119,9 @@ def radial_spectrum(height, dx, dy, window=False):
     """Return the `RadialSpectrum` of heights in cells of dx x dy [mm].
 
     The heights have the shape (ny, nx), at least 4 x 4. Rings are as wide as the coarser spacing of the wave vectors.
-    They end below the smaller Nyquist wave number, beyond which they would not be closed. A Hann window of mean square
-    1 is for patches that are not periodic: their edges would add to the spectrum.
+    They end below the smaller Nyquist wave number, beyond which rings would not be closed. `window` multiplies the
+    heights by a Hann window of mean square 1. Use it on patches that are not periodic: the step from one side to the
+    other would add to the spectrum.
     """
     height = _check_cells(height, 4, dx=dx, dy=dy)
     height = height - height.mean()

@@ -1,12 +1,12 @@
 """User-defined problems: a class or a function in a Python module.
 
-A function is that of `app.problems.contact_problem.ContactProblem`: it takes arrays x and y of cell centres
+A function is the `gap` of an `app.problems.contact_problem.ContactProblem`: it takes arrays x and y of cell centres
 [mm] and returns the undeformed distance [mm], NaN where contact is impossible::
 
     def rounded_punch(x, y):
         return np.where(np.hypot(x, y) <= 4, np.maximum(np.hypot(x, y) - 3, 0) ** 2 / 20, np.nan)
 
-A class derives from `app.problems.problem.Problem` and is made from the grid and the material. If it has options of
+A class derives from `app.problems.problem.Problem` and is called with the grid and the material. If it has options of
 its own, it lists them in `OPTIONS` and reads them in ``from_options``::
 
     class Cone(Problem):
@@ -57,9 +57,9 @@ def load(name):
 
 
 def create(name, grid, material, texts):
-    """Create the problem of a name, see `load`.
+    """Create the user-defined problem of a name, see `load`.
 
-    `texts` are all options as texts. The reader of the problem's own options is returned with it.
+    `texts` maps all options to their texts. Returns the problem and the `OptionReader` of its own options.
     """
     factory = load(name)
     options = OptionReader(getattr(factory, "OPTIONS", ()), texts)
@@ -78,7 +78,7 @@ def create(name, grid, material, texts):
 
 
 def validate(problem, name, rows):
-    """Raise InputError for an invalid undeformed distance."""
+    """Raise InputError if the undeformed distance is invalid in some rows."""
     _call(name, evaluate_shape, problem, problem.grid, rows)
 
 
@@ -107,7 +107,7 @@ def _import_file(path):
 
 
 def _call(name, function, *arguments):
-    """Call user code; raise InputError that locates errors."""
+    """Call user code; turn its errors into InputError with the line."""
     try:
         return function(*arguments)
     except InputError as error:

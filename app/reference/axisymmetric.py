@@ -15,9 +15,10 @@ from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
-    """Contact in a circle; the shape depends on the radius r.
+    """Contact of bodies of revolution, in a circle of radius a.
 
-    Subclasses define the undeformed distance `_shape(r)` and, for r >= a > 0, `_outer_displacement(r)`.
+    Subclasses define the undeformed distance `_shape(r)` at a distance r from the axis, and the displacement
+    `_outer_displacement(r)` for r >= a > 0.
     """
 
     @property
@@ -27,15 +28,15 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of load by approach [N/mm]."""
+        """Derivative of the load with respect to the approach [N/mm]."""
         return 2 * self.e_star * self.a
 
     def undeformed_distance(self, x, y):
-        """See `NormalContact.undeformed_distance`."""
+        """Return the undeformed distance [mm]; NaN where contact is impossible."""
         return self._shape(np.hypot(x, y))
 
     def displacement(self, x, y):
-        """See `NormalContact.displacement`."""
+        """Return the displacement u of both surfaces together [mm]."""
         r = np.hypot(x, y)
         if self.a == 0:
             return np.zeros_like(r)
@@ -46,7 +47,7 @@ class AxisymmetricContact(NormalContact):
 
 @dataclass(frozen=True)
 class Sphere(AxisymmetricContact):
-    """Sphere of a relative radius [mm], as the paraboloid r^2/(2 radius)."""
+    """Sphere of a relative `radius` [mm], approximated by the paraboloid r^2/(2 radius)."""
 
     radius: float
     e_star: float
@@ -82,9 +83,9 @@ class Sphere(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class FlatCircularPunch(AxisymmetricContact):
-    """Rigid flat-ended cylinder of a radius [mm].
+    """Rigid cylinder of a `radius` [mm], pressed on with its flat end.
 
-    The pressure has an integrable singularity at the rim.
+    The pressure has an integrable singularity at the edge.
     """
 
     radius: float
@@ -108,7 +109,7 @@ class FlatCircularPunch(AxisymmetricContact):
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
-        """See `NormalContact.pressure`."""
+        """Return the contact pressure at points [N/mm2]."""
         s = self._radius2(x, y)
         inside = s < 1
         return np.where(inside, self.mean_pressure / 2 / np.sqrt(1 - np.where(inside, s, 0)), 0)
@@ -122,7 +123,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class Cone(AxisymmetricContact):
-    """Cone of undeformed distance slope * r.
+    """Cone whose undeformed distance is `slope` times the radius r.
 
     The pressure has a logarithmic singularity at the tip.
     """
@@ -148,7 +149,7 @@ class Cone(AxisymmetricContact):
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
-        """See `NormalContact.pressure`."""
+        """Return the contact pressure at points [N/mm2]."""
         with np.errstate(divide="ignore"):  # the tip
             return self.mean_pressure * np.arccosh(np.maximum(1 / np.sqrt(self._radius2(x, y)), 1))
 

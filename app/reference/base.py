@@ -12,14 +12,14 @@ from app.base.errors import InputError, format_exact
 
 
 def require_numbers(**values):
-    """Raise InputError for a value that is no number."""
+    """Raise InputError unless all values are numbers."""
     for name, value in values.items():
         if not isinstance(value, float | Real):  # Real alone is slow
             raise InputError(f"{name} {value!r}: must be a number")
 
 
 def require_positive(**values):
-    """Raise InputError for a value not positive and finite."""
+    """Raise InputError unless all values are positive and finite."""
     require_numbers(**values)
     for name, value in values.items():
         if not 0 < value < math.inf:
@@ -38,7 +38,7 @@ class NormalContact(ABC):
     e_star : float
         Contact modulus E* [N/mm2], 1/E* = (1 - nu)/G.
     approach : float
-        Depth the bodies would overlap undeformed, delta [mm].
+        Depth by which the bodies would overlap if they were not deformed, delta [mm].
     a, b : float
         Semi-axes of the contact area along x and y [mm]; 0 without contact.
     load : float
@@ -77,7 +77,7 @@ class NormalContact(ABC):
         return cls(**values, approach=1.0).at_load(load)
 
     def at_load(self, load):
-        """Return the same bodies under a load [N]."""
+        """Return the contact of the same bodies under a load [N]."""
         if not 0 <= load < math.inf:
             raise InputError(f"load {format_exact(load)}: must be finite and not negative")
         unit = replace(self, approach=1.0)
@@ -104,12 +104,15 @@ class NormalContact(ABC):
         return (np.asarray(x) / self.a) ** 2 + (np.asarray(y) / self.b) ** 2
 
     def pressure(self, x, y):
-        """Return the contact pressure p at points [N/mm2], by default a semi-ellipsoid."""
+        """Return the contact pressure p at points [N/mm2].
+
+        It is a semi-ellipsoid, as Hertz's, unless a subclass overrides it.
+        """
         return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 
     @abstractmethod
     def undeformed_distance(self, x, y):
-        """Return the undeformed distance [mm]; NaN: contact is impossible."""
+        """Return the undeformed distance [mm]; NaN where contact is impossible."""
 
     @abstractmethod
     def displacement(self, x, y):

@@ -5,8 +5,8 @@ The pressure p_max sqrt(1 - x^2/a^2 - y^2/b^2) displaces the surface by
     u = p_max a b / (2 E*) * int_lam^inf (1 - x^2/(a^2 + w) - y^2/(b^2 + w)) / sqrt((a^2 + w) (b^2 + w) w) dw
       = p_max a b / E* * (R_F(A, B, lam) - x^2/3 R_D(B, lam, A) - y^2/3 R_D(A, lam, B)),
 
-where A = a^2 + lam, B = b^2 + lam; lam is 0 inside the contact area and outside the positive root of
-x^2/A + y^2/B = 1. Inside, u = delta - x^2/(2 Rx) - y^2/(2 Ry) gives b/a, a and p_max.
+with Carlson's elliptic integrals R_F and R_D, A = a^2 + lam and B = b^2 + lam. lam is 0 inside the contact area, and
+outside the positive root of x^2/A + y^2/B = 1. Inside, u = delta - x^2/(2 Rx) - y^2/(2 Ry) gives b/a, a and p_max.
 
 References
 ----------
@@ -28,7 +28,10 @@ MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
-    """Return b/a of the contact ellipse."""
+    """Return the ratio b/a of the contact ellipse's semi-axes.
+
+    `rx` and `ry` are the relative radii of curvature.
+    """
     log_radii = math.log(rx) - math.log(ry)
     if abs(log_radii) > MAX_LOG_RATIO:
         raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must be less unlike")
@@ -49,7 +52,8 @@ def axis_ratio(rx, ry):
 class EllipticHertz(NormalContact):
     """Paraboloids: undeformed distance x^2/(2 rx) + y^2/(2 ry).
 
-    Their principal axes are parallel; the relative radii of curvature rx, ry [mm] have any order of size.
+    The bodies' principal axes lie along x and y. Either of the relative radii of curvature rx, ry [mm] may be the
+    larger one.
     """
 
     rx: float
@@ -64,7 +68,7 @@ class EllipticHertz(NormalContact):
 
     @cached_property
     def _rf(self):
-        """R_F for a = 1."""
+        """Carlson's integral R_F(a^2, b^2, 0), in units of a."""
         return float(elliprf(1.0, self._ratio**2, 0.0))
 
     @cached_property
@@ -90,15 +94,15 @@ class EllipticHertz(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of load by approach [N/mm]."""
+        """Derivative of the load with respect to the approach [N/mm]."""
         return math.pi * self.e_star * self.a / self._rf
 
     def undeformed_distance(self, x, y):
-        """See `NormalContact.undeformed_distance`."""
+        """Return the undeformed distance of the paraboloids [mm]."""
         return np.asarray(x) ** 2 / (2 * self.rx) + np.asarray(y) ** 2 / (2 * self.ry)
 
     def displacement(self, x, y):
-        """See `NormalContact.displacement`."""
+        """Return the displacement u of both surfaces together [mm]."""
         if self.a == 0:
             return np.zeros(np.broadcast(x, y).shape)
         # Lengths in units of a.

@@ -1,9 +1,10 @@
 """Line contact of a cylinder of finite length.
 
-A load W, uniform along the length L of a cylinder of radius R, has Hertz's half-width ``a^2 = 4 W R / (pi E* L)``. On
-the half-space its middle sinks by ``W / (pi E* L) (1 + 2 ln(2 L / a))``, if a is small compared with L. The load is
-uniform if the cylinder has Lundberg's profile, ``W / (pi E* L) ln(1 / (1 - (2 y / L)^2))``. It is infinite at the ends;
-Johns and Gohar multiply (2 y / L)^2 by ``1 - 0.6066 a / L`` to give Lundberg's finite drop.
+A load W, uniform along the length L of a cylinder of radius R, has Hertz's half-width a, ``a^2 = 4 W R / (pi E* L)``.
+The bodies approach each other in the middle by ``W / (pi E* L) (1 + 2 ln(2 L / a))``, if a is small compared with L.
+The load is uniform if the cylinder has Lundberg's profile, a drop of ``W / (pi E* L) ln(1 / (1 - (2 y / L)^2))`` along
+y. This drop is infinite at the ends; Johns and Gohar multiply (2 y / L)^2 by ``1 - 0.6066 a / L`` to give Lundberg's
+finite drop there.
 
 References
 ----------
@@ -42,7 +43,7 @@ class LineContact:
 
     @classmethod
     def from_approach(cls, radius, length, e_star, approach):
-        """Return the contact at an approach [mm]."""
+        """Return the line contact whose middle approaches by `approach` [mm]."""
         require_positive(radius=radius, length=length, approach=approach)
         a = math.sqrt(2 * radius * approach)  # where the undeformed bodies overlap
         for _ in range(_STEPS):
@@ -51,7 +52,7 @@ class LineContact:
 
     @property
     def compliance(self):
-        """Load over pi E* L [mm]."""
+        """Load over pi E* L, the factor of approach and crown [mm]."""
         return self.load / (math.pi * self.e_star * self.length)
 
     @property
@@ -66,11 +67,11 @@ class LineContact:
 
     @property
     def approach(self):
-        """Approach of the bodies [mm]."""
+        """Approach of the bodies in the middle of the cylinder [mm]."""
         return self.compliance * (1 + 2 * math.log(2 * self.length / self.a))
 
     def crown(self, y):
-        """Return the drop of the logarithmic profile [mm]; NaN past the ends."""
+        """Return the logarithmic profile's drop [mm]; NaN past the ends."""
         rest = max(1 - END_DROP * self.a / self.length, 0.0)
         s = 2 * np.abs(y) / self.length
         s = np.where(s <= 1, s, np.nan)

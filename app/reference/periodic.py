@@ -26,8 +26,9 @@ from app.reference.hertz import EllipticHertz
 def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
     """Return the pressure that flattens a periodic surface.
 
-    Its waves are ``p_q = -E* |q| h_q / 2`` for the undeformed distance h (ny, nx) in points dx, dy apart [mm] over one
-    period. It is the solution if it is positive everywhere. E* and pressures are in N/mm2.
+    A wave h_q of the undeformed distance h needs the pressure wave ``p_q = -E* |q| h_q / 2``. `distance` holds h,
+    shape (ny, nx), in points dx, dy apart over one period [mm]. The pressure solves the contact problem if it is
+    positive everywhere. E* and pressures are in N/mm2.
     """
     ny, nx = distance.shape
     q = 2 * np.pi * np.hypot(np.fft.fftfreq(ny, dy)[:, None], np.fft.rfftfreq(nx, dx))
@@ -41,7 +42,7 @@ class WavyContact(ABC):
     Parameters
     ----------
     amplitude, wavelength : float
-        a and L [mm]: the undeformed distance is a (1 - wave), of period L in x and y.
+        a and L [mm]: the undeformed distance is a (1 - wave), with the wave of the subclass, of period L.
     e_star : float
         Contact modulus E* [N/mm2].
     mean_pressure : float
@@ -60,7 +61,7 @@ class WavyContact(ABC):
 
     @abstractmethod
     def _wave(self, x, y):
-        """Return the height over the amplitude."""
+        """Return the wave: the height over the amplitude, 1 at summits."""
 
     @property
     @abstractmethod
@@ -74,7 +75,7 @@ class WavyContact(ABC):
 
     @property
     def _share(self):
-        """Mean pressure over that of full contact."""
+        """Mean pressure over that of full contact, from 0 to 1."""
         return min(max(self.mean_pressure / self.full_contact_at, 0.0), 1.0)
 
     def undeformed_distance(self, x, y):
@@ -82,7 +83,10 @@ class WavyContact(ABC):
         return self.amplitude * (1 - self._wave(x, y))
 
     def full_pressure(self, x, y):
-        """Return the pressure of full contact, perhaps tension [N/mm2]."""
+        """Return the pressure that would hold full contact [N/mm2].
+
+        Where it is negative the bodies would have to be pulled together.
+        """
         return self.mean_pressure + self.full_contact_at * self._wave(x, y)
 
 
@@ -90,15 +94,15 @@ class WavyContact(ABC):
 class Westergaard(WavyContact):
     """Waves in x: distance ``a (1 - cos(2 pi x/L))``.
 
-    Contact is at ``|x| < b``. With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that
-    of full contact::
+    Contact is at ``|x| < b``. With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over the
+    one of full contact, p*. Pressure p and gap e are::
 
         p = 2 p* cos(psi) sqrt(s^2 - sin(psi)^2)                                          in contact,
         e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    outside
 
-    These are the real part, and the integral over x of the imaginary part, of
-    p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)), which is analytic in the half-space. The mean gap E follows
-    from dE/ds = 4 a s log(s).
+    They belong to p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)), which is analytic in the half-space: p is its
+    real part, e the integral over x of its imaginary part, up to a factor. The mean gap E follows from
+    dE/ds = 4 a s log(s).
     """
 
     def _wave(self, x, y):
@@ -136,7 +140,10 @@ class Westergaard(WavyContact):
         return self.amplitude - self.mean_gap
 
     def _sines(self, x, y):
-        """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2."""
+        """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2.
+
+        psi is pi x / L; the last one is positive outside of contact.
+        """
         psi = np.pi / self.wavelength * np.broadcast_arrays(np.asarray(x, float), y)[0]
         rim = math.pi / self.wavelength * self.half_width
         return np.abs(np.sin(psi)), np.cos(psi) ** 2, np.sin(psi - rim) * np.sin(psi + rim)
@@ -167,8 +174,9 @@ class Westergaard(WavyContact):
 class Bisinusoidal(WavyContact):
     """Waves in x and y: ``a (1 - cos(2 pi x/L) cos(2 pi y/L))``.
 
-    Two summits lie in L x L. Full contact is exact. Before it, only two limits are known in closed form: Hertz's
-    contact on every summit for light loads, and pressurised penny-shaped cracks about every hollow near full contact.
+    There are two summits in each period L x L. The solution of full contact is exact. Of partial contact only two
+    limits are known in closed form: Hertz's contact on every summit for light loads, and a pressurised penny-shaped
+    crack about every hollow near full contact.
     """
 
     def _wave(self, x, y):
@@ -177,7 +185,7 @@ class Bisinusoidal(WavyContact):
 
     @property
     def full_contact_at(self):
-        """Mean pressure of full contact, sqrt(2) pi E* a/L."""
+        """Mean pressure p* of full contact, sqrt(2) pi E* a/L [N/mm2]."""
         return math.sqrt(2) * math.pi * self.e_star * self.amplitude / self.wavelength
 
     @cached_property
@@ -189,28 +197,36 @@ class Bisinusoidal(WavyContact):
 
     @property
     def light_contact_fraction(self):
-        """Contact fraction for light loads, pi (3 pbar / (8 pi p*))^(2/3)."""
+        """Contact fraction for light loads, by Hertz's theory.
+
+        It is pi (3 pbar / (8 pi p*))^(2/3), with the mean pressure pbar and that of full contact, p*.
+        """
         return 2 * self.on_a_summit.contact_area / self.wavelength**2
 
     @property
     def hollow_radius(self):
-        """Radius c of the gap about a hollow [mm].
+        """Radius c of the gap about a hollow, near full contact [mm].
 
-        (2 pi c / L)^2 = 3 (1 - pbar / p*): the tension p* - pbar - p* (2 pi r / L)^2 / 2 of full contact opens a crack
-        without singularity at its rim.
+        Full contact at a mean pressure pbar below p* would need the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a
+        distance r from the hollow. It opens a crack without singularity at its edge if (2 pi c / L)^2 =
+        3 (1 - pbar / p*).
         """
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 
     @property
     def heavy_contact_fraction(self):
-        """Contact fraction near full contact, 1 - 3/(2 pi) (1 - pbar/p*)."""
+        """Contact fraction near full contact: 1 without the cracks about hollows.
+
+        It is 1 - 3/(2 pi) (1 - pbar/p*), with the mean pressure pbar and that of full contact, p*.
+        """
         return 1 - 2 * math.pi * (self.hollow_radius / self.wavelength) ** 2
 
     @property
     def heavy_mean_gap(self):
         """Mean gap near full contact [mm].
 
-        The gaps are (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), k = 2 pi / L.
+        The gap at a distance r from a hollow is (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), with k = 2 pi / L and c the
+        `hollow_radius`.
         """
         k = 2 * math.pi / self.wavelength
         deepest = 8 * self.full_contact_at * k**2 / (9 * math.pi * self.e_star)

@@ -7,9 +7,9 @@ import numpy as np
 
 
 def persson_fraction(relative):
-    """Return Persson's contact fraction at any p'.
+    """Return Persson's contact fraction for a relative pressure p'.
 
-    J. Chem. Phys. 115 (2001) 3840.
+    p' is the mean pressure over E* times the rms slope. See J. Chem. Phys. 115 (2001) 3840.
     """
     from scipy.special import erf
 
@@ -17,7 +17,7 @@ def persson_fraction(relative):
 
 
 def persson_pressure(fraction):
-    """Return p', the inverse of `persson_fraction`.
+    """Return the relative pressure p' of a contact fraction, by Persson's theory.
 
     Examples
     --------
@@ -30,9 +30,9 @@ def persson_pressure(fraction):
 
 
 def bush_gibson_thomas_fraction(relative):
-    """Return the contact fraction of Bush, Gibson, Thomas.
+    """Return the contact fraction of Bush, Gibson and Thomas, sqrt(2 pi) p'.
 
-    It is that of small p' (Wear 35 (1975) 87), NaN above 1.
+    It holds for small relative pressures p' (Wear 35 (1975) 87). NaN where it would exceed 1.
     """
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)

@@ -17,8 +17,8 @@ from app.problems.surfaces.text_heads import read_esri_head, select_channel
 from app.problems.surfaces.text_table import UnknownText, is_comment, read_table
 
 MAX_NON_ASCII = 0.01  # share of the bytes of a text of numbers
-CONTROL_BYTES = bytes(code for code in range(32) if code not in b"\t\n\v\f\r\x1a")  # in no text
-TEXT_MEMORY = 40  # bytes, for a byte of text: lines, lists of entries, numbers
+CONTROL_BYTES = bytes(code for code in range(32) if code not in b"\t\n\v\f\r\x1a")  # that no text contains
+TEXT_MEMORY = 40  # bytes of memory for a byte of text: its lines, lists of entries, and numbers
 PIECE = 1 << 24  # bytes unpacked at once
 # SyntaxError and TokenError: numpy reads the header of an array as Python. RuntimeError: a dataset linked to itself.
 _UNREADABLE = (
@@ -28,7 +28,7 @@ _CONVERT = "python -m app.convert FILE -o surface.h5 reads what instruments writ
 
 
 class UnknownFormat(InputError):
-    """A file in no format that is read here."""
+    """Error for a file in none of the formats read here."""
 
     is_text = True
 
@@ -62,7 +62,10 @@ class StoredArray:
 
 
 class FileContent(NamedTuple):
-    """Array, HDF5 attributes, and head of a file."""
+    """Array, HDF5 attributes, and head of a file.
+
+    `comments` are the head and the comment lines of a text, `esri` the entries of an ESRI grid's head.
+    """
 
     array: object
     attributes: dict
@@ -72,12 +75,14 @@ class FileContent(NamedTuple):
 
 
 def read_array(name, label, skip=0, channel=""):
-    """Read ``.npy``, ``.npz``, HDF5, or text.
+    """Read a 2-D array from ``.npy``, ``.npz``, HDF5, or text.
 
     ``:/dataset`` behind the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read later. Texts
     may be compressed (``.gz``). `label` is "surface file", which may have heads and marks of missing points, or "gap
-    file". For `skip` and `channel` see `read_surface`. A text with words at its head, and a file that is no text,
-    raise UnknownFormat, other ones that cannot be read InputError.
+    file". `skip` lines at the head of a text are left out; `channel` is the name or number of one of its channels.
+
+    UnknownFormat is raised for a text with words at its head and for a file that is no text, InputError for any other
+    file that cannot be read.
     """
     heights = label == "surface file"
     path, _, dataset = str(name).partition(":/")
@@ -146,7 +151,7 @@ def _load_npz(path, dataset, heights):
 
 
 def _open_hdf5(path, name, heights):
-    """Return a dataset and its attributes."""
+    """Return an HDF5 dataset, still unread, and its attributes."""
     import h5py
 
     file, names = h5py.File(path, "r"), []
@@ -164,7 +169,7 @@ def _open_hdf5(path, name, heights):
 
 
 def _only_name(names, heights):
-    """Return the only one of the names of 2-D datasets, or "heights"."""
+    """Return the name of the only 2-D dataset, or "heights" of several."""
     if heights and "heights" in names:
         return "heights"
     if len(names) != 1:
@@ -192,7 +197,7 @@ def _read_text(path, skip, channel, heights):
 
 
 def _decode(content):
-    """Return text in UTF-16, UTF-8 or Latin-1."""
+    """Decode bytes as text in UTF-16, UTF-8 or Latin-1."""
     utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         return content.decode("utf-16" if utf16 else "utf-8-sig")

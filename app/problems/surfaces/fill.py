@@ -6,17 +6,18 @@ from scipy.sparse.linalg import spsolve
 
 from app.problems.surfaces.moments import Moments, add_polynomial
 
-MAX_WAVE_STEP = (
-    0.5  # mean square step over a period's end, in that less the best plane, which is then a wave's
-)
+# Largest mean square step at the end of a wave's period, in that which remains after subtracting the best plane.
+MAX_WAVE_STEP = 0.5
 
 
 def fill_missing(heights, around=(False, False)):
     """Return heights for the missing points, row by row.
 
-    Less the best plane, each is the mean of its neighbours up, down, left and right on the map, which may wrap around
-    in x and in y. So a plane is continued. A wave around a period has a best plane, too; it is not subtracted if the
-    ends of the period meet much better so. Heights of shape (ny, nx) are NaN where missing, not everywhere.
+    The best plane is subtracted first. Then each missing point is the mean of its neighbours up, down, left and right,
+    so that a plane is continued. `around` says whether the map wraps around in x and in y. If heights are a wave along
+    such a direction, the plane's slope is not subtracted: the ends of the period meet much better without.
+
+    `heights`, of shape (ny, nx), are NaN where missing. At least one must be known.
 
     Examples
     --------
@@ -36,7 +37,10 @@ def fill_missing(heights, around=(False, False)):
 
 
 def _is_wave(columns, slope):
-    """Return whether columns are a wave, not a plane."""
+    """Return whether columns are periodic waves rather than parts of a plane.
+
+    `slope` is that of the best plane along the columns, whose ends are at -1 and 1.
+    """
     columns = columns[:, ~np.isnan(columns).all(axis=0)]
     known, n, i = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])
     first, last = known.argmax(axis=0), n - 1 - known[::-1].argmax(axis=0)
@@ -50,7 +54,7 @@ def _is_wave(columns, slope):
 
 
 def _solve_laplace(heights, missing, around):
-    """Return values for missing points, means of their neighbours."""
+    """Return the missing heights, each the mean of its neighbours."""
     rows, columns = np.nonzero(missing)
     number = np.full(heights.shape, -1)
     number[rows, columns] = np.arange(len(rows))

@@ -1,10 +1,12 @@
 """Areal Gaussian filters (ISO 16610-61 and 25178).
 
-The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi). Of a wave of
-length l the share 2^-(c/l)^2 passes, half of one of length c. On a free patch they weigh the points of a least squares
-plane around each point: Gaussian regression of order one (ISO 16610-31 and -71). Far from the rim and from missing
-points that is the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28. On a periodic
-patch, which has no rim, it is the weighted mean of the known points (order zero).
+A filter of nesting index (cut-off wavelength) c has the weights exp(-pi (r/(alpha c))^2) at a distance r, with
+alpha = sqrt(ln 2/pi). It multiplies a wave of length l by 2^-(c/l)^2, so by one half at l = c.
+
+On a free patch a plane is fitted to the heights around each point by least squares with these weights: Gaussian
+regression of order one (ISO 16610-31 and -71). Far from the patch boundary and from missing points its value is the
+weighted mean of the heights. Near them planes are kept, as by the retained moments of ISO 16610-28. On a periodic
+patch, which has no boundary, the filter takes the weighted mean of the known heights (order zero).
 """
 
 import numpy as np
@@ -13,13 +15,13 @@ from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
 from app.base.units import format_lengths
 
-REACH = 1.25  # of the weights, in nesting indices; beyond they are below 3e-10 of the largest
+REACH = 1.25  # of the weights, in nesting indices; farther weights are below 3e-10 of the largest
 RUN = 1 << 18  # numbers that are transformed together
-MIN_SPREAD = 1e-10  # of weighted points, in squared widths; less is rounding of points on a line
+MIN_SPREAD = 1e-10  # variance of weighted points, in squared widths; less is rounding of points on a line
 
 
 def check_order(s_filter, l_filter):
-    """Raise if nesting indices are invalid or in disorder."""
+    """Raise InputError for invalid nesting indices, or s_filter not below l_filter."""
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
             raise InputError(
@@ -36,7 +38,8 @@ def check_order(s_filter, l_filter):
 def check_cells(file, s_filter, l_filter, shape, cell):
     """Raise InputError for nesting indices out of range.
 
-    `shape` is (ny, nx), `cell` (dx, dy) [mm], if known. Nothing is filtered across a side that is one cell wide.
+    They must be at least two cells and at most the shorter side. A direction of one cell does not count, as nothing is
+    filtered in it. `shape` is (ny, nx); `cell` is (dx, dy) [mm], or None if unknown, which is an error, too.
     """
     if s_filter is l_filter is None:
         return
@@ -59,10 +62,11 @@ def check_cells(file, s_filter, l_filter, shape, cell):
 
 
 def band_pass(heights, s_filter, l_filter, cell, periodic=False):
-    """Remove waves beyond the S-filter and the L-filter.
+    """Remove waves shorter than the S-filter and longer than the L-filter.
 
-    Heights of shape (ny, nx) are overwritten; NaN has no weight and stays. The nesting indices have the unit of
-    `cell`, (dx, dy); None: not filtered. Heights wrap around if `periodic`.
+    `heights`, of shape (ny, nx), are overwritten; NaN entries have no weight and stay NaN. The nesting indices
+    `s_filter` and `l_filter` have the unit of `cell`, (dx, dy); None means no filter. Heights wrap around if
+    `periodic`.
 
     Examples
     --------
@@ -80,7 +84,10 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 
 
 def _low_pass(heights, index, cell, periodic):
-    """Smooth heights in place, by rows, then columns."""
+    """Smooth heights in place by a filter of one nesting index.
+
+    Sums are taken along rows first, then along columns.
+    """
     missing = np.isnan(heights)
     middle = np.mean(heights, where=~missing)  # large offsets would cost digits
     heights -= middle
@@ -104,7 +111,7 @@ def _low_pass(heights, index, cell, periodic):
     for start in range(0, nx, width):
 
         def moment(rows, i, j, columns=slice(start, start + width)):
-            """Return sums over columns, with powers of the distances."""
+            """Return weighted sums of x^i y^j, distances from each point."""
             values = rows[i][:, columns]
             return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
 
@@ -115,7 +122,10 @@ def _low_pass(heights, index, cell, periodic):
 
 
 def _fit(moment, weights, sums, periodic):
-    """Return weighted means or values of weighted planes."""
+    """Return the weighted mean, or the fitted plane's value, at each point.
+
+    `moment` returns sums of `weights`, or of weighted heights `sums`, times powers of the distances.
+    """
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points
         mean = moment(sums, 0, 0) / weight
@@ -134,9 +144,10 @@ def _fit(moment, weights, sums, periodic):
 
 
 def _smooth(values, axis, cells, periodic, power=0):
-    """Convolve with a filter's weights, in place.
+    """Convolve values along an axis with a filter's weights, in place.
 
-    The weights are multiplied by a power of the distance, in widths, of either sign.
+    `cells` is the nesting index in cells. The weights are multiplied by a `power` of the signed distance, in widths
+    alpha c of the filter.
     """
     from scipy.fft import irfft, next_fast_len, rfft  # loads slowly
 

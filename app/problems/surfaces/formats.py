@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """A file format, with its suffixes or first bytes.
+    """A file format, recognised by its suffixes or first bytes.
 
-    Formats of instruments are read by `app.convert` with SurfaceTopography, other ones not at all.
+    A file of `kind` "instrument" is read by `app.convert` with SurfaceTopography, one of kind "other" not at all. The
+    `description` says in a message what the file is.
     """
 
     kind: str
@@ -60,7 +61,10 @@ def split_suffix(path):
 
 
 def detect_format(path, skip=0):
-    """Return the `Format` by name and first bytes."""
+    """Return the `Format` of a file by its name and first bytes.
+
+    First bytes of a compressed file, or of one with lines to `skip`, are not looked at.
+    """
     suffix, packed = split_suffix(path)
     by_name = next((known for known in FORMATS if suffix in known.suffixes), UNKNOWN)
     if packed and by_name.kind in (*ARRAY_KINDS, "instrument"):

@@ -19,10 +19,10 @@ OPTIONS = (
     "height_unit= (-surface_height_unit)",
     "spacing=",
     "override=True (app.convert --override)",
-)  # of `read_surface`, for messages; fmt: skip
+)  # names of options of `read_surface`, for messages; fmt: skip
 MIN_COORDINATES = 8  # in a row; fewer heights may have equal steps by chance
-MAX_COORDINATE_SPREAD = 0.1  # of steps of printed coordinates, in the largest
-MIN_HEIGHT_SPREAD = 0.5  # of steps of rough heights, in the largest
+MAX_COORDINATE_SPREAD = 0.1  # range of the steps of printed coordinates, over the largest step
+MIN_HEIGHT_SPREAD = 0.5  # range of the steps of rough heights, over the largest step
 
 TURNS = {
     "transpose": lambda rows: rows.T,
@@ -32,28 +32,28 @@ TURNS = {
 
 
 def turn(rows, orient):
-    """Turn an array by some of `TURNS`."""
+    """Apply turns, named as in `TURNS`, to an array in order."""
     for name in orient:
         rows = TURNS[name](rows)
     return rows
 
 
 def turn_spacing(spacing, orient):
-    """Turn a spacing by some of `TURNS`."""
+    """Return the spacing (dx, dy) after turns, named as in `TURNS`."""
     return spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
 class HeightMap(StoredArray):
-    """Turned heights and what their source states.
+    """Turned heights, with unit and spacing as stated in their source.
 
     Attributes
     ----------
     spacing : pair of float or None
-        dx, dy after the turns; the argument is that before them.
+        dx, dy of a cell after the turns; the argument of this name is before them.
     unit, lateral : str or None
-        Of the heights, and of the spacing if that differs.
+        Unit of the heights; unit of the spacing if that differs.
     other_unit : str or None
-        Unit of the values, if it is no length.
+        Unit of the values if it is no length, such as V.
     """
 
     label = "surface file"
@@ -66,7 +66,7 @@ class HeightMap(StoredArray):
             self._array = turn(self.rows(), orient)
 
     def check_crop(self, crop):
-        """Return a valid crop, the whole map for None."""
+        """Return a validated crop; None means the whole map."""
         ny, nx = self.shape
         try:
             i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
@@ -81,7 +81,7 @@ class HeightMap(StoredArray):
         return crop
 
     def cropped_rows(self, crop, start, stop):
-        """Return rows of a crop, in the source's unit."""
+        """Return rows `start` to `stop` of a crop, in the source's unit."""
         i0, i1, j0, _ = crop
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
@@ -91,10 +91,11 @@ class HeightMap(StoredArray):
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
     def settle(self, unit=None, height_unit=None, spacing=None, override=False, options=OPTIONS):
-        """Settle units and spacing by source and options.
+        """Determine units and spacing from the source and the arguments.
 
-        `options` are their names for messages. Raises InputError if a unit is stated nowhere or in two ways, a spacing
-        in two ways, or `override` has no effect.
+        `override` lets the arguments replace what the source states. `options` are the names of the four arguments in
+        messages. Raises InputError if a unit is stated nowhere or in two ways, a spacing in two ways, or `override` has
+        no effect.
         """
         unit_option, height_option, spacing_option, override_option = options
         where, mend = f"surface file {self.file}", f"if that is wrong, add {override_option}"
@@ -144,14 +145,15 @@ class HeightMap(StoredArray):
 
     @property
     def cell(self):
-        """Size dx, dy of a cell [mm], or None; after `settle`."""
+        """Size dx, dy of a cell [mm], or None; valid after `settle`."""
         return self.spacing and tuple(UNITS[self.lateral] * side for side in self.spacing)
 
 
 def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
     """Return the `HeightMap` of a file or array.
 
-    With `coordinates` the numbers of a text may include coordinates.
+    `skip`, `orient` and `channel` are those of `read_surface`. A text that looks like a line scan, or begins with
+    coordinates, is an error unless `coordinates` is true, as before a crop.
     """
     channel = "" if channel is None else str(channel)
     if not isinstance(path, str | os.PathLike):
@@ -195,7 +197,7 @@ def _check_esri(where, shape, nrows, ncols):
 
 
 def _read_stated(where, content):
-    """Return units and spacing as stated in a file."""
+    """Return unit and spacing that a file states, as arguments of `HeightMap`."""
 
     def length(key):
         if key not in content.attributes:
@@ -234,7 +236,7 @@ def _positive_pair(values):
 
 
 def _check_heights(where, array, kind, orient):
-    """Raise if the numbers of a text are no heights."""
+    """Raise if a text is a list, or begins with coordinates."""
     lines, numbers = array.shape
     ny, nx = lines, numbers
     if orient.count("transpose") % 2:
@@ -260,10 +262,10 @@ def _check_heights(where, array, kind, orient):
 
 
 def _begins_with_coordinates(rows):
-    """Return whether the first row has coordinates.
+    """Return whether the first row looks like coordinates.
 
-    Except for the corner their steps are equal, those of heights are not, or other ones. Rows without heights do not
-    count.
+    Its steps, without the corner, are equal; those of the next rows, the heights, vary or are much smaller or larger.
+    Rows without heights do not count.
     """
     if rows.shape[1] < MIN_COORDINATES:
         return False

@@ -1,6 +1,7 @@
 """A measured surface: levelled, averaged, filtered heights.
 
-Each rank keeps its own rows only. Each rank fills all missing points, so that they are the same on any number of ranks.
+Each rank keeps its own rows only. Each rank fills all missing points, so that the filled heights are the same on any
+number of ranks.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,22 +26,24 @@ class Surface:
     file, unit, level, missing, crop, orient, s_filter, l_filter, periodic
         As of `read_surface`; an array has the file name ``(array)``.
     shape : tuple of int
-        ny, nx: cells, after cropping and averaging.
+        ny, nx: numbers of cells after cropping and averaging.
     spacing : tuple of float or None
         Size dx, dy of a cell [mm], if stated.
     rms_height : float
         Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
     rms_level, skewness, kurtosis : float
-        The same about their best plane, or about level "quadratic" [mm], and the third and fourth standardised moments.
+        Standard deviation of these heights about their best plane, or about the quadratic of `level` "quadratic" [mm];
+        their third and fourth standardised moments about the same.
     steps : tuple of float
-        Root mean square of the steps from cell to cell of the file in x and in y, about the same, after filters [mm].
+        Root mean square of the steps from cell to cell of the file in x and in y, less those of this plane or
+        quadratic, after filters [mm].
     spike : tuple
-        Of the point that stands out most, about the same, before filters: its height above the highest of its four
-        neighbours [mm], the same in rms steps, its row and column.
+        Point that stands out most from this plane or quadratic, before filters: its height above the highest of its
+        four neighbours [mm], this height over the rms step, its row and column.
     rounding : float
-        Height in the file below which differences may be rounding only [mm].
+        Difference of heights in the file below which it may be rounding only [mm].
     missing_points : int
-        Of the file, within the crop.
+        Number of missing points of the file, within the crop.
     notes : tuple of str
         Doubts for the user.
     warned : tuple of str
@@ -81,9 +84,9 @@ class Surface:
     sampled = measured = True
 
     def grid(self, domain=None, periodic=None):
-        """Return the grid of its cells.
+        """Return a grid with the surface's cells.
 
-        The domain, x0, x1, y0, y1 [mm], is about the origin by default; it is needed if the spacing is unknown.
+        `domain` is x0, x1, y0, y1 [mm], by default centred at the origin. It is needed if the spacing is unknown.
         """
         ny, nx = self.shape
         if domain is None:
@@ -99,7 +102,10 @@ class Surface:
         return grid
 
     def averaged(self, shape):
-        """Return the surface averaged over whole blocks of cells."""
+        """Return the surface averaged over blocks of cells.
+
+        `shape` is (ny, nx) of the blocks.
+        """
         if shape == self.shape:
             return self
         ny, nx = self.shape
@@ -120,14 +126,14 @@ class Surface:
         )
 
     def resampled(self):
-        """Return a `ResampledSurface` for any grid."""
+        """Return the surface as a `ResampledSurface`, which fits any grid."""
         return ResampledSurface(self)
 
     def filtered(self, grid, s_filter=None, l_filter=None):
         """Return the surface without short and long waves.
 
-        Every rank filters all of it, and keeps it. On a periodic grid filters wrap around. The nesting indices are
-        wavelengths of which half passes [mm].
+        Waves shorter than `s_filter` and longer than `l_filter` are removed, half of the height at these wavelengths
+        [mm]. Every rank filters and keeps the whole surface. On a periodic grid the filters wrap around.
         """
         if s_filter is None and l_filter is None:
             return self
@@ -162,11 +168,11 @@ class Surface:
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
     def rms_slope(self, grid=None):
-        """Return the rms slope in the file, about the best plane."""
+        """Return the rms slope between the file's cells, less the best plane's."""
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
     def understood(self, grid=None):
-        """Return one line on how the file was understood."""
+        """Return a line that states how the file was read."""
         grid = grid or self.grid()
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
         turned = f" after {','.join(self.orient)}" if self.orient else ""
@@ -186,7 +192,7 @@ class Surface:
 
     @property
     def _about(self):
-        """Reference of rms height and the like."""
+        """Words for the reference of the rms height."""
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
@@ -223,8 +229,8 @@ class Surface:
     def heights(self, rows=slice(None), around=None):
         """Return the heights of some rows, shape (rows, nx) [mm].
 
-        Peaks are positive, NaN is a missing point. `around`: whether missing points are filled from the other side, in
-        x and in y; by default as the surface was read.
+        Peaks are positive, missing points are NaN. `around` says whether the surface wraps around in x and in y when
+        missing points are filled; by default it does if it was read as periodic.
         """
         start, stop, _ = rows.indices(self.shape[0])
         stop, (fy, fx) = max(start, stop), self._averaged
@@ -246,7 +252,9 @@ class Surface:
         return heights - np.nanmean(heights) if self.level == "none" else heights
 
     def plot(self, ax=None):
-        """Draw heights, profiles, distribution and spectrum; on given axes the heights alone.
+        """Draw heights, profiles, distribution and spectrum.
+
+        On given axes `ax`, only the heights are drawn.
 
         Returns
         -------
@@ -258,13 +266,16 @@ class Surface:
         return views.load().surface_html(self)
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return `heights`, filled around the grid's period."""
+        """Return heights in some rows of a grid of these cells [mm].
+
+        On a periodic grid missing points are filled from the other side, too.
+        """
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
         return self.heights(rows, (bool(grid.periodic),) * 2)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled points in each cell, or None."""
+        """Return the share of filled points in each cell; None without any."""
         if not len(self._filled[0]):
             return None
         start, stop, _ = rows.indices(self.shape[0])
@@ -274,14 +285,17 @@ class Surface:
         return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
 
     def describe(self):
-        """Return data for the result file, by option names."""
+        """Return how it was read, by option names, for the result file."""
         names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
         facts = {f"surface_{name}": getattr(self, name) for name in names}
         facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}
         return {name: value for name, value in facts.items() if value is not None}
 
     def _levelled(self, start, stop, around):
-        """Return rows of the crop, before averaging [mm]."""
+        """Return rows of the crop, levelled, filled and filtered [mm].
+
+        They are not averaged yet.
+        """
         if self._filtered is not None:
             return self._filtered[start:stop].copy()
         heights = self._read(start, stop)
@@ -296,7 +310,7 @@ class Surface:
         return heights
 
     def _read(self, start, stop):
-        """Return rows of the crop as in the file, levelled [mm]."""
+        """Return rows of the crop from the file, levelled [mm]."""
         heights = self._source.cropped_rows(self.crop, start, stop)
         heights *= UNITS[self.unit]
         return add_polynomial(heights, self._level, start, self.crop[3] - self.crop[2], sign=-1)

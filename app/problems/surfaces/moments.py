@@ -7,15 +7,13 @@ import numpy as np
 from app.base.errors import InputError, format_exact
 from app.options.option_table import LARGEST
 
-LEVELS = {"none": (), "mean": ((0, 0),)}  # powers of x and y
+LEVELS = {"none": (), "mean": ((0, 0),)}  # powers (k, m) of the terms x^k y^m that are subtracted
 LEVELS["plane"] = (*LEVELS["mean"], (1, 0), (0, 1))
 LEVELS["quadratic"] = (*LEVELS["plane"], (2, 0), (1, 1), (0, 2))
 RUN = 1 << 18  # cells that are read together
-ROUNDING = (
-    1e-6,
-    2.0**-24,
-)  # of heights: share of their range, as of six digits; of the largest, as of single precision
-MIN_POINTS = 8  # of a row; fewer may have the same height by chance
+# Rounding of heights over their range (six digits), plus that over the largest height (single precision).
+ROUNDING = 1e-6, 2.0**-24
+MIN_POINTS = 8  # known points of a row; fewer may have the same height by chance
 MIN_DEPTH = 2.0  # of an unmeasured row, in rms heights below the best plane of all other rows
 
 
@@ -25,7 +23,11 @@ def cell_centres(n):
 
 
 def add_polynomial(z, coefficients, start, ny, sign=1):
-    """Add a polynomial to some rows, in place."""
+    """Add a polynomial in x and y to rows z, in place.
+
+    z are the rows from `start` of a map of `ny` rows. x and y go from -1 to 1 over the map. `coefficients` maps powers
+    (k, m) to the factor of x^k y^m.
+    """
     x, y = cell_centres(z.shape[1]), cell_centres(ny)[start : start + len(z)]
     for (k, m), coefficient in coefficients.items():
         z += sign * coefficient * x**k * y[:, None] ** m
@@ -35,9 +37,9 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 class Moments:
     """Sums over the known heights of a map.
 
-    The sums are those of x^k y^m and z x^k y^m, where x and y go from -1 to 1, and those of steps.
-    ``rows(start, stop)`` returns heights [mm], NaN where missing, in an array of their own. Infinite or too large
-    heights, and a map without any, raise InputError.
+    They are the sums of x^k y^m and z x^k y^m over heights z, where x and y go from -1 to 1, and those of the steps
+    between neighbouring heights and of their squares. ``rows(start, stop)`` returns a new array of heights [mm], NaN
+    where missing. Infinite or too large heights, and a map without any height, raise InputError.
     """
 
     def __init__(self, name, rows, shape):
@@ -95,7 +97,7 @@ class Moments:
 
     @property
     def steps(self):
-        """Rms steps in x and in y, about the best plane [mm]."""
+        """Rms steps in x and y, less the best plane's [mm]."""
         _, *tilt = self._solve(LEVELS["plane"])
         count, total, squares = self._steps.T
         plane = 2 * np.array(tilt) / self.shape[::-1]
@@ -104,19 +106,19 @@ class Moments:
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
     def tilt(self):
-        """Return the rise of the best plane and rms height about it."""
+        """Return the rise of the best plane, and rms height about it."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
     def slopes(self):
-        """Return the slopes of the best plane."""
+        """Return the coefficients of x and y in the best plane [mm]."""
         return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
 
     def unmeasured(self):
         """Find rows and columns that were probably not measured.
 
-        All their points have the lowest height, far below the plane of the others. The list has tuples of "row" or
-        "column", their numbers, and by how much they move the best plane [mm].
+        All points of such a row have the lowest height, far below the best plane of the others. Returns a list of
+        tuples: "row" or "column", the numbers of these rows or columns, and by how much they move the best plane [mm].
         """
         unmeasured, lowest = [], np.nanmin(self._in_rows[0])
         for k, (low, high, known) in enumerate((self._in_rows, self._in_columns)):
@@ -139,9 +141,10 @@ class Moments:
         return unmeasured
 
     def roughness(self, level):
-        """Return statistics by a second pass over the heights.
+        """Return attributes of `Surface` from `rms_height` to `spike`, by name.
 
-        All but the rms height is about the best plane, or about level "quadratic".
+        This takes a second pass over the heights. ``rms_height`` refers to the given level, the other numbers to the
+        best plane, or to the fitted quadratic if the level is "quadratic".
         """
         if level == "quadratic":
             bowl = self.fit(level)
@@ -174,7 +177,10 @@ class Moments:
         }
 
     def fit(self, level):
-        """Return the coefficients of a level's polynomial [mm]."""
+        """Return the polynomial of a level that fits the heights best [mm].
+
+        It maps powers (k, m) to the factor of x^k y^m.
+        """
         terms = LEVELS[level]
         coefficients = dict(zip(terms, map(float, self._solve(terms)), strict=True))
         if terms:
@@ -200,7 +206,7 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Update the lowest, the highest and the number of heights."""
+    """Update lowest, highest and number of known heights along an axis."""
     low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
@@ -208,9 +214,10 @@ def _add_extremes(extremes, z, known, axis):
 
 
 def _find_spike(z, run):
-    """Find the point that stands out most.
+    """Find the point that stands out most above its four neighbours.
 
-    The rows are those of the slice `run` of z. The height is 0 if no point stands out.
+    Only points in the slice `run` of the rows of z count. Returns the height above the highest neighbour, 0 if no point
+    stands out, and the row in `run` and the column.
     """
     padded = np.pad(z, 1, constant_values=np.nan)
     highest = np.fmax.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])

@@ -5,18 +5,19 @@ import numpy as np
 from app.base.errors import format_distinct, format_exact
 
 MAX_OFFSET = 0.1  # of a spacing, between a point and its place in the lattice
-MAX_PLACES = 2  # of the lattice, for each point
-MAX_MAP_ROWS = 9  # of two or three numbers; more are a list
-MAX_POINT_NUMBERS = 8  # x, y, z, and colours or errors
+MAX_PLACES = 2  # of the lattice, for each point; more are taken for scattered points
+MAX_MAP_ROWS = 9  # rows of two or three numbers in a map; more rows are a list
+MAX_POINT_NUMBERS = 8  # numbers of a point: x, y, z, and colours or errors
 MIN_SCAN_POINTS = 4  # fewer numbers of a map may increase by chance
 POINTS = "points x, y, z"
 
 
 def detect_list(table):
-    """Return what a table lists, empty for a map.
+    """Return what a table's rows list; an empty text for a map.
 
-    Three columns are `POINTS` if there are many rows, or if x and y are all places of a lattice. Two columns are a
-    line scan if there are many rows; fewer rows, or two rows, if x increases or decreases and z differs from it.
+    Three columns are `POINTS` if there are many rows, or if x and y take all places of a lattice. Two columns are a
+    line scan if there are many rows. A few rows of two columns, or two rows, are one if x always increases or always
+    decreases and z differs from x.
 
     Examples
     --------
@@ -43,10 +44,10 @@ def _begins_with_lattice(table):
 
 
 def arrange(points):
-    """Return heights (ny, nx) and spacing of points.
+    """Arrange points x, y, z on their lattice; return heights and spacing.
 
-    The first row has the smallest y; heights are NaN where there is no point. Raises ValueError for another lattice, or
-    two points in one place.
+    Heights have the shape (ny, nx). The first row has the smallest y; heights are NaN where there is no point. Raises
+    ValueError if the points lie on no regular lattice, or two of them in one place.
 
     Examples
     --------
@@ -72,7 +73,7 @@ def arrange(points):
 
 
 def _merge_clusters(values):
-    """Return sorted values with clusters merged."""
+    """Return sorted values, each cluster of close ones replaced by its mean."""
     steps = np.diff(values)
     sizes = np.sort(steps)
     for size in sizes[:-1][sizes[1:] > 3 * sizes[:-1]][::-1]:
@@ -84,7 +85,10 @@ def _merge_clusters(values):
 
 
 def _find_places(name, values):
-    """Return numbers and spacing of equally spaced places."""
+    """Return each value's number on an equally spaced axis, and the spacing.
+
+    Raises ValueError, with the `name` of the axis, if values are not equally spaced.
+    """
     lines = _merge_clusters(np.unique(values))
     first, last = lines[0], lines[-1]
     steps = np.diff(lines)

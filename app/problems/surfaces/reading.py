@@ -52,22 +52,23 @@ def read_surface(
         order. Peaks towards the other body are positive; the first row is the one of smallest y.
         ``python -m app.convert`` turns files of instruments into ``.h5``.
     unit : str, optional
-        m, cm, mm, um (or µm), nm, pm, angstrom (or Å) or in: of the file; needed where it does not state one.
+        Unit of the file's lengths: m, cm, mm, um (or µm), nm, pm, angstrom (or Å) or in. Needed if the file does not
+        state one.
     level : str
         Least squares polynomial that is subtracted: none, mean, plane or quadratic. Missing points are left out.
     crop : sequence of int, optional
-        i0, i1, j0, j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 only.
+        i0, i1, j0, j1: only columns i0 to i1 - 1 and rows j0 to j1 - 1 are read.
     missing : str
         "hole": contact is impossible at missing points (NaN). "fill": they are filled by a harmonic function.
     height_unit : str, optional
-        Of the heights alone, where x and y of points are in `unit`.
+        Unit of the heights alone, if x and y of points are in `unit`.
     orient : sequence of str, or str
         Turns of rows and columns before all else, one after the other: transpose, flip_x, flip_y, or a text of
         these with commas between. By default an ESRI grid is flipped in y: its rows go from north to south.
     skip : int
-        Lines at the head of a text to leave out.
+        Number of lines to leave out at the head of a text.
     spacing : pair of float, optional
-        Size dx, dy of a cell before the turns [mm], where the file does not state it; else `Surface.grid` needs a
+        Size dx, dy of a cell before the turns, if the file does not state it. Without any, `Surface.grid` needs a
         domain.
     s_filter, l_filter : float, optional
         Nesting indices (cut-off wavelengths) of Gaussian filters [mm], which come last. `s_filter` removes shorter
@@ -78,9 +79,9 @@ def read_surface(
     channel : str or int, optional
         Name or number, from 0, of a channel of a text that has several, one below the other.
     override : bool
-        Whether `unit`, `height_unit` and `spacing` replace what the file states; else a contradiction is an error.
+        Whether `unit`, `height_unit` and `spacing` replace what the file states; otherwise a contradiction is an error.
     spacing_unit : str, optional
-        Of `spacing`; default: mm.
+        Unit of `spacing`; default: mm.
 
     Returns
     -------
@@ -90,8 +91,8 @@ def read_surface(
     Raises
     ------
     InputError
-        If it cannot be read, its unit is unknown or not the one in the file, the crop lies outside, or a filter does
-        not fit its cells.
+        If the file cannot be read, its unit is unknown or contradicts `unit`, the crop lies outside, or a filter does
+        not fit the cells.
 
     Examples
     --------
@@ -143,7 +144,7 @@ def read_surface(
 
 
 def make_surface(source, level="none", crop=None, missing="hole"):
-    """Return the `Surface` of a settled `HeightMap`."""
+    """Return the `Surface` of a `HeightMap` after `HeightMap.settle`."""
     crop, scale = source.check_crop(crop), UNITS[source.unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
     moments = Moments(source.file, lambda *rows: scale * source.cropped_rows(crop, *rows), (ny, nx))

@@ -1,8 +1,9 @@
 """Measured surfaces on any cells, by volume-preserving splines.
 
-The volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns. Their
-increase over a cell of the grid is its mean height (*histosplines*: heights are parabolas between the edges). So
-volumes are kept, whole blocks of cells get their mean, and quadratic surfaces are exact.
+The volume under the surface up to each edge of the file's cells is interpolated by cubic splines, first along rows,
+then along columns. The increase of this volume over a cell of the grid gives the cell's mean height (*histosplines*:
+heights are parabolas between the edges). So volumes are kept, whole blocks of cells get their mean, and quadratic
+surfaces are exact.
 """
 
 from dataclasses import dataclass
@@ -15,8 +16,8 @@ from app.base.memory import check_fits
 from app.base.units import format_lengths
 from app.halfspace.grid import Grid
 
-RUN = 1 << 18  # numbers that are joined together
-ROUNDING = 1e-9  # of sides, or shares of a cell
+RUN = 1 << 18  # numbers that are interpolated together
+ROUNDING = 1e-9  # relative rounding of sides, and of shares of a cell
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +61,11 @@ class ResampledSurface:
             )
 
     def filtered(self, grid, s_filter=None, l_filter=None):
-        """Filter on the file's cells, see `Surface.filtered`."""
+        """Return the surface filtered on the file's cells, see `Surface.filtered`."""
         return ResampledSurface(self.surface.filtered(self.own_grid(grid), s_filter, l_filter))
 
     def cell(self, grid):
-        """Return the size of a cell of the file."""
+        """Return the size dx, dy of a cell of the file [mm]."""
         return self.surface.cell(self.own_grid(grid))
 
     def rms_slope(self, grid):
@@ -72,12 +73,12 @@ class ResampledSurface:
         return self.surface.rms_slope(self.own_grid(grid))
 
     def understood(self, grid):
-        """Return one line on how the file was understood."""
+        """Return a line that states how the file was read."""
         line = self.surface.understood(self.own_grid(grid))
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return mean heights in some rows of cells [mm]; NaN: missing."""
+        """Return mean heights in some rows of cells [mm]; NaN where missing."""
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
@@ -93,13 +94,13 @@ class ResampledSurface:
         return np.where(known > ROUNDING, means, np.nan)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled area in each cell, or None."""
+        """Return the share of filled area in each cell; None without any."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
 
     def describe(self):
-        """Return data for the result file, by option names."""
+        """Return how it was read, by option names, for the result file."""
         return {**self.surface.describe(), "surface_resample": 1}
 
     def __repr__(self):
@@ -109,8 +110,8 @@ class ResampledSurface:
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
     """Return a grid on the surfaces' common patch.
 
-    Its cells are (nx, ny), by default those of the first surface. The domain, x0, x1, y0, y1 [mm], is needed if no file
-    states its spacing.
+    `cells` is (nx, ny); by default cells are as large as those of the first surface. `domain`, x0, x1, y0, y1 [mm], is
+    needed if a file does not state its spacing.
     """
     own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
     if domain is None:
@@ -123,7 +124,10 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
 
 
 def _edges(own, grid, rows):
-    """Return cell edges and whether they wrap around."""
+    """Return edges of the grid's cells, in units of the file's cells.
+
+    These are those in x, and those of some rows in y. The third value says whether x and y wrap around.
+    """
     all_edges, around = [], []
     for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
         edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # about the common middle
@@ -136,10 +140,10 @@ def _edges(own, grid, rows):
 
 
 def _means(values, edges, degree, around=False):
-    """Return means of splines over other cells.
+    """Return means of each row of values over other cells.
 
-    A spline of this degree joins the sums of each row up to the edges of its n cells. The new cells' edges are counted
-    in these, from 0 to n.
+    A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` of the other cells are
+    in units of these cells, from 0 to n. Rows are periodic if `around`.
     """
     from scipy.interpolate import make_interp_spline
 

@@ -24,16 +24,17 @@ _ESRI = re.compile(
 
 
 def _gwyddion_entry(line):
-    """Return key and text of Gwyddion's line, or None."""
+    """Return key and text of a line of Gwyddion's head, or None."""
     match = _GWYDDION.fullmatch(line)
     return match and (next(key for key in _LABELS if match[key]), match["text"])
 
 
 def select_channel(lines, wanted, advice):
-    """Return the lines of one channel, others empty.
+    """Return the lines of one channel, with all other lines empty.
 
-    A line of Gwyddion's head below data begins a channel; at the end of the text it is a footer. A channel is named, or
-    numbered from 0; an empty text means the only one. ValueError lists the channels, with the advice if none is named.
+    A line of Gwyddion's head below data begins a channel; at the end of the text it is a footer. `wanted` is a
+    channel's name, or its number from 0; an empty text means the only channel. ValueError lists the channels if
+    `wanted` is not one of them, and adds `advice` on how to choose if several are there and none is wanted.
 
     Examples
     --------
@@ -70,7 +71,7 @@ def select_channel(lines, wanted, advice):
 
 
 def read_gwyddion_head(comments):
-    """Return unit and sides [mm] in Gwyddion's head, each or None.
+    """Return unit and sides [mm] stated in Gwyddion's head, None where missing.
 
     Examples
     --------
@@ -89,14 +90,17 @@ def read_gwyddion_head(comments):
 
 
 def find_esri_entries(lines):
-    """Return entries of an ESRI head by lower-case name, with decimal points."""
+    """Return the entries of an ESRI head by lower-case names.
+
+    Values are texts with decimal points.
+    """
     return {match[1].lower(): match[2].replace(",", ".") for match in map(_ESRI.fullmatch, lines) if match}
 
 
 def read_esri_head(lines, skip=0):
-    """Return entries and length of an ESRI head.
+    """Return the entries of an ESRI head and its number of lines.
 
-    The head consists of the first `skip` lines, if any are to be skipped.
+    The head consists of the first `skip` lines, if any are to be skipped. Entries are empty if it is no ESRI grid.
     """
 
     def in_head(line):

@@ -1,9 +1,13 @@
 """Tables of numbers in text.
 
-One layout holds for all lines. Semicolons separate, else tabs if there are no blanks, else commas if some numbers have
-points or blanks follow all commas, else blanks; then commas begin decimals. Commas alone separate, if they cannot be
-decimal. Between semicolons or tabs a comma begins decimals, unless there are points as well. Commas in quotes begin
-decimals, those outside separate. Exponents may begin with D, as Fortran writes them.
+All lines of a text have the same layout. Numbers are separated by the first of these that applies:
+
+- semicolons, or tabs if there are no blanks; commas then begin decimals, and points as well are an error,
+- commas, if some numbers have points, or if a blank follows all commas,
+- blanks; commas then begin decimals,
+- commas without blanks, if they cannot begin decimals.
+
+Commas in quotes begin decimals if those outside separate. Exponents may begin with D, as Fortran writes them.
 """
 
 import re
@@ -29,12 +33,15 @@ _FORTRAN_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 _QUOTED = re.compile(r'"([^"\n]*)"')
 _COMMA_AT_QUOTE = re.compile(r"^ *,|, *$")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # grouped, or with a decimal comma
-# Different negative numbers before every second comma, and none behind: by chance they are fewer.
+# Commas may begin decimals if so many different negative numbers stand before every second comma, and none behind it.
 MIN_SIGNED_INTEGERS = 8
 
 
 class UnknownText(ValueError):
-    """A text in no known format; without `is_text`, no text."""
+    """Error for a text in no known format, or for no text.
+
+    `is_text` is False in the second case.
+    """
 
     def __init__(self, message, is_text=True):
         super().__init__(message)
@@ -42,7 +49,10 @@ class UnknownText(ValueError):
 
 
 def is_comment(line):
-    """Return whether a line begins with # or %, except error values."""
+    """Return whether a line is a comment, beginning with # or %.
+
+    Error values of spreadsheets, such as #N/A, begin no comment.
+    """
     return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
 
@@ -126,7 +136,7 @@ def _check_head(numbers, texts, heights):
 
 
 def _check_blocks(numbers, columns):
-    """Raise if rows form blocks of one size."""
+    """Raise if gaps divide the rows into blocks of equal size."""
     starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
     rows = np.diff(starts, append=len(numbers))
     if columns != 3 and len(rows) > 1 and rows[0] > 1 and (rows == rows[0]).all():
@@ -137,7 +147,7 @@ def _check_blocks(numbers, columns):
 
 
 def _unquote(lines):
-    """Replace quoted commas by points, separating ones by semicolons."""
+    """Replace commas in quotes by points, and separating commas by semicolons."""
     text = "\n".join(lines)
     if '"' not in text:
         return lines
@@ -164,7 +174,7 @@ def _first_word(line, heights):
 
 
 def _find_layout(lines):
-    """Return the separator and whether commas are decimal."""
+    """Return the separator of numbers, and whether commas begin decimals."""
     text = "\n".join(lines)
     points, commas = "." in text, text.count(",")
     if ";" in text or ("\t" in text and " " not in text):
@@ -217,7 +227,7 @@ def _check_commas_separate(lines):
 
 
 def _number(entry, j, i, heights):
-    """Return the value of entry i in line j."""
+    """Return the value of an entry, NaN for missing heights."""
     entry = entry.strip()
     if heights and (not entry or _MISSING.fullmatch(entry)):
         return np.nan
