@@ -37,7 +37,7 @@ class PackageMissing(ModuleNotFoundError, PackageError):
 
 
 class NoteWarning(UserWarning):
-    """A note on a solution or surface: something to check, such as a unit."""
+    """A note on something to check in a solution or surface."""
 
 
 class OtherRankError(RuntimeError):

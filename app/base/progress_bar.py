@@ -4,7 +4,7 @@ import warnings
 
 
 def progress_bar(rank, **arguments):
-    """Return a tqdm bar, of a notebook or a terminal, that rank 0 shows."""
+    """Return a progress bar (tqdm), which only rank 0 shows."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # without ipywidgets notebooks show the bar as text
         from tqdm.auto import tqdm  # loads slowly

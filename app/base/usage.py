@@ -1,11 +1,13 @@
-"""Examples of correct calls in the errors of wrong ones."""
+"""Examples of correct calls in the error messages of wrong calls."""
 
 from functools import wraps
 from inspect import signature
 
 
 def usage(example):
-    """Decorate a function or class: a TypeError about its arguments shows an example.
+    """Decorate a function or class to show an example call in errors.
+
+    The example is added to a TypeError about the arguments.
 
     Examples
     --------

@@ -18,12 +18,16 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     Parameters
     ----------
     cells : ndarray of bool, shape (local rows, nx)
-        By default, without `slabs` and `comm`, of all rows.
+        True in the cells of the sets, on the rows of this rank.
+    periodic : bool
+        True if sets continue across the boundary of the patch.
+    slabs, comm : Slabs, mpi4py communicator, optional
+        Distribution of the rows; by default this rank has all rows.
 
     Returns
     -------
     labels : ndarray of int, shape (local rows, nx)
-        0 outside the sets, else from 1 on.
+        Number of the set of each cell, from 1 on; 0 outside the sets.
     sizes : ndarray of int, shape (sets,)
         Number of cells of each set; the same on all ranks.
     """

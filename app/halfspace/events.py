@@ -1,4 +1,7 @@
-"""Events for -log_view in modules that work without PETSc; `operator` replaces them."""
+"""Placeholders of -log_view events, for modules that work without PETSc.
+
+`app.halfspace.operator` replaces them by events of PETSc.
+"""
 
 from contextlib import nullcontext
 

@@ -5,11 +5,11 @@ A grid has ``nx * ny`` equal rectangular cells, numbered row by row (x fastest).
 
 Coarsening joins 2 x 2 cells (Sec. 4.2). A direction of at most `coarsest` cells is not coarsened. A direction with an
 odd number of cells gets one more coarse cell, half of which is outside the patch; its missing children are inadmissible
-cells. This equals padding the patch, without storing the padding.
+cells. The result is the same as with a padded patch, but the padding is not stored.
 
-A periodic patch has no outside. There the coarse cells of an odd direction are a little shorter than two fine ones.
-Children and parents are numbered as usual, and the last coarse cell has one child. The coarse grid begins half a fine
-cell later, so that no coarse cell is further than that from the middle of its children.
+A periodic patch has no outside. In a direction with an odd number of cells, its coarse cells are a little shorter than
+two fine cells. Children and parents are numbered as on a free patch, and the last coarse cell has one child. The coarse
+grid begins half a fine cell later, so that each coarse cell is within half a fine cell of the middle of its children.
 """
 
 from dataclasses import dataclass, replace
@@ -26,9 +26,10 @@ SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
 
 def validate_symbol(periodic):
-    """Return the name of a periodic symbol, or "" if free.
+    """Return the name of a periodic symbol, "" for free patches.
 
-    True is the first symbol; False and "" are a free patch. Raises InputError for anything else.
+    The symbol gives the eigenvalues of the influence matrix. `periodic` is one of `SYMBOLS`, or True for the first of
+    them; False and "" mean a free patch. Raises InputError for anything else.
     """
     name = SYMBOLS[0] if periodic is True else periodic or ""
     if name and name not in SYMBOLS:
@@ -52,7 +53,8 @@ class Grid:
     x0, y0 : float
         Lower left corner of the patch.
     periodic : str
-        Symbol of the influence matrix of a periodic patch (`app.halfspace.periodic_symbol`); empty for a free patch.
+        Name of the symbol that defines the influence matrix of a periodic patch (`app.halfspace.periodic_symbol`);
+        empty for a free patch.
     """
 
     nx: int
@@ -129,11 +131,14 @@ class Grid:
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
     def coarsening(self, coarsest=4):
-        """Return coarsening factors ``(fy, fx)``, each 2 or 1."""
+        """Return coarsening factors ``(fy, fx)``, each 2 or 1.
+
+        The factor is 2 in a direction with more than `coarsest` cells.
+        """
         return tuple(2 if n > coarsest else 1 for n in self.shape)
 
     def coarsen(self, coarsest=4):
-        """Return the next coarser grid, or None."""
+        """Return the next coarser grid, or None if neither direction is coarsened."""
         if self.coarsening(coarsest) == (1, 1):
             return None
 
@@ -148,9 +153,10 @@ class Grid:
         return replace(self, nx=nx, ny=ny, dx=dx, dy=dy, x0=x0, y0=y0)
 
     def places_in(self, coarse):
-        """Return ``(a, b)`` in y and in x of the cell centres.
+        """Return the positions of the cell centres in a coarser grid.
 
-        The centre of cell j is ``a j + b`` coarse cells from the first coarse centre.
+        They are two pairs ``(a, b)``, the first for y and the second for x: the centre of cell j is ``a j + b`` coarse
+        cells from the first coarse centre.
         """
         in_y = (self.dy / coarse.dy, (self.y0 - coarse.y0 + (self.dy - coarse.dy) / 2) / coarse.dy)
         in_x = (self.dx / coarse.dx, (self.x0 - coarse.x0 + (self.dx - coarse.dx) / 2) / coarse.dx)
@@ -160,7 +166,8 @@ class Grid:
 def plan_grids(grid, coarsest=4, target_only=False):
     """Return the grids of a hierarchy, the target `grid` first.
 
-    Directions of at most `coarsest` cells are not halved.
+    Directions of at most `coarsest` cells are not coarsened, except to get a second grid. With `target_only` there are
+    no coarser grids.
     """
     grids = [grid]
     most = 1 if target_only else grid.n  # grids
@@ -184,6 +191,6 @@ def _cells(nx, ny):
 
 
 def row_blocks(rows, columns, cells=1 << 16):
-    """Return slices of rows with about `cells` cells each."""
+    """Divide the rows of an array into slices of about `cells` cells."""
     step = max(1, cells // max(columns, 1))
     return (slice(start, min(start + step, rows)) for start in range(0, rows, step))

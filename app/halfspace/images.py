@@ -1,14 +1,15 @@
 """Influence of the periodic images of a patch, interpolated from few nodes.
 
 A product by FFT in a periodic box slightly larger than the patch also contains the influence of the patch's images. Let
-G be the influence coefficients of the box: those of a cell and all its images, less their mean. The matrix of the free
-patch is ``A = G + S``. The product with G is an FFT on the box, with a third of the points of a zero-padded one. S is
-minus the influence of the images. They are at some distance, so S is a polynomial between two cells: ``S = P S' P^T``.
-P^T collects pressures at nodes many cells apart, and P interpolates displacements from the nodes.
+K be the influence coefficients of a cell, and G those of the cell and all its images in the box, less their mean. The
+matrix of the free patch is ``A = G + S``, where S is minus the influence of the images. The product with G is an FFT on
+the box, with a third of the points of a zero-padded FFT. The images are at some distance, so S is a smooth function of
+the offset between two cells: ``S = P S' P^T``. P^T collects pressures at nodes many cells apart, S' is S between nodes,
+and P interpolates displacements from the nodes.
 
-``F``, the influence of all images except the cell itself, less the mean, is a lattice sum (Ewald), computed in few
-points and interpolated by polynomials. Then ``G = K + F``. Up to half the box ``S = -F``; beyond, ``S = K - G``, where
-G repeats.
+F, the influence of all images without the cell itself, less the mean, is a lattice sum (Ewald). It is computed at few
+points and interpolated by polynomials. Then ``G = K + F``. At offsets up to half the box ``S = -F``. At larger offsets
+``S = K - G``, where G is periodic.
 """
 
 from functools import lru_cache
@@ -30,10 +31,10 @@ _HALF_WIDTH = 0.52  # of the interval of the polynomials, in periods: half a per
 
 
 class Box:
-    """Periodic box of a patch.
+    """Periodic box around a patch, with the influence of images in it.
 
-    `periods` are its cells in y and x. ``influence(rows, columns)`` returns coefficients K for unit compliance at
-    arrays of offsets.
+    `periods` are the numbers of cells of the box in y and x. ``influence(rows, columns)`` returns the coefficients K
+    for unit compliance, for arrays of offsets in y and x.
     """
 
     def __init__(self, grid, periods, influence):
@@ -44,15 +45,18 @@ class Box:
         self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
     def kernel(self, rows, columns):
-        """Return G for unit compliance at offsets up to half a period."""
+        """Return G for unit compliance, at offsets up to half a period."""
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
-        """Return F, as `kernel` returns G."""
+        """Return F for unit compliance, at offsets up to half a period."""
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
-        """Return S for unit compliance at `counts` multiples of `steps` cells."""
+        """Return S for unit compliance, between the nodes.
+
+        The offsets in y and x are 0 to ``counts - 1`` times `steps` cells.
+        """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]
         return self.influence(*offsets) - self.influence(*back) - self._images(*back)
@@ -62,7 +66,8 @@ class Box:
 def _lattice_sum(aspect):
     """Return Chebyshev coefficients [y, x] of a lattice sum.
 
-    It sums 1/rho, without origin and mean, over a lattice of steps 1 in x and `aspect` in y.
+    The sum is that of 1/rho, less its mean, over the points of a lattice except the origin; rho is the distance from a
+    lattice point. The steps of the lattice are 1 in x and `aspect` in y.
     """
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
     in_y, in_x = map(chebyshev_nodes, counts)
@@ -89,7 +94,7 @@ def _lattice_sum(aspect):
 def _within(radius, step_y, step_x, reach=0.0):
     """Yield lattice points (j, i) >= 0 within a radius.
 
-    The radius is around any point up to `reach` steps from the origin.
+    Their distance from some point that is up to `reach` steps from the origin is at most the radius.
     """
     for j in range(int(radius / step_y + reach) + 1):
         for i in range(int(radius / step_x + reach) + 1):
@@ -98,7 +103,10 @@ def _within(radius, step_y, step_x, reach=0.0):
 
 
 def _cell_means(period, count):
-    """Return means of the polynomials over cells, up to half a period."""
+    """Return cell means of the even Chebyshev polynomials.
+
+    The cells are those up to half a period from the origin; shape (cells, count).
+    """
     at = (np.arange(period // 2 + 1)[:, None] + _GAUSS[0] / 2) / (_HALF_WIDTH * period)
     return np.einsum("jgt,g->jt", even_chebyshev(at, count), _GAUSS[1] / 2)
 
@@ -123,7 +131,7 @@ def _copy_masked(a, mask, out):
 
 @njit()
 def _collect(p, mask, first, weights, nodes, row):
-    """Add P^T p in y to the nodes."""
+    """Collect pressures at the nodes of y: nodes += P^T p."""
     step, width = weights.shape
     for j in range(p.shape[0]):
         nonzero = _copy_masked(p[j], mask[j], row) if mask.size else _copy_row(p[j], row)
@@ -136,7 +144,7 @@ def _collect(p, mask, first, weights, nodes, row):
 
 @njit()
 def _interpolate(nodes, first, weights, mask, out, row):
-    """Add P nodes in y to `out`."""
+    """Interpolate displacements from the nodes of y: out += P nodes."""
     step, width = weights.shape
     for j in range(out.shape[0]):
         row[:] = 0
@@ -150,9 +158,9 @@ def _interpolate(nodes, first, weights, mask, out, row):
 
 
 class ImageCorrection:
-    """Product with S on the rows of a rank. Collective over `comm`.
+    """Product with S, minus the influence of the images. Collective over `comm`.
 
-    Nodes are `steps` cells apart in y and x. A cell is interpolated from `width` nodes in each direction.
+    Nodes are `steps` cells apart in y and x. The value of a cell is interpolated from `width` nodes in each direction.
     """
 
     def __init__(self, box, compliance, steps, width, slabs, comm, dtype):
@@ -177,9 +185,9 @@ class ImageCorrection:
         self._row = np.empty(nx, dtype)
 
     def multiply(self, p, mask):
-        """Compute S p for `add`. Collective.
+        """Compute S p at the nodes; `add` interpolates it. Collective.
 
-        p is taken on C if there is a mask, which else has size 0.
+        With a mask, p counts as zero outside of it. A mask of size 0 means no mask.
         """
         rows, (step, width) = slice(self._first, self._first + len(self._nodes)), self._in_x.shape
         self._nodes[...] = 0
@@ -198,5 +206,8 @@ class ImageCorrection:
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_node)
 
     def add(self, out, mask):
-        """Add the product to a field."""
+        """Add the last S p to a field, only inside the mask.
+
+        A mask of size 0 means no mask.
+        """
         _interpolate(self._nodes, self._offset, self._in_y, mask, out, self._row)

@@ -1,8 +1,8 @@
 """Influence coefficients of an elastic half-space, eqs. (2.4)-(2.6).
 
 ``A_IJ = (1 - nu) / (pi G) * integral over cell J of 1/rho``, rho the distance from the centre of cell I. On equal cells
-A depends only on ``|ix - jx|`` and ``|iy - jy|``. The *quadrant* ``K[j, i]`` contains all values: the displacement i
-cells to the right of and j cells above a cell under unit pressure.
+it depends only on the offsets between the two cells in x and y. The *quadrant* ``K[j, i]`` contains all values: the
+displacement i cells to the right of and j cells above a cell under unit pressure.
 
 ========================  ===========================  ==============
 paper                     here                         unit
@@ -20,9 +20,10 @@ from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
 
 def quadrant_rows(grid, compliance):
-    """Return ``rows(slice, columns=None)``, which returns rows of `influence_quadrant`.
+    """Return a function that returns rows of `influence_quadrant`.
 
-    The quadrant of a periodic grid is computed once and stored, in a quarter of a field.
+    It is called as ``rows(slice, columns=None)``. The quadrant of a periodic grid is computed once and stored; it takes
+    a quarter of the memory of a field.
     """
     quadrant = periodic_quadrant(grid, compliance) if grid.periodic else None
 
@@ -38,28 +39,31 @@ def quadrant_rows(grid, compliance):
 def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     """Return influence coefficients at all offsets with non-negative components.
 
-    They are for offsets `rows` in y, a slice, and 0 to `columns` - 1 in x, by default all: shape (rows, columns)
-    [mm / (N/mm2)]. On a periodic grid the images are included.
+    The slice `rows` selects offsets in y; the offsets in x are 0 to `columns` - 1, by default all. The shape is (rows,
+    columns), the unit mm / (N/mm2). On a periodic grid the influence of all images of the cell is included.
     """
     return quadrant_rows(grid, compliance)(rows, columns)
 
 
 def influence_at(grid, rows, columns):
-    """Return coefficients [mm2] for unit compliance at arrays of offsets >= 0."""
+    """Return influence coefficients on a free patch for unit compliance [mm].
+
+    `rows` and `columns` are arrays of offsets in y and x, from 0 on.
+    """
     return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
 
 def middle_displacement(compliance, lengths):
-    """Return the displacement (2.4) in the middle of a loaded box.
+    """Return the displacement in the middle of a loaded rectangle, (2.4).
 
-    The pressure is 1; the lengths of the box are in y and x [mm].
+    The pressure is 1; `lengths` are the sides of the rectangle in y and x [mm].
     """
     b, a = (length / 2 for length in lengths)
     return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
 
 
 def dense_matrix(grid, compliance):
-    """Return the influence matrix as an array, shape (n, n)."""
+    """Return the influence matrix of all n cells, shape (n, n)."""
     quadrant = influence_quadrant(grid, compliance)
     j, i = np.arange(grid.ny), np.arange(grid.nx)
     dj, di = np.abs(j[:, None] - j), np.abs(i[:, None] - i)

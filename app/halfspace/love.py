@@ -1,4 +1,4 @@
-"""Displacement by a uniformly loaded cell, (2.4).
+"""Displacement by a uniform pressure on one cell, eq. (2.4).
 
 Love's closed form is used near the cell, a Taylor series farther away.
 """
@@ -20,10 +20,11 @@ _ORDER = 12
 
 @lru_cache(maxsize=64)
 def _taylor_series(dx, dy):
-    """Return the series of 1/rho averaged over a cell, and its sides.
+    """Return a cell's sides, and the series of its mean 1/rho.
 
-    The centre of the cell is at (x, y); lengths are in units of the longer side. Return the sides and their squares,
-    correctly rounded, and c with ``mean = sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``: order 2n in row n.
+    rho is the distance of a point in the cell from the origin. Lengths are in units of the longer side. Return the
+    sides, their squares, correctly rounded, and the coefficients c. For a cell with its centre at (x, y), the mean is
+    ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``. Row n has the terms of order 2n.
     """
     sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]
     n, k = np.indices((_ORDER // 2 + 1,) * 2)
@@ -49,7 +50,8 @@ def _taylor_series(dx, dy):
 def _edge(distance, i, length):
     """Return the integral of 1/rho along an edge.
 
-    The edge is from i - 1/2 to i + 1/2 lengths on a line at a distance from the origin.
+    rho is the distance from the origin. The edge lies on a line at `distance` from the origin, from ``i - 1/2`` to
+    ``i + 1/2`` times its `length`.
     """
     low, high = (i - 0.5) * length, (i + 0.5) * length
     if i == 0:
@@ -60,10 +62,11 @@ def _edge(distance, i, length):
 
 @njit(makes_arrays=True, error_model="numpy", fastmath={"contract"})
 def _fill(quadrant, offsets, sides, squares, series, near, far):
-    """Compute rows of the quadrant under unit pressure.
+    """Compute rows of the quadrant of influence coefficients.
 
-    It is `near` times the integral of 1/rho, or `far` times the mean. The integral is a sum over the edges: signed
-    distance times integral of 1/rho, since 1/rho = div(r / rho).
+    A coefficient is `near` times the integral of 1/rho over the cell, or, far away, `far` times the mean of 1/rho. The
+    integral over the cell is a sum over its edges: signed distance times integral of 1/rho along the edge, because
+    1/rho = div(r / rho) with the vector r of length rho.
     """
     columns = quadrant.shape[1]
     dx, dy = sides
@@ -101,8 +104,8 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
 def love_coefficients(cell, compliance, rows, columns):
     """Return influence coefficients of an elastic half-space.
 
-    They are for cells of dx, dy = `cell` [mm] at offsets `rows` in y and 0 to `columns` - 1 in x, for a compliance
-    (1 - nu) / (pi G) [mm2/N]: shape (rows, columns) [mm / (N/mm2)].
+    `cell` is the size (dx, dy) of a cell [mm], `compliance` is (1 - nu) / (pi G) [mm2/N]. `rows` is an array of offsets
+    in y; the offsets in x are 0 to `columns` - 1. The shape is (rows, columns), the unit mm / (N/mm2).
     """
     quadrant = np.empty((len(rows), columns))
     sides, squares, series = _taylor_series(*cell)

@@ -1,6 +1,7 @@
-"""Mat methods for programs of users, which Krylov methods do not need.
+"""Methods of the influence matrix as a Mat, for programs of users.
 
-A Mat is ``a C A C + s I``. The factors a and s belong to the Mat. All Mats share the operator with its contact set.
+Krylov methods do not need them. A Mat is ``a C A C + s I``, where C restricts fields to the contact set. Each Mat has
+its own numbers a and s. All Mats of an operator share its contact set.
 """
 
 import numpy as np
@@ -16,12 +17,15 @@ _FACTORS = "factors"  # attribute of a Mat
 
 
 def scale_and_shift(mat):
-    """Return the factors a and s of a Mat."""
+    """Return the factor a and the shift s of a Mat."""
     return (mat and mat.getAttr(_FACTORS)) or (1.0, 0.0)
 
 
 def check_unscaled(mat, solver):
-    """Raise InputError if a Mat was scaled or shifted."""
+    """Raise InputError if a Mat was scaled or shifted.
+
+    `solver` is the name in the message of the solver that cannot use such a Mat.
+    """
     if scale_and_shift(mat) != (1.0, 0.0):
         raise InputError(f"{solver}: needs a Mat that is neither scaled nor shifted")
 
@@ -33,14 +37,14 @@ def _set_factors(mat, a, s):
 
 
 class MatMethods:
-    """Methods for contact sets, copies, shifts and norms. Collective."""
+    """Mat methods for assembly, copies, scales, shifts and norms. Collective."""
 
     def assemblyEnd(self, mat, kind):
-        """Use the current mask; preconditioners are set up again."""
+        """Use the current contact set; PETSc sets up preconditioners again."""
         self.mask_changed()
 
     def duplicate(self, mat, _=None):
-        """Return another Mat of this operator with the same factors."""
+        """Return another Mat of this operator, with the same a and s."""
         other = self.mat(mat.comm)
         other.setAttr(_FACTORS, scale_and_shift(mat))
         return other
@@ -51,12 +55,15 @@ class MatMethods:
         _set_factors(mat, factor * a, factor * s)
 
     def shift(self, mat, summand):
-        """Add a multiple of the identity, in and outside C."""
+        """Add a multiple of the identity on all cells, also outside contact."""
         a, s = scale_and_shift(mat)
         _set_factors(mat, a, s + summand)
 
     def norm(self, mat, kind):
-        """Return the norm NORM_1, which equals NORM_INFINITY, or FROBENIUS."""
+        """Return a norm of the Mat: 1, infinity or Frobenius.
+
+        The first two are equal, because the Mat is symmetric.
+        """
         squared = kind == PETSc.NormType.FROBENIUS
         if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
             raise ValueError("norm of an influence matrix: must be NORM_1, FROBENIUS or INFINITY")
@@ -71,7 +78,7 @@ class MatMethods:
         return float(-minimum_over(self.comm, [-sums.max(initial=0.0)])[0])
 
     def _row_sums(self, power):
-        """Return sums of ``|entry|^power`` over the columns in C."""
+        """Return each row's sum of ``|A_IJ|^power`` over columns J in contact."""
         if not self.active:
             return np.zeros(self.local_shape)
         rows, sums = quadrant_rows(self.grid, self.compliance), np.empty(self.local_shape)

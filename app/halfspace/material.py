@@ -26,12 +26,13 @@ class Material:
     Attributes
     ----------
     bodies : mapping or None
-        ``young`` and ``poisson`` of both bodies, if it was made from them; empty if it was made from E* alone.
+        ``young`` and ``poisson`` of both bodies, if the material was made from these. Empty if it was made from E*
+        alone; None if it was made from G and nu.
 
     Notes
     -----
-    Without friction only ``E* = G / (1 - nu)`` matters, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2: `from_contact_modulus`
-    makes the material of G = E* and nu = 0.
+    Without friction only the contact modulus ``E* = G / (1 - nu)`` matters, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2. So
+    `from_contact_modulus` makes the material with G = E* and nu = 0.
     """
 
     shear_modulus: float
@@ -131,19 +132,22 @@ class Material:
         return self
 
     def describe(self):
-        """Return E* and the moduli it was made from."""
+        """Return E* and the constants that the material was made from."""
         pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         return {**({} if self.bodies == {} else pair), **bodies, "contact_modulus": self.contact_modulus}
 
     @property
     def compliance(self):
-        """Factor (1 - nu) / (pi G) of 1/rho [mm2/N]."""
+        """Compliance (1 - nu) / (pi G) [mm2/N].
+
+        A point force displaces the surface by compliance times force over distance.
+        """
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
 
     @property
     def contact_modulus(self):
-        """E* = G / (1 - nu) [N/mm2]."""
+        """Contact modulus E* = G / (1 - nu) [N/mm2]."""
         return self.shear_modulus / (1 - self.poisson_ratio)
 
 

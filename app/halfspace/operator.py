@@ -1,8 +1,8 @@
 """Influence matrix of a grid as context of a PETSc Mat.
 
-The Mat is the *masked* operator ``C A C``: rows and columns outside the contact set are zero. The set is in
-`InfluenceOperator.mask` and is changed in place, so nothing is reallocated. A Krylov method that starts from a vector
-that is zero outside C keeps this property, so it solves the system (2.11) on C.
+The Mat is the *masked* operator ``C A C``: rows and columns of A outside the contact set C are zero. The set is in
+`InfluenceOperator.mask`, which is changed in place, so nothing is reallocated. A Krylov method that starts with a zero
+vector only makes vectors that are zero outside C, so it solves the contact set's system (2.11).
 """
 
 import weakref
@@ -36,46 +36,51 @@ for _name in ("Alltoall", "Coeffs", "Spectra"):
 
 
 class InfluenceOperator(MatMethods):
-    """Operators A and C A C on one grid.
+    """Influence matrix A on one grid, and its restriction to contact.
 
     Methods called by PETSc are collective.
 
     Parameters
     ----------
     grid : Grid
+        Grid of cells on which A acts.
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     slabs, comm : Slabs, mpi4py communicator, optional
-        Distribution of the rows; by default this rank has all. A rank beyond `slabs.size` has none and takes no part.
+        Distribution of the rows; by default this rank has all rows. A rank beyond `slabs.size` has no rows and does not
+        take part.
     dtype : numpy real type
-        Precision of the products; PETSc's vectors are always float64. Small grids have a stored matrix in double.
+        Precision of the products. PETSc's vectors are always float64. A small grid has a stored matrix, always in
+        double precision.
     exact_product : optional
         Object whose ``apply(p, u)`` verifies solutions, instead of a double precision product on this grid.
     target : InfluenceOperator, optional
-        Operator of the target grid, if that is another one. Its products are not used while those of this one are.
+        Operator of the target grid, if this is a coarser grid or a window. It lends its working storage, so its
+        products must not be used while this operator works.
     spectra : SpectrumCache, optional
-        Cache of spectra of products and preconditioners, for use after these are freed.
+        Cache that keeps the spectra of products and preconditioners when these are freed.
 
     Attributes
     ----------
     active : bool
         True if this rank is one of those that share the rows.
     coarser_levels : tuple of InfluenceOperator, or None
-        On the coarser grids of a multigrid method, the finest first; None until they are made.
+        Operators on the coarser grids of a multigrid method, the finest first; None until they are made.
     mask : ndarray of bool, shape (local rows, nx)
-        The contact set C, initially all cells. Change it in place and then call `mask_changed`.
+        The contact set C, initially all cells. Change the mask in place and then call `mask_changed`.
     contact_version : int
         Number of calls of `mask_changed`. While cells leave and enter C the mask is ahead of it.
     products, sweeps : int
-        Products of the Mat requested by PETSc, and Gauss-Seidel sweeps: the paper's work units. `product.count` has all
-        products, also those inside sweeps and of `displacement`.
+        Numbers of products that PETSc requested, and of Gauss-Seidel sweeps: the paper's work units. `product.count` is
+        the number of all products, also of those in sweeps and in `displacement`.
 
     Notes
     -----
-    A product by FFT works in an array without meaning between products. The largest, of the double precision product of
-    the target grid, is lent to all others (`storage`). Its beginning is used by products and preconditioners, of which
-    one works at a time. The rest, which the iteration's product (single precision, or fewer cells) leaves, has vectors
-    of the Krylov method (`spare_fields`), because the iteration does not use the double precision product.
+    A product by FFT needs a work array, whose contents do not matter between products. The largest work array is that
+    of the double precision product on the target grid, and is lent to all other products (`storage`). Products and
+    preconditioners use its beginning, one at a time. The products of the iteration (in single precision, or with fewer
+    cells) leave the rest unused. The rest has vectors of the Krylov method (`spare_fields`), because the iteration does
+    not use the double precision product.
     """
 
     def __init__(
@@ -88,7 +93,7 @@ class InfluenceOperator(MatMethods):
         self.active = self.slabs.active
         self._dense = grid.n <= DenseProduct.largest and self.slabs.size == 1
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
-        # Weak, because the target has this one in its `coarser_levels`.
+        # A weak reference, because the target refers to this operator in `coarser_levels`.
         self._target = weakref.ref(self if target is None else target)
         self.coarser_levels = None
         if exact_product is not None:
@@ -98,9 +103,12 @@ class InfluenceOperator(MatMethods):
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.ones(self.local_shape, bool)
         self.products = self.sweeps = 0
-        self._spent = 0.0  # products of freed objects
+        self._spent = 0.0  # work of freed objects, in products
         self.contact_version = 0
-        self._energy = None, None  # key of a contact set, and its energy and cells
+        self._energy = (
+            None,
+            None,
+        )  # key of a contact set; its energy under unit pressure, and its number of cells
 
     # -- products, made on first use -----------------------------------------------------------------------
 
@@ -110,13 +118,13 @@ class InfluenceOperator(MatMethods):
         return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
-        """Make products, named as the attributes. Collective."""
+        """Make products, given by the names of attributes. Collective."""
         for name in products:
             getattr(self, name)
 
     @cached_property
     def product(self):
-        """Product of this operator. Collective on first use."""
+        """Product with A in the precision `dtype`. Collective on first use."""
         if not self.active:
             return NoRows()
         if self._dense:
@@ -130,7 +138,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def exact_product(self):
-        """Product in double precision. Collective on first use."""
+        """Product with A in double precision. Collective on first use."""
         return self.product if self._dense or not self.active else self._convolution(np.float64)
 
     @property
@@ -140,16 +148,16 @@ class InfluenceOperator(MatMethods):
 
     @property
     def storage(self):
-        """Product whose working storage other transforms may use, or None."""
+        """Product whose working storage other products may use, or None."""
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
     def spare_fields(self, *types, others=()):
         """Return work fields in the unused part of the `storage`.
 
-        There is one for each type, shape `local_shape`, not initialised; None where the storage is too small. They are
-        for use during the iteration. Multipliers `others` of other grids do not use them, either. Collective on first
-        use.
+        There is one field for each numpy type in `types`, of shape `local_shape` and not initialised. A field is None
+        if the storage is too small. The fields keep their values during the iteration: neither the product of this
+        operator nor the multipliers `others`, of other grids, overwrite them. Collective on first use.
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):
@@ -162,31 +170,34 @@ class InfluenceOperator(MatMethods):
         return fields
 
     def invalidate_exact_product(self):
-        """Free the last result of an exact product on other cells."""
+        """Free the result that an `exact_product` of a larger grid has stored."""
         forget = getattr(vars(self).get("exact_product"), "forget", None)
         if forget is not None:
             forget()
 
     @cached_property
     def exact_inverse(self):
-        """Inverse B of a periodic A. Collective on first use."""
+        """Inverse B of A, in double precision. Collective on first use.
+
+        Only on a periodic grid: B inverts A on fields without mean, and is zero on constants.
+        """
         exact = self.exact_product
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
 
     @cached_property
     def inverse(self):
-        """B in the operator's precision. Collective on first use."""
+        """Inverse B of A, in the precision `dtype`. Collective on first use."""
         return self.exact_inverse if self.dtype == np.float64 else self.product.inverse()
 
     @cached_property
     def screened_product(self):
-        """Product on springs of a periodic grid. Collective on first use."""
+        """Product of a periodic half-space on springs. Collective on first use."""
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
     @cached_property
     def diagonal(self):
-        """Influence of a cell on itself [mm3/N]. Collective on first use."""
+        """Diagonal entry of A [mm3/N]. Collective on first use."""
         if self.grid.periodic and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
@@ -206,7 +217,7 @@ class InfluenceOperator(MatMethods):
         return kind(quadrant_rows(*matrix), self.grid.shape, layout)
 
     def layout(self, dtype=None):
-        """Return the layout of products and preconditioners."""
+        """Return the layout of products and preconditioners, in the precision `dtype`."""
         dtype = self.dtype if dtype is None else dtype
         return Layout(self.slabs, self.comm, dtype, self.storage, self.spectra)
 
@@ -218,19 +229,22 @@ class InfluenceOperator(MatMethods):
         return petsc_comm(self.comm)
 
     def mat(self, comm=None):
-        """Return a new Mat with this context. Collective over `comm`.
+        """Return a new Mat with this operator as context. Collective over `comm`.
 
-        The caller destroys it. `comm` is a PETSc communicator, by default of the ranks that share the rows.
+        The caller destroys the Mat. `comm` is a PETSc communicator, by default of the ranks that share the rows.
         """
         return symmetric_mat(self, comm or self.petsc_comm)
 
     def mask_changed(self):
-        """Register a changed contact set; a Mat must also be assembled."""
+        """Register that the contact set has changed.
+
+        A Mat of this operator must also be assembled, so that PETSc sets up its preconditioner again.
+        """
         self.contact_version += 1
 
     @contextmanager
     def double_precision(self):
-        """Use products and preconditioners in double precision inside the block. Collective."""
+        """Use double precision inside the block, also in preconditioners. Collective."""
         if self.dtype == np.float64:
             yield
             return
@@ -245,7 +259,7 @@ class InfluenceOperator(MatMethods):
                 self.product = product
 
     def free_exact_product(self):
-        """Free the exact product."""
+        """Free the product in double precision."""
         self._free("exact_product", multipliers=False)
 
     def free(self):
@@ -253,7 +267,7 @@ class InfluenceOperator(MatMethods):
         self._free(*_PRODUCTS, "relaxation")
 
     def _free(self, *made, multipliers=True):
-        """Free attributes; their products stay counted."""
+        """Free attributes by their names; their products stay counted."""
         before = self.equivalent_products
         for name in made:
             vars(self).pop(name, None)
@@ -272,7 +286,10 @@ class InfluenceOperator(MatMethods):
         apply_logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
-        """Return p.Ap for p = 1 on C, and its cells. Collective."""
+        """Return the energy p.Ap of unit pressure on C. Collective.
+
+        Return also the number of cells of the contact set C.
+        """
         cells = sum_over(self.comm, [np.count_nonzero(self.mask)])[0]
         key = self.contact_version, cells  # Within a version, cells only leave C.
         if self._energy[0] != key:
@@ -298,16 +315,16 @@ class InfluenceOperator(MatMethods):
     multTranspose = mult
 
     def getDiagonal(self, mat, diagonal):
-        """Return the diagonal, outside C any nonzero value."""
+        """Return the Mat's diagonal; outside contact, arbitrary nonzero values."""
         a, s = scale_and_shift(mat)
         with diagonal as values:
             values[...] = a * self.diagonal + s
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
-        """Sweep by damped lexicographic Gauss-Seidel on C.
+        """Sweep by damped lexicographic Gauss-Seidel on the contact set C.
 
-        It is the sequential sweep on any number of ranks. With processor-local sweeps, PETSc's default, the multigrid
-        method would diverge, so requests for local sweeps are treated as global ones.
+        The result is that of the sequential sweep, on any number of ranks. With sweeps that are local to each rank,
+        PETSc's default, the multigrid method would diverge. So requests for local sweeps are treated as global ones.
         """
         a, s = scale_and_shift(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
@@ -347,13 +364,13 @@ class InfluenceOperator(MatMethods):
         return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
 
     def reset_sweeps(self):
-        """Make sweeps independent of earlier solves."""
+        """Make the rounding of sweeps independent of earlier solves."""
         if "relaxation" in vars(self):
             self.relaxation.reset()
 
     @property
     def equivalent_products(self):
-        """All work so far, in products on this grid."""
+        """All work on this grid so far, in products with A."""
         cached = vars(self)
         products = {id(cached[name]): cached[name] for name in _PRODUCTS if name in cached}
         total = self._spent + sum([product.count for product in products.values()])
@@ -387,12 +404,15 @@ def apply_logged(event, product, *fields):
 
 
 def petsc_comm(comm):
-    """Return PETSc's communicator of an mpi4py communicator; None: COMM_SELF."""
+    """Convert an mpi4py communicator to PETSc's; None becomes COMM_SELF."""
     return PETSc.COMM_SELF if comm is None else PETSc.Comm(MPI.Intracomm(comm))
 
 
 def get_operator(mat, kind, solver):
-    """Return a Mat's context; raise InputError unless of class `kind`."""
+    """Return the context of a Mat, which must be of class `kind`.
+
+    Otherwise raise InputError, in which `solver` is the name of the solver that needs such a Mat.
+    """
     context = mat.getPythonContext() if mat.getType() == "python" else None
     if not isinstance(context, kind):
         actual = "an assembled matrix" if context is None else f"an {type(context).__name__}"
@@ -403,7 +423,7 @@ def get_operator(mat, kind, solver):
 def wrap_vec(field, operator):
     """Return a Vec in the memory of a field. Collective.
 
-    The caller frees it. Raises ValueError if the field is not C-contiguous, because the Vec would be a copy.
+    The caller destroys the Vec. Raises ValueError if the field is not C-contiguous, because the Vec would be a copy.
     """
     if not field.flags.c_contiguous:
         raise ValueError("a Vec needs a field that is C-contiguous")
@@ -413,7 +433,10 @@ def wrap_vec(field, operator):
 
 
 def symmetric_mat(context, comm):
-    """Return a symmetric positive definite Mat of an operator. Collective over `comm`."""
+    """Return a symmetric positive definite Mat of an operator. Collective.
+
+    `context` is the operator; `comm` has the ranks that own its rows.
+    """
     size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)
     mat.setName(f"contact {context.grid.nx} x {context.grid.ny}")

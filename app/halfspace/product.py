@@ -1,11 +1,11 @@
-"""Product u = A p, eq. (2.6), by FFT or a stored matrix.
+"""Product u = A p (2.6), by FFT or a stored matrix.
 
-Each class here is u = A p in one way. `app.halfspace.fft.multiplier` has the transforms, for any even kernel.
+Each class here computes u = A p in one way. Their base class, in `app.halfspace.fft.multiplier`, has the transforms.
 
-``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution of the padded p
-on an ``Ny x Nx`` grid, ``N >= 2 n - 1``: see `app.halfspace.fft.multiplier`. On a periodic patch it is one on the
-grid itself. On large grids it is one on a box only a quarter larger than the patch. The influence of the images of the
-patch there is smooth, and subtracted by `app.halfspace.images`.
+``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution: p is padded by
+zeros to an ``Ny x Nx`` grid, ``N >= 2 n - 1``, and multiplied in Fourier space. On a periodic patch the grid itself
+suffices. On large grids a box suffices that is only a quarter larger than the patch. The images of the patch in this
+box have a smooth influence, which `app.halfspace.images` subtracts.
 """
 
 from functools import partial
@@ -29,11 +29,12 @@ _NODES = {_SINGLE: (6, 10), _DOUBLE: (14, 32)}
 
 
 class Convolution(EvenMultiplier):
-    """Product by FFT on a grid of twice the size.
+    """Product with A by FFT on a grid of twice the size.
 
     Collective over the layout's ranks.
 
-    ``quadrant_rows(slice)`` returns influence coefficients, shape (rows, nx), and is called for a few rows at a time.
+    ``quadrant_rows(slice)`` returns rows of the influence coefficients K, shape (rows, nx). It is called for a few rows
+    at a time.
     """
 
     def __init__(self, quadrant_rows, shape, layout=SERIAL):
@@ -44,7 +45,7 @@ class Convolution(EvenMultiplier):
 
 
 class BoxProduct(EvenMultiplier):
-    """Product in a periodic box, less the influence of images.
+    """Product with A in a periodic box, less the images' influence.
 
     Collective over the layout's ranks.
     """
@@ -58,12 +59,12 @@ class BoxProduct(EvenMultiplier):
 
     @staticmethod
     def periods_of(grid):
-        """Return the cells of the box in y and x."""
+        """Return the numbers of cells of the box in y and x."""
         return tuple(fast_length(n + ceil(_BOX_MARGIN * n)) for n in grid.shape)
 
     @classmethod
     def suits(cls, grid, dtype):
-        """Return whether this is faster than a `Convolution`."""
+        """Return whether a box product is faster than a `Convolution`."""
         sides = [n * d for n, d in zip(cls.periods_of(grid), (grid.dy, grid.dx), strict=True)]
         return min(grid.shape) >= _MIN_BOX_CELLS[dtype] and max(sides) <= _MAX_BOX_ASPECT * min(sides)
 
@@ -82,7 +83,7 @@ class BoxProduct(EvenMultiplier):
         )
 
     def in_precision(self, dtype):
-        """See `EvenMultiplier.in_precision`."""
+        """Return a copy in another precision; see `EvenMultiplier.in_precision`."""
         other = super().in_precision(dtype)
         other._box, other._compliance = self._box, self._compliance
         other._correct_images()
@@ -94,7 +95,7 @@ class PeriodicProduct(EvenMultiplier):
 
     Collective over the layout's ranks.
 
-    `symbol`: see `EvenMultiplier.set_spectrum`.
+    ``symbol(columns, rows)`` returns eigenvalues of A, see `EvenMultiplier.set_spectrum`.
     """
 
     def __init__(self, symbol, shape, layout=SERIAL):
@@ -103,26 +104,32 @@ class PeriodicProduct(EvenMultiplier):
             self.set_spectrum(symbol)
 
     def inverse(self):
-        """Return the inverse B, with B 1 = 0; it shares storage."""
+        """Return the product with B, the inverse of A without mean.
+
+        A constant field is mapped to zero. B shares the working storage of A.
+        """
         other = self.in_precision(self.dtype)
         scaled = self._spectrum * float(self.periods[0] * self.periods[1]) ** 2
         np.divide(1.0, scaled, out=other._spectrum, where=scaled > 0)
         return other
 
     def screened(self):
-        """Return the `ScreenedProduct` of this A, which shares storage."""
+        """Return the `ScreenedProduct` of this A; it shares working storage."""
         other = EvenMultiplier.in_precision(self, self.dtype, ScreenedProduct)
         other.eigenvalues = self._spectrum.astype(float)
         return other
 
     def norm(self):
-        """Return the largest eigenvalue. Collective."""
+        """Return the largest eigenvalue of A. Collective."""
         largest = float(self._spectrum.max(initial=0.0)) * self.periods[0] * self.periods[1]
         return largest if self.comm is None else self.comm.allreduce(largest, MPI.MAX)
 
 
 class ScreenedProduct(EvenMultiplier):
-    """Product with (B + stiffness)^-1: a periodic half-space on springs."""
+    """Product with (B + stiffness)^-1: a periodic half-space on springs.
+
+    B is the inverse of A on fields without mean, and zero on constants.
+    """
 
     def screen(self, stiffness):
         """Set the stiffness of the springs, above 0 [(N/mm2) / mm]."""
@@ -141,7 +148,7 @@ class DenseProduct:
         self.count = 0
 
     def apply(self, p, out, mask=None):
-        """Compute out = A p, or C A C p."""
+        """Compute out = A p, or C A C p with a contact mask."""
         self.count += 1
         if mask is None:
             out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)
