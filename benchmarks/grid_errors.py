@@ -76,8 +76,8 @@ PROBLEMS = {
         (_problems(Sphere(2.0), seed=seed, slope=0.02, cut_off=cut_off), _SMOOTH)
         for seed, cut_off in ((1, 1 / 32), (2, 1 / 32), (3, 1 / 128), (4, 1 / 128))
     ],
-    "periodic rough": _on_a_plane(periodic=True),
-    "free rough, flat": _on_a_plane(periodic=False),
+    "rough periodic surface": _on_a_plane(periodic=True),
+    "rough flat surface, not periodic": _on_a_plane(periodic=False),
 }
 
 
@@ -127,7 +127,7 @@ def rows(found):
                 error, estimated = pairs.T
                 row[title] = f"{np.sum(error <= estimated)} of {len(pairs)}"
                 false = np.sum((estimated == 1) & (error < CONVERGES))
-                row[title] += f"; {false} false" if false else ""
+                row[title] += f"; {false} false alarm{'s'[: false != 1]}" if false else ""
         yield row
 
 
