@@ -1,9 +1,9 @@
 """Default method on periodic patches, in primal form.
 
-Primal as in variational inequalities: the displacement is the unknown. (In `app.contact.certificate` that is the dual
-side.) On a periodic patch A is diagonal in Fourier space, so its inverse B, on fields without mean, costs as much as A,
-and the displacement can be the unknown in place of the pressure. With ``w = u - approach`` the gap is ``e = h0 + w``,
-h0 the shape, and
+In the primal form of a variational inequality the displacement is the unknown. (In `app.contact.certificate` that is
+the dual side.) On a periodic patch A is diagonal in Fourier space. So its inverse B, on fields without mean, costs as
+much as A, and the displacement can be the unknown in place of the pressure. With ``w = u - approach`` and the shape h0
+the gap is ``e = h0 + w``, and
 
     w = -h0  on C,        p = B w + mean pressure = 0  on the free cells O, the others.
 
@@ -11,8 +11,8 @@ This is (2.11) with pressure and gap exchanged, and has three advantages:
 
 - B is nearly local: it decays like 1 / r^3, A like 1 / r. A few sweeps with the 3 x 3 centre of B, and A on a coarser
   grid for long waves, with contact as springs, replace a Fourier transform (`two_grid`, `stencil`).
-- B does not see constants: a load, that is a mean pressure, is met at once and needs no search for the approach.
-- The closer to full contact, the smaller is the system.
+- B maps constants to zero: a load, that is a mean pressure, is met at once and needs no search for the approach.
+- The system becomes smaller towards full contact.
 
 On each grid, from the coarsest to the target (`nested`), it has these stages:
 
@@ -22,14 +22,15 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
   (`app.methods.multilevel_operators`). Then cells with p < 0 are released from C and cells with e < 0 captured. If
   some are captured, or the error of the multilevel products is reached, p is recomputed by FFT.
 - *Stop.* A coarse grid is left when few cells change and the residual is small against the deviation of h0 from its
-  mean, or the approach beyond first touch if less. The target grid is left when no cell changes, or the changes are
-  negligible. One product A p in double precision and the certificate decide.
+  mean, or against the approach beyond first touch if that is less. The target grid is left when no cell changes, or
+  the changes are negligible. One product A p in double precision and the certificate decide.
 - *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
   the Lagrange multiplier.
-- *Safeguard.* If it makes no progress, `app.methods.safeguard` continues, in terms of pressures.
+- *Safeguard.* If the iteration makes no progress, `app.methods.safeguard` continues with the pressures as unknowns.
 
-Full contact is tried before if it is likely, otherwise afterwards if no cell is free: `app.contact.full_contact`.
+`app.contact.full_contact` tests for full contact before these stages if it is likely, otherwise after them if no cell
+is free.
 
-The contact set is that of the paper, and so is the test (5.1), with the deviation of h from its mean for ||h||, counted
-over C: it depends neither on the approach nor on the share of contact.
+The contact set is that of the paper. So is the test (5.1), except that the root mean square gap over C is compared with
+the deviation of h from its mean. This limit depends neither on the approach nor on the share of contact.
 """

@@ -1,11 +1,13 @@
 """Conjugate gradients for the displacement of free cells.
 
-``p = B w + mean pressure`` shall vanish on the free cells O, so p is the residual. It is updated on all cells, with the
-change of w, in one pass: ``change += alpha d``, ``carried += alpha B d``. The right-hand side of the KSP is not used. B
-may be a multilevel product, which is right to some percent: the solve reduces a part of the residual only, and the
-caller recomputes p from the change (defect correction, as in `app.methods.free`). The norm is that of the
-preconditioned residual, about the error of w. Directions are those of flexible CG, since the preconditioner is not
-quite symmetric. By options of -lcp_type primal only::
+The pressure ``p = B w + mean pressure`` must vanish on the free cells O, so p is the residual. w is the displacement
+minus the approach, B the inverse of A. A step alpha d along the direction d updates p on all cells and the change of w
+in one pass: ``change += alpha d``, ``carried += alpha B d``. The right-hand side of the KSP is not used.
+
+B may be a multilevel product, which has an error of some percent. Then the solve reduces only a part of the residual,
+and the caller recomputes p from the change (defect correction, as in `app.methods.free`). The norm is that of the
+preconditioned residual, which is about the error of w. Directions are those of flexible CG, since the preconditioner is
+not quite symmetric. This KSP can only be used by the options of -lcp_type primal::
 
     -ksp_type python -ksp_python_type app.methods.periodic.cg.CarryingCG
 """
@@ -38,7 +40,7 @@ def _dots_row(d, q, p, free):
 
 @njit()
 def _dots(d, q, p, free):
-    """Return d.q, d.p; and p.p, p.q, q.q on O."""
+    """Return scalar products: d.q, d.p, and p.p, p.q, q.q on free cells."""
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         sums = add_tuples(sums, _dots_row(d[j], q[j], p[j], free[j]))
@@ -54,14 +56,14 @@ def _first_step_row(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _first_step(p, d, q, alpha, left, change):
-    """Set `change` and `left` by the first step."""
+    """Set `change` to alpha d and `left` to p + alpha q."""
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
 
 
 @njit_reassoc
 def _step(d, q, alpha, left, change):
-    """Update `change` and `left` by a step."""
+    """Add alpha d to `change` and alpha q to `left`."""
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])
         add_row(left[j], alpha, q[j])
@@ -79,7 +81,7 @@ def _normed_row(z, q):
 
 @njit()
 def _normed(z, q):
-    """Return z.z and z.q."""
+    """Return the scalar products z.z and z.q."""
     sums = 0.0, 0.0
     for j in range(z.shape[0]):
         sums = add_tuples(sums, _normed_row(z[j], q[j]))
@@ -94,38 +96,41 @@ def _direct_row(d, z, beta):
 
 @njit_reassoc
 def _direct(d, z, beta):
-    """Compute d = z + beta d."""
+    """Compute the direction d = z + beta d."""
     for j in range(d.shape[0]):
         _direct_row(d[j], z[j], beta)
 
 
 class CarryingCG(KspContext):
-    """KSP context for an `InverseOperator` and a `TwoGrid`. Collective.
+    """Conjugate gradients that update p on all cells. Collective.
 
-    Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. The preconditioner reads p on the free cells only, and is zero on
-    the others. The norm for -ksp_rtol is estimated from the reduction of p on the free cells, which saves the last
-    application.
+    It is a KSP context for an `InverseOperator` and a `TwoGrid`, which reads p on the free cells only and returns zero
+    elsewhere. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. For -ksp_rtol the norm is estimated from the reduction
+    of p on the free cells, which saves the last application of the preconditioner.
 
-    x is not used and `pressure` is not changed. The results are `change` and `carried`, in the precision of the
-    products, which is enough for some contact sets.
+    The solution x of the KSP is not used, and `pressure` is not changed. The results are `change` and `carried`, in the
+    precision of the products. This precision is enough for some contact sets, after which the caller recomputes p.
 
     Attributes
     ----------
     multilevel_share : float
-        Share of the residual of p down to which products are multilevel; 0: by FFT. Set by the caller.
+        Products are multilevel until the residual has fallen to this fraction; 0: all are by FFT. Set by the caller.
     carried : ndarray, shape (local rows, nx)
         Updated p [N/mm2]. Its storage is set by the caller, in double precision if B is by FFT.
     pressure : Vec
-        p on entry; set by the caller.
+        p at the start of the solve. Set by the caller.
     resumes : bool
-        Start from `carried` in place of p, and add to `change`; set by the caller.
+        True: start from `carried` in place of `pressure`, and add to `change`. Set by the caller.
     change : ndarray, shape (local rows, nx)
         Change of w [mm].
-    residual, uncertainty : float
-        Norm of the preconditioned residual after the last solve, and its error bound [mm].
+    residual : float
+        Norm of the preconditioned residual after the last solve [mm].
+    uncertainty : float
+        Error bound of `residual` by multilevel products [mm]; 0 by FFT.
     scratch : ndarray, shape (local rows, nx)
-        Free for other use between solves, with `change` in it in single precision. So are `direction` and `product`,
-        in the operator's precision.
+        Work array in double precision, free for other use between solves. In single precision it contains `change`.
+    direction, product : ndarray, shape (local rows, nx)
+        Direction d and B d in the operator's precision, free for other use between solves.
     """
 
     norm_type = PETSc.KSP.NormType.PRECONDITIONED
@@ -133,7 +138,10 @@ class CarryingCG(KspContext):
     multilevel_share = residual = uncertainty = 0.0
 
     def setUp(self, ksp):
-        """Make the work arrays; single z and `change` share a field."""
+        """Make the work arrays.
+
+        In single precision the preconditioned residual z and `change` share the memory of `scratch`.
+        """
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
@@ -152,7 +160,7 @@ class CarryingCG(KspContext):
         self.scratch = self._z = self.change = self.direction = self.product = None
 
     def solve(self, ksp, b, x):
-        """Compute `change` and `carried`."""
+        """Reduce p on the free cells; compute `change` and `carried`."""
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
         multiply = operator.multilevel_pressure if self.multilevel_share else operator.pressure

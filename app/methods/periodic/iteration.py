@@ -1,7 +1,8 @@
 """Active set iteration of the primal form on one grid.
 
-It has the steps of Sec. 4.1 with pressure and gap exchanged: the free cells O take the place of C, the gap that of
-p, and p = B w + mean pressure that of e.
+It has the steps of Sec. 4.1 with pressure and gap exchanged: the free cells O take the place of the contact set C, the
+gap e takes the place of p, and the pressure p = B w + mean pressure that of e. B is the inverse of A on fields without
+mean, w the displacement minus the approach.
 """
 
 from contextlib import nullcontext
@@ -15,13 +16,13 @@ from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import HalvingTest, NeedsSafeguard
 
-MAX_CHANGED_FRACTION = 0.005  # of the cells, on the last contact set of a coarse grid
-AIM_FRACTION = 0.5  # of the allowed error is aimed at: the preconditioned residual underestimates it
-# In errors aimed at:
+MAX_CHANGED_FRACTION = 0.005  # largest fraction of cells that change on the last contact set of a coarse grid
+AIM_FRACTION = 0.5  # aim over allowed error: the preconditioned residual underestimates the error
+# Multiples of the aim, the error that the solver tries to reach:
 NEGLIGIBLE_OVERLAP = 0.3  # overlap, or displacement by tension, up to which a cell keeps its state
-MAX_MULTILEVEL_ERROR = 0.5  # error of p by multilevel products when it is verified
-MAX_GAP_CHANGE = 10.0  # change of the gap of a cell beyond which the contact set is not final
-MIN_RELATIVE_AIM = 1e-15  # of the largest displacement: smallest error aimed at
+MAX_MULTILEVEL_ERROR = 0.5  # largest error of p by multilevel products when p is verified
+MAX_GAP_CHANGE = 10.0  # change of the gap of a cell above which the contact set is not final
+MIN_RELATIVE_AIM = 1e-15  # smallest aim over the largest displacement
 # After a failed verification:
 MAX_ERROR_RATIO = 100.0  # true error over residual beyond which p has drifted and is recomputed
 FAILED_AIM_FRACTION = 0.6  # of the residual that the verification requires is aimed at
@@ -33,10 +34,10 @@ NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
 
 def primal_active_set(primal, solver, stop, history):
-    """Solve (2.8)-(2.10) on one grid from w and p.
+    """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of the state. Parameters and result as of `active_set`, with a PrimalState and a
-    PrimalSolver. Raises `NeedsSafeguard` if it makes no progress.
+    Collective over the ranks of the state. It starts from w and p of the PrimalState `primal`. `solver` is a
+    PrimalSolver; the other parameters and the result are as of `active_set`. Raises `NeedsSafeguard` without progress.
     """
     state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
     solver.begin(state, primal.loading, stop.defect_correction)
@@ -92,9 +93,10 @@ def primal_active_set(primal, solver, stop, history):
 
 
 def _finish_unsolved(primal, solver):
-    """Set a valid pressure and u = A p; return the residual.
+    """Set a valid pressure and displacement after a failed solve.
 
-    Collective. Without pressure the contact set bears the load evenly.
+    Collective. If there is no pressure in contact, the load is spread evenly over the contact set. Returns the relative
+    residual of (5.1).
     """
     primal.commit(solver)
     state, p = primal.state, solver.scratch
@@ -108,10 +110,18 @@ def _finish_unsolved(primal, solver):
 
 
 class _Accuracy:
-    """Error at which the solver aims, by its preconditioned residual.
+    """Error of w that the solver tries to reach.
 
-    `aim` starts as a fraction of the `allowed` root mean square error of the gap [mm]. Once a verification has failed
-    (`verification_failed`), p is recomputed before the next one. `exhausted`: it failed at the smallest possible aim.
+    Attributes
+    ----------
+    allowed : float
+        Root mean square gap on contact that a verification allows [mm].
+    aim : float
+        Error that the solver tries to reach, by its preconditioned residual [mm].
+    verification_failed : bool
+        A verification has failed: p is recomputed before the next one.
+    exhausted : bool
+        A verification has failed at the smallest possible aim.
     """
 
     def __init__(self, allowed):
@@ -119,9 +129,10 @@ class _Accuracy:
         self.verification_failed = self.exhausted = False
 
     def lower(self, reached, error, lowest):
-        """Lower the aim by error over residual at a verification.
+        """Lower the aim after a failed verification.
 
-        `reached`: error by the residual; `error`: by the verification, NaN without pressure; `lowest`: rounding [mm].
+        `reached` is the error by the preconditioned residual, `error` that by the verification (NaN without pressure),
+        and `lowest` the rounding error [mm].
         """
         no_pressure = np.isnan(error)
         self.exhausted = no_pressure and self.aim <= lowest
@@ -137,14 +148,14 @@ class _Verdict(NamedTuple):
     residual: float  # norm over the contact set [mm]; NaN: no pressure under the load
     error: float  # root mean square of the gap on contact [mm], or NaN
     passed: bool  # the error is small enough
-    solved: bool  # and the certificate agrees
+    solved: bool  # the error is small enough, and the certificate agrees
 
 
 def _judge(primal, p, stop, allowed):
-    """Verify p, step 6 of Sec. 4.1; accept and certify it if `allowed` [mm].
+    """Verify the pressure by (5.1) and the certificate; return the verdict.
 
-    Collective. No change may be pending: `p` is the solver's scratch field, which the certificate uses once p is
-    accepted.
+    Collective. This is step 6 of Sec. 4.1. The pressure is accepted if the root mean square gap on contact is at most
+    `allowed` [mm]. `p` is a work array, the solver's scratch field, so no change may be pending.
     """
     update = verify(primal, p)
     if update is None:
@@ -157,9 +168,10 @@ def _judge(primal, p, stop, allowed):
 
 
 def _continue(verdict, primal, solver, accuracy, reached, captured):
-    """Recompute p, or aim lower, after a failed verification.
+    """Recompute p or lower the aim after a failed verification.
 
-    Collective. `reached`: error by the residual of the solver [mm]; `captured`: the last exchange captured cells.
+    Collective. `reached` is the error by the solver's residual [mm]; `captured` is true if the last exchange added
+    cells to contact.
     """
     primal.restore_contact()
     drifted = verdict.error > MAX_ERROR_RATIO * reached
@@ -175,12 +187,12 @@ def _continue(verdict, primal, solver, accuracy, reached, captured):
 
 
 def allowed_gap(primal, stop):
-    """Return the largest rms gap that passes [mm]. Collective.
+    """Return the root mean square gap on contact that passes [mm]. Collective.
 
-    This is (5.1) with the deviation of the shape from its mean in place of ||h||, which does not depend on the load.
-    For flat surfaces with holes the length is the depth, or the displacement of a cell by the mean pressure if larger.
-    On a coarse grid it is the approach beyond first touch if smaller, since a contact that is small in its patch
-    leaves a relatively large error there.
+    It is rtol times a length. In (5.1) that is the root mean square of h; here it is the deviation of the shape from
+    its mean, which does not depend on the load. For flat surfaces with holes it is the depth, or the displacement of a
+    cell by the mean pressure if that is larger. On a coarse grid it is the approach beyond first touch if that is
+    smaller: a contact that is small in its patch needs a smaller error.
     """
     distance = primal.state.distance
     rtol = stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL)
@@ -197,9 +209,9 @@ def allowed_gap(primal, stop):
 def verify(primal, p):
     """Verify a valid pressure by one exact product.
 
-    Collective. `p` is overwritten by the pressure, >= 0 and with the right load, for `accept`. Sets the depth of the
-    state, and adds overlapping cells to its contact set. Returns an Update, or None without pressure under a load: more
-    is left on the free cells.
+    Collective. `p` receives the pressure without tension and with the prescribed load, to be passed to `accept`. The
+    state receives u = A p, the depth, and overlapping cells in its contact set. Returns the Update; None if a load is
+    prescribed and there is no pressure in contact, because it is smaller than the error on the free cells.
     """
     state, loading = primal.state, primal.loading
     total = float(state.sum([state.bounds.project(state.p, state.contact, p)])[0])
@@ -211,6 +223,6 @@ def verify(primal, p):
 
 
 def accept(primal, p):
-    """Set the pressure to that of `verify`."""
+    """Set the pressure of the state to `p`, the result of `verify`."""
     primal.state.values[...] = p
     primal.state.displacement_status = Displacement.EXACT

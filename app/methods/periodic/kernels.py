@@ -1,6 +1,7 @@
 """Compiled loops of the primal active set.
 
-Arrays are (rows, nx) of a rank; the gap is ``e = w - b``.
+Arrays have shape (rows, nx), the rows of this rank. w is the displacement minus the approach, b minus the shape, and
+the gap is ``e = w - b``.
 """
 
 import numpy as np
@@ -18,9 +19,9 @@ def _close_row(w, b, captured, z, share, change):
 
 @njit_reassoc
 def close(w, b, captured, z, share, change):
-    """Update w by `change` and z; close captured cells.
+    """Add a step to w; close the gap of captured cells.
 
-    `change` becomes the change of w.
+    The step is `change` plus `share` times z; in captured cells w = b instead. `change` receives the change of w.
     """
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
@@ -38,7 +39,10 @@ def _touch_row(w, b, admissible, contact, change):
 
 @njit_reassoc
 def touch(w, b, admissible, contact, change):
-    """Add overlapping cells to C, set w = b; store the change."""
+    """Add overlapping cells to contact; close the gap there, w = b.
+
+    `change` receives the change of w.
+    """
     for j in range(w.shape[0]):
         _touch_row(w[j], b[j], admissible[j], contact[j], change[j])
 
@@ -52,7 +56,10 @@ def _guess_row(p, w, b, admissible, scale, force, lowest):
 
 @njit_reassoc
 def guess_sources(p, w, b, admissible, scale, force, lowest):
-    """Compute right-hand side and lower bound of the obstacle problem."""
+    """Compute data of an obstacle problem for the change x of w.
+
+    `force` is its right-hand side -p, times `scale`; `lowest` its lower bound, minus the gap.
+    """
     for j in range(p.shape[0]):
         _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])
 
@@ -67,6 +74,9 @@ def _apply_guess_row(x, lowest, w, b, contact):
 
 @njit_reassoc
 def apply_guess(x, lowest, w, b, contact):
-    """Add x to w; add cells at the bound to C."""
+    """Add the solution x of the obstacle problem to w.
+
+    Contact consists of the cells at the bound `lowest`; there the gap is closed, w = b.
+    """
     for j in range(x.shape[0]):
         _apply_guess_row(x[j], lowest[j], w[j], b[j], contact[j])

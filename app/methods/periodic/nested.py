@@ -1,4 +1,4 @@
-"""Nested iteration, Sec. 4.3, of the primal form."""
+"""Nested iteration (Sec. 4.3) of the primal form."""
 
 import numpy as np
 
@@ -28,8 +28,8 @@ _SAFEGUARD = {
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
     """Solve on all periodic grids, from the coarsest to the target.
 
-    Collective. Parameters and result as of `app.methods.free.nested.nested_iteration`; the cache has solvers of type
-    PrimalSolver. From a Solution `start` on the target grid, coarser grids are left out.
+    Collective. Parameters and result as of `app.methods.free.nested.nested_iteration`, but the cache contains
+    PrimalSolvers. `start` is a Solution on the target grid to start from; then coarser grids are left out.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if loading.approach_is_known:

@@ -1,4 +1,4 @@
-"""Mat context of O B O, the inverse matrix on free cells."""
+"""Matrix O B O: the inverse of A on free cells."""
 
 import numpy as np
 from petsc4py import PETSc
@@ -11,22 +11,24 @@ _levels_event = PETSc.Log.Event("InverseByLevels")
 
 
 class InverseOperator:
-    """Inverse B = A^-1 of a periodic grid.
+    """Inverse B = A^-1 of a periodic grid, as a Mat context.
 
-    Collective. It acts on displacements without mean; constants give no pressure.
+    Collective. B acts on displacements without mean; it maps constants to zero.
 
     Parameters
     ----------
     influence : InfluenceOperator
-        A, of the same grid, ranks and precision. It counts the products.
+        A on the same grid, with the same ranks and precision. It also counts the products.
     coarser : InfluenceOperator or None
         A on a coarser grid, for the long waves of a preconditioner.
 
     Attributes
     ----------
     mask : ndarray of bool, shape (local rows, nx)
-        Free cells, where w is unknown: all but the contact set. Change it in place and call `mask_changed`.
+        Free cells, where the displacement is unknown: all cells without contact. Change it in place, then call
+        `mask_changed`.
     products : int
+        Number of products by the KSP.
     """
 
     def __init__(self, influence, coarser=None):
@@ -41,18 +43,21 @@ class InverseOperator:
 
     @property
     def product(self):
-        """B in the precision of the iteration."""
+        """Product with B in the precision of the iteration."""
         return self.influence.inverse
 
     def spare_fields(self, *types):
-        """See `InfluenceOperator.spare_fields`."""
+        """Return work fields in unused storage of A, or None for each.
+
+        See `InfluenceOperator.spare_fields`. Products on the coarser grid do not overwrite them.
+        """
         coarser = self.coarser
         others = [coarser.screened_product] if coarser is not None and coarser.active else []
         return self.influence.spare_fields(*types, others=others)
 
     @property
     def multilevel(self):
-        """Multilevel B for corrections, or None."""
+        """Multilevel product with B, or None if the grid has none."""
         return multilevel_inverse(self.influence)
 
     def mat(self, comm):
@@ -60,23 +65,23 @@ class InverseOperator:
         return symmetric_mat(self, comm)
 
     def mask_changed(self):
-        """Count a change of the free cells."""
+        """Record that the free cells have changed, for the preconditioner."""
         self.contact_version += 1
 
     def pressure(self, d, q):
-        """Compute q = B d on all cells."""
+        """Compute the pressure q = B d on all cells."""
         apply_logged(_mult_event, self.product, d, q)
 
     def multilevel_pressure(self, d, q):
-        """Compute q = B d by `multilevel`."""
+        """Compute the pressure q = B d by the multilevel product."""
         apply_logged(_levels_event, self.multilevel, d, q)
 
     def exact_pressure(self, w, p):
-        """Compute p = B w in double precision."""
+        """Compute the pressure p = B w in double precision."""
         apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
-        """Compute y = O B O x."""
+        """Compute y = O B O x, for PETSc."""
         self.products += 1
         with y as out:
             d = x.getArray(readonly=True).reshape(self.local_shape)

@@ -1,4 +1,4 @@
-"""Linear solver of the primal form, which updates p."""
+"""Linear solver of the primal form, which updates p with w."""
 
 from importlib import import_module
 
@@ -18,9 +18,10 @@ LONG_WAVE_LEVELS = 2  # levels down to the grid of the long waves in the precond
 
 
 class PrimalSolver(LinearSolver):
-    """Linear solver of O B O: CarryingCG with `TwoGrid`.
+    """Linear solver for the displacement of free cells. Collective.
 
-    Collective. To save memory, fields are shared by parts that work in turn:
+    Its matrix is O B O, with O the free cells and B the inverse of A. Its KSP is CarryingCG, its PC TwoGrid. To save
+    memory, parts that work in turn share fields:
 
     ===========  ==================================  ===========================================  ==================
     field        in CG                               between contact sets                         verification
@@ -35,17 +36,19 @@ class PrimalSolver(LinearSolver):
     Attributes
     ----------
     inverse : InverseOperator
+        B, with the free cells.
     preconditioner : TwoGrid
     guess_sweeps : int
+        Number of sweeps of `PrimalState.guess`.
     guess_halo : Halo
-        For the sweeps of a guess.
+        Halo for these sweeps.
     change, carried, uncertainty
-        See `CarryingCG`.
+        Change of w, updated p and error bound of the residual, see `CarryingCG`.
 
     Raises
     ------
     ValueError
-        If the KSP or the PC is another one.
+        If the options choose another KSP or PC.
     """
 
     carried, _constrained, _multilevel_share = None, False, 0.0
@@ -73,8 +76,9 @@ class PrimalSolver(LinearSolver):
     def begin(self, state, loading, multilevel_share=0.0):
         """Prepare the solution on a grid.
 
-        A prescribed approach is kept by the mean of w. u of the ContactState stores `carried` until the verification,
-        and `end`. For `multilevel_share` see `CarryingCG`.
+        With a prescribed approach the solver keeps the mean of w. Until the verification, or `end`, the u of `state`
+        stores `carried`. Products are multilevel until the residual has fallen to the fraction `multilevel_share`; 0:
+        all are by FFT.
         """
         if multilevel_share and self.inverse.multilevel is None:
             multilevel_share = 0.0
@@ -84,7 +88,7 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def _set(self):
-        """Configure the KSP and the PC, new after an interrupted solve."""
+        """Set attributes of KSP and PC, new after an interrupted solve."""
         self.preconditioner.constrained = self._constrained
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
@@ -93,10 +97,11 @@ class PrimalSolver(LinearSolver):
         self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
-        """Reduce p on the free cells; compute `change` and `carried`.
+        """Reduce the pressure on the free cells by CG.
 
-        Parameters and result as of `TrackingSolver.improve`, in the norm of the preconditioned residual, about the
-        error of w.
+        It must vanish there. Computes `change` of w, and `carried`, the updated p. CG stops at the norm `allowed` of
+        the preconditioned residual, which is about the error of w [mm]. Returns the number of iterations, why CG
+        failed (or empty), and this norm.
         """
         if self.preconditioner.constrained:
             primal.balance_free_cells(self)
@@ -119,16 +124,16 @@ class PrimalSolver(LinearSolver):
         return None if self._own_atol else allowed
 
     def destroy(self):
-        """See `LinearSolver.destroy`."""
+        """Free the KSP, matrix and vectors. Collective."""
         for vec in self._untouched:
             vec.destroy()
         super().destroy()
 
 
 def prepare(hierarchy, multilevel):
-    """Make the products of all grids. Collective.
+    """Create the products with A and B on all grids. Collective.
 
-    `multilevel`: also the multilevel ones.
+    `multilevel`: also create the multilevel products.
     """
     hierarchy.target.prepare("exact_inverse")
     for number, operator in enumerate(hierarchy.levels):
@@ -142,7 +147,7 @@ def prepare(hierarchy, multilevel):
 
 
 def _check_kinds(options):
-    """Raise for other solvers before PETSc sets them up."""
+    """Raise a ValueError unless the options choose CarryingCG and TwoGrid."""
     for name, kind in (("ksp", CarryingCG), ("pc", TwoGrid)):
         module, _, cls = options.getString(f"{name}_python_type", "").rpartition(".")
         is_python = options.getString(f"{name}_type", "") == "python" and module
@@ -154,5 +159,8 @@ def _check_kinds(options):
 
 
 def coarser_operator(hierarchy, number):
-    """Return A on the long-wave grid; None on the coarsest grid."""
+    """Return A on the coarser grid of a level's preconditioner.
+
+    None for the coarsest level.
+    """
     return hierarchy.levels[max(number - LONG_WAVE_LEVELS, 0)] if number else None

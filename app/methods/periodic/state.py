@@ -1,4 +1,4 @@
-"""Unknowns w and p of the primal form on one grid."""
+"""State of the primal form: displacement and pressure on one grid."""
 
 from contextlib import contextmanager
 
@@ -8,30 +8,33 @@ from app.contact.state import Displacement, Update
 from app.methods.periodic import kernels as loops
 from app.methods.periodic import stencil
 
-MAX_RETREAT_FRACTION = 0.75  # of the way to first touch: largest predicted retreat that is used
+MAX_RETREAT_FRACTION = 0.75  # largest predicted retreat of the bodies, over the depth beyond first touch
 CLOSING_DAMPING = 0.9  # factor on the residual that is added to w when captured gaps are closed
 
 
 class PrimalState:
-    """Displacement w = u - approach, and p = B w + mean pressure.
+    """Displacement w and pressure p of the primal form.
 
-    Collective. The gap is e = shape + w. Lengths are counted from the reference of the undeformed distance.
+    Collective. w is u - approach, and p = B w + mean pressure, with B the inverse of A on fields without mean. The gap
+    is e = shape + w. Lengths are counted from the reference of the undeformed distance.
 
     Parameters
     ----------
     state : ContactState
-        Its contact set and pressure are changed in place. Its depth is 0 and its u is not A p before `verify`.
+        Its contact set and pressure are changed in place. Before `verify` its depth is 0 and its u is not A p.
     inverse : InverseOperator
+        B, with the free cells.
     loading : Loading
+        Prescribed load or approach.
 
     Attributes
     ----------
     w : ndarray, shape (local rows, nx), [mm]
-        To be set first.
+        Displacement minus approach; must be set by the caller first.
     pending : bool
-        The newest w and p are w + `change` and `carried` of the solver, not committed yet.
+        The newest w and p are those of the solver, w + `change` and `carried`; `commit` copies them here.
     approximate : bool
-        p contains multilevel products.
+        p contains the error of multilevel products.
     """
 
     def __init__(self, state, inverse, loading):
@@ -47,7 +50,10 @@ class PrimalState:
 
     @property
     def prescribed_depth(self):
-        """Prescribed depth, minus the mean of w; infinite under loads [mm]."""
+        """Prescribed depth, which is minus the mean of w [mm].
+
+        Infinite under a prescribed load.
+        """
         return self.loading.depth_on(self.state.distance)
 
     def mean(self, field):
@@ -56,7 +62,7 @@ class PrimalState:
 
     @property
     def depth(self):
-        """Present depth, by the mean of w [mm]."""
+        """Present depth, which is minus the mean of w [mm]."""
         return -self.mean(self.w)
 
     def largest(self):
@@ -65,11 +71,11 @@ class PrimalState:
 
     @property
     def load(self):
-        """Load of p [N]; B w has none."""
+        """Load of the pressure [N], by its mean."""
         return self.mean_pressure * self.cells * self.state.grid.cell_area
 
     def reset_for_safeguard(self):
-        """Set contact everywhere and a finite pressure."""
+        """Set contact in all admissible cells, and a finite pressure."""
         self.mean_pressure = float(np.nan_to_num(self.mean_pressure, posinf=0.0, neginf=0.0))
         self.state.contact[...] = self.state.admissible
         p = self.state.values
@@ -79,7 +85,10 @@ class PrimalState:
             p[...] = self.mean_pressure
 
     def refresh(self, exact=False):
-        """Compute p = B w + mean pressure."""
+        """Recompute the pressure p from the displacement w by FFT.
+
+        p = B w + mean pressure. `exact`: in double precision.
+        """
         p = self.state.values
         compute = self.inverse.exact_pressure if exact else self.inverse.pressure
         compute(self.w, p)
@@ -88,7 +97,7 @@ class PrimalState:
         self.pending = self.approximate = False
 
     def balance_free_cells(self, solver):
-        """Remove the mean of p on the free cells."""
+        """Shift the mean pressure: make p zero on average in free cells."""
         p = solver.carried if self.pending else self.state.p
         total, cells = self.state.sum(
             [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
@@ -96,7 +105,7 @@ class PrimalState:
         self.add_mean_pressure(-total / max(cells, 1), p if self.pending else None)
 
     def interpolate_from(self, coarse, transfer):
-        """Interpolate w and p of the coarser grid."""
+        """Interpolate w and p from the coarser grid."""
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_quintic(coarse.w, self.w)
         transfer.interpolate_quintic(coarse.state.p, self.state.values)
@@ -104,10 +113,10 @@ class PrimalState:
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
-        """Move w to the `predicted` depth of this grid [mm].
+        """Shift w from the coarse `depth` to the depth `predicted` here [mm].
 
-        `depth` is that of the coarser grid. A constant has no pressure. A retreat is limited to most of the way to
-        first touch, so that contact remains; cells that touched still do.
+        A constant changes no pressure. If the bodies retreat, they keep a part of the depth beyond first touch, so that
+        contact remains, and cells that touched before the shift are put in contact.
         """
         back, state = depth - predicted, self.state
         if back > 0:
@@ -117,7 +126,7 @@ class PrimalState:
         self.w += back
 
     def add_mean_pressure(self, missing, carried=None):
-        """Add a constant to the mean pressure, p and `carried`."""
+        """Add a constant to the mean pressure, to p and to `carried`."""
         self.mean_pressure += missing
         p = self.state.values
         p += missing
@@ -125,7 +134,10 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore a prescribed mean of w; add the same to `changes`."""
+        """Restore a prescribed mean of w.
+
+        The correction is zero in contact. It is also added to each field of `changes`.
+        """
         if self.loading.approach_is_known:
             missing = -self.cells * (self.prescribed_depth + self.mean(self.w))
             solver.preconditioner.shift(missing, self.w, *changes)
@@ -133,7 +145,7 @@ class PrimalState:
     def start(self, solver):
         """Close overlaps, set a prescribed mean of w, compute p.
 
-        A p from the coarser grid is corrected for the closed overlaps by the centre of B only.
+        If p was interpolated from the coarser grid, only the 3 x 3 centre of B corrects it for the closed overlaps.
         """
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, state.admissible, state.contact, change)
@@ -153,9 +165,9 @@ class PrimalState:
             self.mean_pressure = solution.mean_pressure
 
     def guess(self, solver, exact=False):
-        """Guess C by projected sweeps; update w and p.
+        """Guess the contact set by projected sweeps; update w and p.
 
-        `exact`: p by a product in double precision, since changes are added to it later.
+        `exact`: compute p by a product in double precision, since changes are added to it later.
         """
         state, preconditioner = self.state, solver.preconditioner
         weights, shape = preconditioner.weights, self.w.shape
@@ -175,7 +187,10 @@ class PrimalState:
         self.refresh(exact)
 
     def _touch(self):
-        """Put the cells with the smallest gap in contact."""
+        """Shift w so that the cells with the smallest gap touch.
+
+        They become the contact set.
+        """
         state = self.state
         gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
         least = float(state.minimum([gap.min(initial=np.inf)])[0])
@@ -185,10 +200,10 @@ class PrimalState:
     def exchange(self, solver, slack, least_gap, far, residual):
         """Release cells with p < -slack, capture those with e < least_gap.
 
-        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass. p and w are those of `solver`. Under a load
-        one cell stays in contact, under an approach below that of full contact one stays open, so that the system has a
-        solution. Returns an Update with `residual` [mm]; its `moves` are infinite if one of these cells moves by more
-        than `far` [mm].
+        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass, with p and w of `solver` and the gap e.
+        So that the system has a solution, a cell stays in contact under a prescribed load, and a cell stays open under
+        an approach below that of full contact. Returns an Update with the given `residual` [mm]. Its `moves` are
+        infinite if a released or captured cell moves by more than `far` [mm].
         """
         state = self.state
         counts = state.bounds.exchange(
@@ -210,7 +225,7 @@ class PrimalState:
         return Update(cells, captured, released, residual, load=self.load, approach=approach, moves=moves)
 
     def _open_least(self, solver):
-        """Open the cells with the smallest pressure; return their number."""
+        """Release the cells with the smallest pressure; return their number."""
         least = float(self.state.minimum([solver.carried.min(initial=np.inf)])[0])
         opened = solver.carried <= least
         self.state.contact[opened] = False
@@ -218,11 +233,17 @@ class PrimalState:
         return int(self.state.sum([np.count_nonzero(opened)])[0])
 
     def touch_captured(self):
-        """Close the gap of captured cells; the caller recomputes p."""
+        """Close the gap of cells that the last `exchange` captured.
+
+        The caller recomputes p.
+        """
         np.copyto(self.w, self.state.distance.b, where=self._captured)
 
     def close_captured_gaps(self, solver):
-        """Close captured gaps, smooth elsewhere, recompute p by a product."""
+        """Close the gaps of captured cells, and recompute p by FFT.
+
+        A preconditioned step also corrects w in the other free cells.
+        """
         state, z = self.state, solver.product
         solver.preconditioner.smooth(solver.carried, z)
         loops.close(self.w, state.distance.b, self._captured, z, -CLOSING_DAMPING, solver.change)
@@ -233,7 +254,7 @@ class PrimalState:
         state.displacement_status, self.pending = Displacement.STALE, False
 
     def commit(self, solver):
-        """Set w and p to those of the solver."""
+        """Copy w and p of the solver to this state, if pending."""
         if not self.pending:
             return
         self.w += solver.change
@@ -243,7 +264,7 @@ class PrimalState:
 
     @contextmanager
     def shown(self, solver):
-        """Show p of the solver to callbacks, as a context."""
+        """Context in which the state has p of the solver, for callbacks."""
         before = self.state.p.copy()
         self.state.values[...] = solver.carried
         try:
@@ -252,10 +273,10 @@ class PrimalState:
             self.state.values[...] = before
 
     def restore_contact(self):
-        """Restore the contact set of the last solve."""
+        """Restore the contact set of the last solve from the free cells."""
         np.logical_not(self.inverse.mask, out=self.state.contact)
 
     def _update_free_cells(self, solver):
-        """Set the free cells to those without contact."""
+        """Set the free cells of the operator to those without contact."""
         np.logical_not(self.state.contact, out=self.inverse.mask)
         solver.set_contact()

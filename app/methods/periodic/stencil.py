@@ -1,10 +1,10 @@
 """Compiled sweeps with the 3 x 3 centre of B.
 
-B decays like 1 / r^3, so its centre is enough for short waves. One pass over the rows makes all sweeps of a call, so
-that their rows stay in the cache: at time t row j = t - m + 1 gets its sweep m. ``swept[m]`` has the last three rows
-after it, ``sources`` the right-hand sides of rows until their last sweep. The halo is swept too, one row less with each
-sweep; columns are periodic. Arrays hold the rows of a rank, buffers one more cell on either side. All is in single
-precision, which is enough for a preconditioner and a guess.
+B, the inverse of A, decays like 1 / r^3, so its centre is enough for short waves. One pass over the rows makes all
+sweeps of a call, so that the rows stay in the cache: at time t sweep m is made on row j = t - m + 1. ``swept[m]``
+contains the last three rows after sweep m, ``sources`` the right-hand sides of rows until their last sweep. The halo is
+swept too, one row less with each sweep; columns are periodic. Arrays hold the rows of this rank; work rows have one
+more cell on either side. Work is in single precision, which is enough for a preconditioner and a guess.
 """
 
 import numpy as np
@@ -49,7 +49,7 @@ def _first_row(s, free, scale, share, more, source, inside, out):
     copy_row(free, inside)
 
 
-# Row t as in `copy_slab_row`, for any types
+# Row t is counted from the first of the halo, as in `copy_slab_row`; here types may differ.
 
 
 @njit()
@@ -136,10 +136,10 @@ def _contact_row(free, out):
 
 @njit()
 def free_in_cells(s, free, scale, coarse, skipped, factors, row):
-    """Compute means of scale times s over coarse cells.
+    """Compute means of scale times s over coarse cells, into `coarse`.
 
-    On free cells; s counts as zero elsewhere. `factors` are (fy, fx), the rows and columns of a coarse cell. Of the
-    first coarse row, `skipped` rows lie before the slab. `row`: work row.
+    s counts as zero outside the free cells. `factors` are (fy, fx), the rows and columns of a coarse cell. `skipped`
+    rows of the first coarse row lie before the rows of this rank. `row` is a work row.
     """
     fy, fx = factors
     coarse[...] = 0
@@ -150,7 +150,10 @@ def free_in_cells(s, free, scale, coarse, skipped, factors, row):
 
 @njit()
 def contact_in_cells(free, coarse, skipped, factors, row):
-    """Compute the share of contact in coarse cells, see `free_in_cells`."""
+    """Compute the share of contact in each coarse cell, into `coarse`.
+
+    Parameters as of `free_in_cells`.
+    """
     fy, fx = factors
     coarse[...] = 0
     for j in range(free.shape[0]):
@@ -167,7 +170,11 @@ def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
 
 @njit()
 def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
-    """Compute means of (s - B3 x) / B3_00, see `free_in_cells`."""
+    """Compute means of the residual of x over coarse cells.
+
+    It is (s - B3 x) / B3_00 on free cells, with B3 the 3 x 3 centre of B. `weights` are as of `sweep`, `work` are three
+    work rows, other parameters as of `free_in_cells`.
+    """
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
     if not len(x):
@@ -193,7 +200,10 @@ def _interpolate_row(wide, place, row):
 
 @njit()
 def _interpolate_at(t, coarse, places, wide, row):
-    """Interpolate row t bilinearly from coarse rows."""
+    """Interpolate row t bilinearly from coarse rows, into `row`.
+
+    `places` is as of `sweep`; `wide` is a work row.
+    """
     in_y, in_x = places
     centre = in_y[0] * t + in_y[1]
     before = int(np.floor(centre))
@@ -212,32 +222,37 @@ def sweep(
     s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, wave_rows, z,
     work,
 ):  # fmt: skip
-    """Sweep ``x += share (s - B3 x) / B3_00`` on the free cells.
+    """Make Chebyshev sweeps with the 3 x 3 centre of B on the free cells.
 
-    Long waves are added to the first sweep. The first sweep starts from zero.
+    With B3 this centre, a sweep is ``x += share (s - B3 x) / B3_00``. The first sweep starts from zero, and the given
+    x and long waves are added to it.
 
     Parameters
     ----------
     s : ndarray of float64 or float32, shape (rows, nx)
+        Right-hand side.
     free : ndarray of bool, shape (rows, nx)
+        Free cells.
     s_before, s_after, f_before, f_after
-        Halo of one row less than sweeps, or more.
+        Halo rows of s and of `free`: at least one row less than there are sweeps.
     weights : tuple of a float64 and three float32
-        1 / B3_00, which may be out of range in single precision; over B3_00 the neighbours in x, in y, diagonal.
+        1 / B3_00, which may be out of range in single precision; then the neighbours of B3 in x, in y and on the
+        diagonal, over B3_00.
     shares : ndarray of float32
-        Of the sweeps.
+        Step length of each sweep.
     x : ndarray of float32, shape (rows, nx)
-        Also added to the first sweep; with a halo as s. May be z. Empty: zero.
+        Field that is added to the first sweep, with halo rows as s. May be z. Empty: zero.
     waves : ndarray of float64, shape (coarse rows, coarse columns)
         Long waves around these rows and the halo, to be interpolated bilinearly. Empty: none.
     places : (float, float), (float, float)
-        See `Grid.places_in`; rows are counted from the first of the halo, and from the first coarse one.
+        Places of the rows and columns in the coarse grid, as of `Grid.places_in`. Rows are counted from the first of
+        the halo, and from the first coarse one.
     wave_rows : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
         Work rows.
     z : ndarray of float64 or float32, shape (rows, nx)
-        Result x.
+        Result: x after the last sweep.
     work : tuple
-        See `make_work`.
+        Work arrays of `make_work`.
     """
     rows, nx = s.shape
     if not rows:
@@ -279,8 +294,8 @@ def sweep(
 def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, work):
     """Make projected Jacobi sweeps ``x = max(f - N x, low)``.
 
-    All is float32, x starts as max(f, low). f is the right-hand side over B3_00. The halo must have ``steps - 1`` rows,
-    or more.
+    f is the right-hand side over B3_00, N the neighbours of the 3 x 3 centre B3 over B3_00, `low` the lower bound. x
+    starts as max(f, low). Arrays are float32. The halo of f and `low` must have at least ``steps - 1`` rows.
     """
     rows, nx = f.shape
     if not rows:
@@ -319,7 +334,10 @@ def _add_row(above, here, below, scale, wx, wy, wd, out):
 
 @njit()
 def add_centre(d, before, after, weights, work, out):
-    """Add the centre of B times d; the halo has a row."""
+    """Add the 3 x 3 centre of B times d to `out`.
+
+    `before` and `after` are the halo of d, one row each; `weights` are as of `sweep`.
+    """
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
     if not len(d):
         return
@@ -332,6 +350,9 @@ def add_centre(d, before, after, weights, work, out):
 
 
 def make_work(steps, nx, kind=bool):
-    """Return work arrays of sweeps; `kind`: type of the second."""
+    """Return the work arrays of a number of sweeps.
+
+    `kind` is bool for `sweep`, and float32 for `sweep_projected`.
+    """
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     return sources, np.empty((steps + 1, nx), kind), swept

@@ -14,41 +14,49 @@ from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
 
 _event = PETSc.Log.Event("TwoGridPC")
-CONSTANT_COMPLIANCE, CONSTANT_COMPLIANCE_PRESWEPT = 9.0, 12.0  # times E*, over the spacing of contact
+CONSTANT_COMPLIANCE, CONSTANT_COMPLIANCE_PRESWEPT = (
+    9.0,
+    12.0,
+)  # compliance of constants times E* over contact spacing
 CONTACT_STIFFNESS, CONTACT_STIFFNESS_PRESWEPT = (
     7.0,
     5.0,
 )  # reduction of long waves, over the share of contact around
-DAMPED_EIGENVALUES = 0.5, 1.4  # of the centre of B over B_00, the interval of the sweeps ...
-DAMPED_FRACTION = 0.9  # ... and of the largest one, if sweeps would amplify it: on few rows of long cells
-MIN_PRESWEPT_EIGENVALUE = 1.7  # largest one from which on sweeps come first, too; reached by 4:1 cells
-ROW_TOLERANCE = 1e-6  # of a coarse cell: a row that is nearer also needs the one beyond
+DAMPED_EIGENVALUES = 0.5, 1.4  # interval of eigenvalues of the centre of B, over B_00, that the sweeps damp
+DAMPED_FRACTION = (
+    0.9  # upper end over the largest eigenvalue, if that would be amplified: on few rows of long cells
+)
+MIN_PRESWEPT_EIGENVALUE = 1.7  # largest eigenvalue above which sweeps also come first; 4:1 cells reach it
+ROW_TOLERANCE = 1e-6  # in coarse cells: a row this near to a coarse row also fetches the next one
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
 
 
 class TwoGrid:
-    """PC context M for an `InverseOperator`. Collective.
+    """Two-grid preconditioner M of O B O, as a PC context. Collective.
 
-    The means of s over coarse cells, up to four times as long, are multiplied by A on the coarse grid and interpolated
+    O are the free cells, B the inverse of A, and M s is an approximate displacement for a residual pressure s. The
+    means of s over coarse cells, up to four times as long, are multiplied by A on the coarse grid and interpolated
     bilinearly. The result is added to the first of some sweeps on the free cells with the 3 x 3 centre of B. The sweeps
     have Chebyshev's step lengths. So M is positive, but not quite symmetric.
 
-    Sweeps reduce little on long cells, and on few rows the coarser grid also affects the highest waves. There sweeps
-    also precede the coarser grid, which gets the means of their residual; in reversed order they follow.
+    On long cells sweeps reduce the residual little, and on few rows the coarser grid also affects the highest waves.
+    There sweeps also precede the coarser grid, which gets the means of their residual, and follow it in reversed order.
 
-    A does not contain contact, which holds the half-space like springs: ``(B + stiffness)^-1``. Like a flat punch, a
-    contact spot holds it by its perimeter: the compliance of a constant is proportional to the spacing of contact, area
-    over perimeter, and to the root of the free share. Next to contact waves are reduced further: the field is divided,
-    before and after A, by the root of one plus a multiple of the share of contact in the coarse cells around.
+    Contact is missing in A: it holds the half-space like springs, so A is replaced by ``(B + stiffness)^-1``. Like a
+    flat punch, a contact spot holds it by its perimeter. So the compliance of a constant is proportional to the spacing
+    of contact, area over perimeter, and to the root of the fraction of free cells. Waves are reduced further next to
+    contact: before and after A the field is divided by the root of one plus a multiple of the share of contact nearby.
 
-    Option: ``-pc_two_grid_sweeps k`` (default 2) after the coarser grid.
+    Option: ``-pc_two_grid_sweeps k``, the number of sweeps after the coarser grid (default 2).
 
     Attributes
     ----------
     stiffness : float
-        B_00, the pressure that displaces a cell by 1 [(N/mm2) / mm].
+        B_00, the pressure that displaces a cell by 1 mm [(N/mm2) / mm].
     constrained : bool
-        The mean of w must not change: results have mean zero, and `multiplier` is the missing mean pressure.
+        The mean of w must not change: results have mean zero.
+    multiplier : float
+        Constant that was subtracted from s to this end, a change of the mean pressure [N/mm2].
     """
 
     operator = None
@@ -57,14 +65,14 @@ class TwoGrid:
     multiplier = 0.0
 
     def setFromOptions(self, pc):
-        """Read the options."""
+        """Read the number of sweeps from the options."""
         self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", self.sweeps)
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.reset(pc)
 
     def reset(self, pc):
-        """Forget the operator."""
+        """Forget the operator, so that the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
@@ -98,13 +106,16 @@ class TwoGrid:
         self._contact_version, self._response = -1, None  # contact version of `_unit_response`, and that
 
     def apply(self, pc, x, y):
-        """Compute y = M x."""
+        """Apply the preconditioner: y = M x."""
         with y as out:
             shape = self.operator.local_shape
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     def smooth(self, s, z):
-        """Compute z = M s on the free cells, zero elsewhere."""
+        """Compute z = M s on the free cells, and zero elsewhere.
+
+        If `constrained`, the `multiplier` is subtracted from s so that z has mean zero.
+        """
         self._update_contact()
         with _event:
             self._apply(s, z)
@@ -116,7 +127,10 @@ class TwoGrid:
             z -= share * response
 
     def shift(self, amount, *fields):
-        """Change sums of fields smoothly on the free cells."""
+        """Add a smooth field to each of `fields`, zero outside free cells.
+
+        Its sum over all cells is `amount`.
+        """
         self._update_contact()
         response, total_response = self._unit_response()
         for field in fields if total_response > 0 else ():
@@ -136,7 +150,7 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return M times the constant B_00, and its sum."""
+        """Return M applied to the constant pressure B_00, and its sum."""
         if self._response is None:
             response = np.empty(self.operator.local_shape)
             even = np.full_like(response, self.stiffness)  # of any unit, 1 in single precision
@@ -169,7 +183,10 @@ class TwoGrid:
 
 
 def _weights(centre, grid):
-    """Return weights of sweeps; neighbours on both sides count once."""
+    """Return 1 / B_00, and the neighbours of B's centre over B_00.
+
+    In a direction with two cells both neighbours are the same cell, and count half each.
+    """
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
     middle = float(centre[1, 1]) or 1.0  # B of a single cell is zero
@@ -177,9 +194,10 @@ def _weights(centre, grid):
 
 
 class _LongWaves:
-    """A on a coarser grid, for long waves. Collective.
+    """Product with A on a coarser grid, for long waves. Collective.
 
-    A slab may begin inside a coarse row. The rank of its first fine row makes it, with the parts of the next ranks.
+    If fine rows of a coarse row are on several ranks, the rank of the first one computes its means, with parts from the
+    next ranks.
     """
 
     def __init__(self, fine, width, springs):
@@ -212,7 +230,11 @@ class _LongWaves:
         self._three = np.empty((3, nx + 2), kind)
 
     def set_contact(self, free, share, spacing):
-        """Set springs by free share and spacing of contact [mm]."""
+        """Set the stiffness of the springs that stand for contact.
+
+        `free` are the free cells, `share` their fraction, and `spacing` is the patch's area over the perimeter of
+        contact [mm].
+        """
         coarse = self.coarse
         stencil.contact_in_cells(free, self._sums, self._skipped, self._factors, self._row)
         contact = self._gather_coarse()
@@ -224,7 +246,11 @@ class _LongWaves:
             coarse.screened_product.screen(1 / (self._compliance * compliance * np.sqrt(share) * spacing))
 
     def apply(self, s, free, weights, x, *halo):
-        """Apply A on springs to s, or to the residual of x."""
+        """Apply A with springs to means over coarse cells.
+
+        They are the means of s or, if x is not empty, of the residual of x. Returns the coarse rows around this rank's
+        rows, their places and work rows, for `stencil.sweep`.
+        """
         place = self._sums, self._skipped, self._factors
         if x.size:
             stencil.residual_in_cells(s, free, weights, x, *halo, *place, self._three, self._row)
@@ -239,7 +265,7 @@ class _LongWaves:
         return self._around(self._u), self._places, (self._wide, self._row)
 
     def _gather_coarse(self):
-        """Gather the sums on the ranks of the coarse grid."""
+        """Gather the means over coarse cells on the coarse grid's ranks."""
         sums, rest = self._sums[bool(self._skipped) :], self._rest(self._sums[:1])
         if len(rest):
             sums[-1] += rest.sum(axis=0)
@@ -247,6 +273,6 @@ class _LongWaves:
 
 
 def _smooth(field):
-    """Return binomial means over 3 x 3 cells of inner rows."""
+    """Return binomial means over 3 x 3 cells, for the inner rows."""
     field = (field[:-2] + 2 * field[1:-1] + field[2:]) / 4
     return (np.roll(field, 1, axis=1) + 2 * field + np.roll(field, -1, axis=1)) / 4
