@@ -222,7 +222,7 @@ def sweep(
     s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, wave_rows, z,
     work,
 ):  # fmt: skip
-    """Make Chebyshev sweeps with the 3 x 3 centre of B on the free cells.
+    """Make sweeps with the 3 x 3 centre of B on free cells.
 
     With B3 this centre, a sweep is ``x += share (s - B3 x) / B3_00``. The first sweep starts from zero, and the given
     x and long waves are added to it.
