@@ -10,20 +10,20 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 
 
 def analytic_values(problem, approach, load=None):
-    """Return numbers of the analytic solution, ``analytic_NAME``.
+    """Return the numbers of the analytic solution, named ``analytic_NAME``.
 
     Parameters
     ----------
     problem : Problem
     approach : float
-        [mm]
+        Approach of the analytic solution [mm], unless a load is given.
     load : float, optional
-        Prescribed load [N]; the analytic approach belongs to it.
+        Load of the analytic solution [N].
 
     Returns
     -------
     dict
-        Empty without an analytic solution or contact.
+        Empty if there is no analytic solution, or no contact.
     """
     reference = problem.reference(approach)
     if not isinstance(reference, NormalContact) or reference.a == 0:
@@ -38,19 +38,20 @@ def analytic_values(problem, approach, load=None):
 
 
 def theories(problem, mean_pressure, rms_slope):
-    """Return contact fractions of `THEORIES` for nominally flat surfaces.
+    """Return the contact fractions that `THEORIES` of rough surfaces predict.
 
     Parameters
     ----------
     problem : Problem
     mean_pressure : float
-        [N/mm2]
+        Load over the area of the patch [N/mm2].
     rms_slope : float
+        Root mean square slope of the undeformed distance.
 
     Returns
     -------
     dict
-        Empty for other bodies.
+        Empty if the bodies are not nominally flat and rough.
     """
     scale = problem.material.contact_modulus * rms_slope
     if problem.name != "rough" or not scale > 0:

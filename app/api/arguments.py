@@ -20,7 +20,7 @@ _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
 def check_type(name, value, kind, what):
-    """Check the type of an argument."""
+    """Raise InputError if an argument has another type."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
 
@@ -35,7 +35,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
     Raises
     ------
     InputError
-        If something is not allowed, or impossible on this machine.
+        If an argument is not allowed, or asks for what this machine cannot do.
     """
     check_type("problem", problem, Problem, "a ContactProblem")
     check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")
@@ -63,9 +63,9 @@ def parse_arguments(problem, method, options, prefix, listeners):
 
 
 def _check_python_types(texts):
-    """Check preconditioner classes at which PETSc would abort.
+    """Raise InputError for preconditioner classes at which PETSc would abort.
 
-    PETSc itself reports missing ones.
+    They are named by options that end in ``pc_python_type``. PETSc itself reports classes that do not exist.
     """
     for name, text in texts.items():
         module, _, attribute = text.rpartition(".")

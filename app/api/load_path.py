@@ -1,9 +1,9 @@
 """Load paths: one problem at many loads.
 
 Each step starts from the coarsest grid, so it depends on its own load alone, and a path can be resumed after any step.
-To start from the last solution pays only if steps are small. On a self-affine surface of 512 x 512 cells, free and
-periodic, 20 loads over three decades take 196 and 241 operator applications from scratch, 245 and 351 from the last
-solution; in steps of a percent 204 and 247 against 145 and 233.
+Starting from the last solution is faster only if steps are small. Operator applications for 20 loads on a self-affine
+surface of 512 x 512 cells, on a free and on a periodic patch: over three decades of load 196 and 241 from scratch, 245
+and 351 from the last solution; in steps of a percent 204 and 247 from scratch, 145 and 233 from the last solution.
 """
 
 import os
@@ -34,8 +34,8 @@ COLUMNS = (
 class LoadPath:
     """Iterator over the solutions of a load path. Collective.
 
-    Steps are solved by iteration, once; solutions are not stored. After an interruption, such as Ctrl-C, the next
-    iteration resumes. A pickled path has the table only.
+    Each step is solved when the iteration comes to it. It can be iterated over once, as solutions are not stored; after
+    an interruption, such as Ctrl-C, the next iteration resumes. A pickled path has only the table.
 
     Parameters
     ----------
@@ -43,21 +43,21 @@ class LoadPath:
     kind : str
         Prescribed quantity: load, mean_pressure, approach or mean_gap.
     numbers : sequence of float
-        One for each step, in any order.
+        Prescribed values, one for each step, in any order.
     stiffness : bool
         Solve for the exact stiffness of every step, too.
     rows : sequence of dict, optional
-        Of finished steps of the same path, from the first on. Their solutions are left out. The last step is solved in
-        any case.
+        Rows of finished steps of the same path, from the first step on. These steps are not solved again, except the
+        last one of the path.
     progress : bool
         Show a progress bar on rank 0.
 
     Attributes
     ----------
     rows : list of dict
-        One for each finished step, the same on all ranks; units are in `app.base.quantities`.
+        Numbers of each finished step, the same on all ranks; units are in `app.base.quantities`.
     operator_applications, solve_seconds : float
-        Of the steps solved here.
+        Sums over the steps that this object has solved.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class LoadPath:
         self._steps = self._solve()
 
     def resume_after(self, rows):
-        """Use the `rows` of finished steps."""
+        """Continue the path after finished steps, given by their `rows`."""
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
         check_equal_on_ranks(comm, len(self.rows), "path")
@@ -153,9 +153,10 @@ class LoadPath:
 
     @property
     def table(self):
-        """Columns, name -> ndarray of shape (steps,), NaN for missing values.
+        """Table of the finished steps: name -> ndarray of shape (steps,).
 
-        From two steps on with the stiffness by differences of neighbouring steps.
+        Missing values are NaN. From two steps on, ``stiffness_by_differences`` is the stiffness that follows from
+        neighbouring steps.
 
         Raises
         ------
@@ -190,7 +191,7 @@ class LoadPath:
         Parameters
         ----------
         path : str or Path
-            Ends in ``.csv``.
+            Name of the file, which must end in ``.csv``.
 
         Raises
         ------
@@ -216,7 +217,7 @@ class LoadPath:
 
 
 def _as_rows(rows, kind, numbers):
-    """Copy the rows of an earlier path."""
+    """Return a checked copy of the rows of an earlier path."""
     try:
         rows = [dict(row) for row in rows]
     except (TypeError, ValueError):
@@ -253,10 +254,10 @@ def _as_numbers(kind, numbers):
 
 
 def _slope(x, y):
-    """Return the slope of the parabola through neighbouring points.
+    """Return dy/dx at each point, from the parabola through its neighbours.
 
-    It is the slope of the chord if that is zero, as before first touch, or has the other sign, as at an end after large
-    steps. NaN if y is ambiguous.
+    The slope of the chord between the neighbours replaces it if the chord is level, as before first touch, or the two
+    have opposite signs, as at an end after large steps. All are NaN if one x has several y.
     """
     points, first, index = np.unique(x, return_index=True, return_inverse=True)
     unique_y = y[first][index]

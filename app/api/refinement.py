@@ -1,4 +1,4 @@
-"""Refinement of the grid down to a discretisation error."""
+"""Refinement of the grid until the discretisation error is small enough."""
 
 from dataclasses import replace
 from numbers import Real
@@ -43,7 +43,7 @@ class Refinement(NamedTuple):
         return views.load().refinement_html(self)
 
     def plot(self, name=None, ax=None):
-        """Draw the solution on the finest grid, see `Solution.plot`."""
+        """Draw the solution on the finest grid; see `Solution.plot`."""
         return self.solution.plot(name, ax)
 
     def to_dataframe(self):
@@ -68,35 +68,37 @@ def refine(
     """Solve a problem on finer and finer grids.
 
     Collective over `comm`. Each grid has twice the cells in both directions. Errors are estimated from the changes
-    since the last grids (`app.contact.grid_errors`); on the first grid by its nested iteration. The pressure that (5.1)
-    leaves in the shortest waves is inversely proportional to their length, so -lcp_rtol is halved for each grid.
+    since the last grids (`app.contact.grid_errors`), on the first grid from its nested iteration. The error that the
+    stopping test (5.1) leaves in the pressure's shortest waves is inversely proportional to their length, so -lcp_rtol
+    is halved for each grid.
 
     Parameters
     ----------
     problem : Problem
-        On the coarsest grid; its undeformed distance must be known on any grid.
+        Problem on the coarsest grid; its undeformed distance must be known on any grid.
     until : float
         Largest relative error of load (or approach), maximum pressure and contact area.
     most_cells : int
-        Of the finest grid.
+        Largest number of cells of the finest grid.
     method, options, comm, listeners, prefix
-        As of `ContactSolver`; -lcp_rtol is that of the first grid.
+        Those of `ContactSolver`; -lcp_rtol applies to the first grid.
     stiffness : bool
         Solve for the stiffness on the finest grid, too.
     progress : bool
         Show the finished grids by a progress bar (tqdm) on rank 0.
     **loading : float
-        As of `ContactSolver.solve`.
+        Prescribed quantity as of `ContactSolver.solve`.
 
     Returns
     -------
     Refinement
-        Of the first grid that is fine enough or does not converge, or the finest that `most_cells` and memory allow.
+        It ends with the first grid that is fine enough, or on which the solver does not converge, or else with the
+        finest grid that `most_cells` and memory allow.
 
     Raises
     ------
     InputError
-        If the problem is known on its own grid only, or a number is not allowed.
+        If the undeformed distance is known on its own grid only, or a number is not allowed.
 
     Examples
     --------
@@ -150,7 +152,7 @@ def refine(
 
 
 def _has_room(solver, grid):
-    """Return whether a further grid fits into memory. Collective."""
+    """Return whether a solver on the grid fits into memory. Collective."""
     try:
         check_cells(grid)
         check_memory(solver.comm, grid, solver.settings)
@@ -160,7 +162,7 @@ def _has_room(solver, grid):
 
 
 def check(problem, until, most_cells):
-    """Check that a problem can be refined, and the limits."""
+    """Raise InputError for a problem that cannot be refined, or wrong limits."""
     check_type("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):
         raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")

@@ -23,45 +23,47 @@ _COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are
 class Solution(ContactFields):
     """Solution of a contact problem; the last iterate if not ``converged``.
 
-    Arrays hold the rows of this rank, (rows, nx); `gather` collects all on one rank, where it can be pickled.
+    Arrays hold the rows of this rank, (rows, nx). `gather` collects all rows on one rank, where the solution can be
+    pickled.
 
     Attributes
     ----------
     pressure : ndarray of float64, [N/mm2]
     displacement : ndarray of float64, [mm]
-        u = A p, (2.7).
+        Displacement u = A p of both surfaces together, (2.7).
     contact : ndarray of bool
     converged : bool
         Contact set unchanged, (5.1) satisfied, and error within -lcp_error_bound.
     message : str
         Why the iteration ended.
     load, approach, indentation : float
-        [N], [mm]; the approach beyond first touch [mm].
+        Load [N], approach [mm], and approach beyond first touch [mm].
     mean_pressure, mean_gap : float
         Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
     contact_area, mean_contact_pressure : float
-        [mm2]; load over it [N/mm2].
+        Area of the contact set [mm2]; load over this area [N/mm2].
     pressure_centre_x, pressure_centre_y, moment_x, moment_y : float
         Centre of pressure [mm], and moments about the axes through the origin [N mm].
     semi_axis_major, semi_axis_minor, major_axis_angle : float
-        Of the ellipse with the second moments of the contact set [mm]; its angle from the x axis [degree]. These seven
-        are NaN on a periodic patch, which has no origin.
+        Semi-axes of the ellipse with the second moments of the contact set [mm]; angle of the major one from the x axis
+        [degree]. These three and the four numbers before are NaN on a periodic patch, which has no origin.
     contact_fraction, contact_fraction_corrected, perimeter : float
-        Share of the cells where contact is possible; the same corrected for its stepped boundary; length of that
-        boundary [mm]. See `app.contact.measures`.
+        Share in contact of the cells where contact is possible; this share corrected for the stepped contact edge;
+        length of that edge [mm]. See `app.contact.measures`.
     rms_height, rms_slope : float
-        Of the undeformed distance [mm], [1].
+        Standard deviation of the undeformed distance [mm], and its root mean square slope.
     residual : float
-        ||r|| / ||h||, (5.1).
+        ||r|| / ||h||, the residual over the undeformed distance, as in the stopping test (5.1).
     iterations, inner_iterations : int
-        Active set iterations on the target grid, and those of the linear solver in them.
+        Active set iterations on the target grid, and iterations of the linear solver in them.
     work_units, operator_applications : float
-        The paper's count; all work, in products on the target grid.
+        Work as the paper counts it; all work, counted in products on the target grid.
     discretisation_error : float
         Relative rms difference of the pressures on the last two grids; NaN if unknown.
     load_error, approach_error, max_pressure_error, contact_area_error : float
-        Estimated relative discretisation errors, rather too large; of the approach beyond first touch. NaN unless by a
-        default method with nested iteration; see `app.contact.grid_errors`.
+        Estimated relative discretisation errors, rather too large than too small. That of the approach is relative to
+        the approach beyond first touch. NaN except for the default methods with nested iteration; see
+        `app.contact.grid_errors`.
     fallbacks : int
         Grids on which the safeguard, or the root search for a load, took over.
     certificate : Certificate
@@ -71,7 +73,7 @@ class Solution(ContactFields):
         Description of the problem.
     options : str
     notes : tuple of str
-        See `app.api.notes`.
+        Doubts about units, grid or theory, see `app.api.notes`.
     solve_seconds, setup_seconds : float
     traffic : Traffic
         Messages of rank 0, which has a part of every grid.
@@ -135,7 +137,7 @@ class Solution(ContactFields):
     stiffness: float | None = None
 
     def __getstate__(self):
-        """Return everything but the communicator."""
+        """Return the state without communicator; TypeError on several ranks."""
         if self.comm.size > 1:
             raise TypeError("a Solution on several ranks cannot be pickled; gather() brings it to one")
         return self.__dict__ | {"distance": self.undeformed_distance, "comm": None}
@@ -217,7 +219,7 @@ class Solution(ContactFields):
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
     def _select_fields(self, attributes, taken, what):
-        """Return the local rows of attributes that are fields."""
+        """Return the attributes that are arrays of the cells, as local rows."""
         selected = {}
         for name, value in attributes.items():
             if name in taken:
@@ -242,17 +244,17 @@ class Solution(ContactFields):
         Parameters
         ----------
         path : str or Path
-            Ends in ``.h5`` or ``.hdf5``.
+            Name of the file, which must end in ``.h5`` or ``.hdf5``.
         steps : mapping of str to ndarray, shape (steps,), optional
             Table of a load path, `app.api.load_path.LoadPath.table`, for the group ``path`` of the file.
         **attributes
-            More root attributes; arrays of all cells, or of the local rows, become fields, ``extra`` of
-            `app.read_result`. `RUN_ATTRIBUTES` may be replaced.
+            More root attributes of the file. Arrays of all cells, or of the local rows, become fields, which
+            `app.read_result` returns in ``extra``. Only the attributes in `RUN_ATTRIBUTES` may be replaced.
 
         Raises
         ------
         InputError
-            If it cannot be written, or a name is taken.
+            If the file cannot be written, or the name of an attribute is taken.
         """
         from app.io.result import Result
         from app.io.write import ByRows, write_result
@@ -281,7 +283,7 @@ class Solution(ContactFields):
 
 
 def fingerprint(start):
-    """Return values that identify a Solution on all ranks."""
+    """Return numbers that are equal on all ranks for the same Solution."""
     if not isinstance(start, Solution):
         return type(start).__name__
     return start.load, start.approach, start.max_pressure, start.contact_cells

@@ -7,8 +7,8 @@
 >>> solution.converged, round(solution.load, -1)
 (True, 680.0)
 
-Options are PETSc's and those of `app.options.method`. Each solver has them in PETSc's database under a prefix of its
-own, during set-up and solves only.
+Options are PETSc's and those of `app.options.method`. Each solver puts its options into PETSc's database under a prefix
+of its own, and only during set-up and solves.
 """
 
 import time
@@ -51,24 +51,24 @@ def solve(
 ):  # fmt: skip
     """Solve a contact problem for an approach or load.
 
-    Exactly one of approach, load, mean pressure and mean gap is prescribed. Collective over `comm`. See `ContactSolver`
-    and `ContactSolver.solve` for errors.
+    Exactly one of approach, load, mean pressure and mean gap is prescribed. Collective over `comm`. Raises the errors
+    of `ContactSolver` and `ContactSolver.solve`.
 
     Parameters
     ----------
     problem : ContactProblem
     approach : float, optional
-        [mm]
+        Approach of the bodies [mm].
     load : float, optional
         Total force [N], at least 0.
     mean_pressure : float, optional
         Load over the area of the patch [N/mm2].
     mean_gap : float, optional
-        Of a periodic patch without holes [mm].
+        Mean gap of a periodic patch without holes [mm].
     method, options, comm : optional
-        As of `ContactSolver`.
+        Those of `ContactSolver`.
     start : Solution, optional
-        Of a similar loading, to start from.
+        Solution of a similar loading, from which the iteration starts.
 
     Returns
     -------
@@ -84,9 +84,9 @@ def solve(
 class ContactSolver:
     """Solver of a contact problem for any loading.
 
-    Collective over `comm`, as are all its methods. `update` replaces the problem. May be used in a ``with`` block;
-    otherwise it is freed by `close`, by garbage collection, or when the process ends. One thread calls it at a time. It
-    cannot be pickled; problems and solutions can.
+    Collective over `comm`, as are all its methods. `update` replaces the problem. A ``with`` block frees the solver at
+    its end; so do `close`, garbage collection, and the end of the process. One thread may call it at a time. It cannot
+    be pickled; problems and solutions can.
 
     Parameters
     ----------
@@ -96,21 +96,21 @@ class ContactSolver:
         Name of a method file in petsc_options, such as "fmg_v11"; or option files in order, a mapping of name ->
         options. Default: the default method, unless the options choose a KSP or PC.
     options : mapping, optional
-        Options without dash, texts or numbers: {"lcp_rtol": 1e-8, "ksp_rtol": 0.1}. They override the file's.
+        Options by name without dash, such as {"lcp_rtol": 1e-8, "ksp_type": "cg"}. They override those of the method.
     comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all. The solver works on a duplicate.
     prefix : str, optional
-        Of the solver's options in PETSc's database, such as ``"gear_"`` for ``-gear_ksp_view``. Options of the user
-        under the prefix override the solver's. Default: ``"contact0_"``, ``"contact1_"``, ... in order. With ``""``
-        PETSc's options without a prefix count, too.
+        Prefix of the solver's options in PETSc's database, such as ``"gear_"`` for ``-gear_ksp_view``. Options of the
+        user under this prefix override the solver's. Default: ``"contact0_"``, ``"contact1_"``, ... in order of
+        creation. With ``""``, options without a prefix in the database count, too.
     listeners : sequence of Listener
-        Called in every iteration.
+        Objects whose methods are called in every iteration.
 
     Attributes
     ----------
     settings : app.options.method.Settings
     options : SolverOptions
-        Those that PETSc reads.
+        Options that PETSc reads.
     setup_seconds : float
     touching : float
         Approach at which the bodies just touch [mm].
@@ -118,12 +118,13 @@ class ContactSolver:
     quiet : bool
         True if notes are no warnings; a solver warns of each kind of notes once.
     ksp : PETSc.KSP or None
-        Of the target grid; None if the method has none there, or works in a window that is not known yet.
+        Linear solver on the target grid; None if the method has none there, or works in a window of that grid, which is
+        not known yet.
 
     Raises
     ------
     InputError
-        If a request cannot be met; before any work, on all ranks.
+        If an argument is not allowed, or memory does not suffice; before any work, on all ranks.
     """
 
     @synchronized
@@ -189,7 +190,7 @@ class ContactSolver:
         self._strategy.prepare()
 
     def _measure_shapes(self):
-        """Compute the undeformed distance on all grids."""
+        """Compute the undeformed distance of the problem on all grids."""
         hierarchy, problem, comm = self.hierarchy, self.problem, self.comm
         shapes = hierarchy.shapes(problem)
         target = shapes[-1]
@@ -216,7 +217,7 @@ class ContactSolver:
 
     @property
     def ksp(self):
-        """KSP of the target grid, or None."""
+        """Linear solver (KSP) on the target grid, or None."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
     @usage("solver.solve(load=700), or approach=, mean_pressure=, mean_gap=")
@@ -227,9 +228,9 @@ class ContactSolver:
         Parameters
         ----------
         approach, load, mean_pressure, mean_gap : float, optional
-            As of `app.solve`.
+            Prescribed quantity as of `app.solve`; exactly one.
         start : Solution, optional
-            Of the same grid and communicator and a similar loading, to start from.
+            Solution of the same grid and communicator and of a similar loading, from which the iteration starts.
 
         Returns
         -------
@@ -257,7 +258,7 @@ class ContactSolver:
         return solution
 
     def _note_late_options(self, solution):
-        """Note options that the first linear solves have left unused."""
+        """Add a note on options that the first linear solves left unused."""
         if self._late_options_checked or not sum(solution.history.get("inner_iterations", ())):
             return solution
         self._late_options_checked = True
@@ -295,7 +296,7 @@ class ContactSolver:
         stiffness : bool
             Solve for the exact stiffness of every step, too.
         rows : sequence of dict, optional
-            Of finished steps, see `app.api.load_path.LoadPath`.
+            Rows of finished steps, which are not solved again; see `app.api.load_path.LoadPath`.
         progress : bool
             Show a progress bar (tqdm) on rank 0.
         **loadings : sequence of float
@@ -317,7 +318,7 @@ class ContactSolver:
 
     @synchronized
     def check(self, **loading):
-        """Check a loading, without solving."""
+        """Raise InputError for a loading that is not allowed."""
         self._check_open()
         check_equal_on_ranks(self.comm, loading, "loading")
         self._make_loading(loading)
@@ -326,8 +327,8 @@ class ContactSolver:
     def update(self, problem):
         """Replace the problem by one on the same grid and material.
 
-        Solutions of the old one stay as they are, and one may be a `start`. The old problem stays after an InputError
-        (another grid or material, contact impossible in all cells).
+        Solutions of the old problem stay valid, and one may be the `start` of a solve. InputError for another grid or
+        material, or if contact is impossible in all cells; the old problem then stays.
         """
         self._check_open()
         before, fits = self.problem, self.problem.fits(problem)
@@ -350,7 +351,7 @@ class ContactSolver:
         Parameters
         ----------
         solution : Solution
-            Of this problem, grid and communicator.
+            Solution of this problem, grid and communicator.
 
         Returns
         -------
@@ -423,7 +424,7 @@ class ContactSolver:
         )
 
     def close(self):
-        """Free everything; solutions stay. Collective."""
+        """Free grids and solvers; solutions stay valid. Collective."""
         self._finalizer()
 
     def __reduce__(self):

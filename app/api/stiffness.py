@@ -1,7 +1,7 @@
 """Contact stiffness dF/d(approach).
 
-It is dx dy sum(q), with ``A q = 1`` on C and q = 0 elsewhere. For a fixed contact set p changes by q per unit of
-approach. Cells enter and leave with p = 0, so this is the exact derivative in any case.
+It is dx dy sum(q), where q solves ``A q = 1`` on the contact set C and is 0 elsewhere. While C is fixed, the pressure p
+changes by q per unit of approach. Cells enter and leave C with p = 0, so this is the exact derivative in any case.
 """
 
 from contextlib import ExitStack

@@ -43,7 +43,7 @@ class Strategy:
     Attributes
     ----------
     solver : LinearSolver, a reference solver, or None
-        Of the target grid; None if the iteration works there in a window, which is not known yet.
+        Solver on the target grid; None if the iteration works in a window of that grid, which is not known yet.
     """
 
     target_only = False  # True: needs no coarser grid
@@ -57,7 +57,7 @@ class Strategy:
         return LinearSolver(self._hierarchy)
 
     def prepare(self):
-        """Make what depends on the grids alone."""
+        """Prepare operators that depend on the grids alone."""
         if self._settings.prolongation == "lift":
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
@@ -69,19 +69,19 @@ class Strategy:
         Parameters
         ----------
         distances : list of UndeformedDistance
-            On every level.
+            Undeformed distances on all levels.
         coarse_minimum : ndarray or None
-            See `Hierarchy.coarse_minimum`.
+            Least distance in each cell of the finest unwindowed level, see `Hierarchy.coarse_minimum`.
         """
         self._distances, self._coarse_minimum = distances, coarse_minimum
 
     def run(self, loading, history, start=None):
-        """Solve for a loading, from a checked Solution or scratch.
+        """Solve for a loading, from scratch or from a checked Solution `start`.
 
         Returns
         -------
         ContactState, Outcome
-            On the target grid.
+            State on the target grid, and outcome of the iteration there.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """Return a solution with full contact if there is one."""
+        """Return the solution with full contact, or the given one without any."""
         contact, full_state = state.contact.copy(), self._new_state()
         if full_outcome := full.solve(full_state, loading, self._stop(), history):
             state.destroy()
@@ -129,12 +129,12 @@ class Strategy:
         return contact_state(self._hierarchy.target, self._distances[-1])
 
     def destroy(self):
-        """Free the solver and its caches."""
+        """Free the solver."""
         if self.solver is not None:
             self.solver.destroy()
 
     def check(self, start, name="start"):
-        """Check that `start` is a Solution on the same grid."""
+        """Raise InputError unless `start` is a Solution on the same grid."""
         slabs = self._hierarchy.slabs
         fits = isinstance(start, Solution) and start.grid == self._hierarchy.target.grid
         fits = fits and start.slabs.rows == slabs.rows
@@ -142,9 +142,9 @@ class Strategy:
             raise InputError(f"{name}: must be a Solution on the same grid and as many ranks")
 
     def check_loading(self, loading, largest):
-        """Check that the method can solve for a loading.
+        """Raise InputError for a loading that the method cannot solve for.
 
-        Single precision needs the `largest` influence coefficient [mm3/N].
+        In single precision the pressures, estimated by the `largest` influence coefficient [mm3/N], must be in range.
         """
         if not (loading.approach_is_known or self.finds_approach):
             raise InputError(f"-lcp_type {self._settings.type}: works by approach only, not by load")
@@ -153,7 +153,7 @@ class Strategy:
             check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
-        """Return the state of a solution at another loading."""
+        """Return a state for a loading that starts from another's solution."""
         state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
         state.values[...] = start.pressure
         state.project()  # the solution may be of a problem with other holes
@@ -165,7 +165,7 @@ class Strategy:
 
 
 class ActiveSet(Strategy):
-    """``active_set``: the paper's iteration around any KSP."""
+    """Strategy ``active_set``: the paper's iteration with any linear solver."""
 
     def _solve(self, loading, history, start):
         if start is not None:
@@ -179,7 +179,7 @@ class ActiveSet(Strategy):
 
 
 class Inexact(Strategy):
-    """Base class of the default methods."""
+    """Base class of the default methods, with inexact linear solves."""
 
     def _inexact_stop(self):
         names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
@@ -190,7 +190,7 @@ class Inexact(Strategy):
         return state, outcome._replace(to_rounding=True)
 
     def prepare(self):
-        """See `Strategy.prepare`."""
+        """Make the solvers of small levels, too; see `Strategy.prepare`."""
         super().prepare()
         if self._settings.nested:
             self._cache.prepare(self._first_solver_level())
@@ -199,13 +199,13 @@ class Inexact(Strategy):
         return 0
 
     def destroy(self):
-        """See `Strategy.destroy`."""
+        """Free the cached solvers of all levels, too; see `Strategy.destroy`."""
         self._cache.destroy()
         super().destroy()
 
 
 class Fast(Inexact):
-    """``fast``, the default on free patches: around TrackingCG, in windows."""
+    """Strategy ``fast``, default on free patches: TrackingCG in windows."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
@@ -224,7 +224,7 @@ class Fast(Inexact):
         return int(direct.starts_directly(self._hierarchy, 0))
 
     def prepare(self):
-        """See `Strategy.prepare`."""
+        """Prepare the multilevel products, too; see `Strategy.prepare`."""
         super().prepare()
         multilevel_operators.prepare(self._hierarchy.target.grid)
 
@@ -246,7 +246,7 @@ class Fast(Inexact):
 
 
 class Primal(Inexact):
-    """``primal``, the default on periodic patches: around CarryingCG."""
+    """Strategy ``primal``, default on periodic patches, with CarryingCG."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
@@ -264,7 +264,7 @@ class Primal(Inexact):
 
 
 class Reference(Strategy):
-    """``tao`` and ``snesvi``: PETSc's solvers of problems with bounds."""
+    """Strategies ``tao`` and ``snesvi``: PETSc's solvers for bound constraints."""
 
     target_only, finds_approach = True, False
 
@@ -287,7 +287,7 @@ STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fr
 
 
 def make_strategy(hierarchy, settings):
-    """Make the strategy of a method. Collective.
+    """Make the strategy that the settings choose. Collective.
 
     Raises
     ------
@@ -313,7 +313,7 @@ def make_strategy(hierarchy, settings):
 
 
 def check_single(what, value, unit):
-    """Check that a value is in the range of single precision."""
+    """Raise InputError for a value outside the range of single precision."""
     if value and not 1e-25 < value < 1e25:
         raise InputError(
             f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "

@@ -7,7 +7,7 @@ import numpy as np
 from app.base.errors import InputError
 from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, von_mises
 
-_SECTION_DEPTH = 4.0  # over depth of the largest stress
+_SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
 
 
 def stress(solution, poisson_ratio=None, body=None):
@@ -19,7 +19,7 @@ def stress(solution, poisson_ratio=None, body=None):
     ----------
     solution : Solution or Result
     poisson_ratio : float, optional
-        Of the body; default: that of the problem.
+        Poisson's ratio of the body; default: that of the problem.
     body : int, optional
         1 or 2, if the problem has both; default: the first that is not rigid.
 
@@ -30,7 +30,7 @@ def stress(solution, poisson_ratio=None, body=None):
     Raises
     ------
     InputError
-        If Poisson's ratio is unknown or not allowed, or `solution` is none or has rows of one rank only.
+        If Poisson's ratio is unknown or not allowed, or `solution` is no Solution or has rows of one rank only.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def stress(solution, poisson_ratio=None, body=None):
 
 
 def find_poisson_ratio(facts, body=None):
-    """Return Poisson's ratio of a body by a result's attributes, or None."""
+    """Return a body's Poisson ratio from attributes of a result, or None."""
     if body not in (None, 1, 2):
         raise InputError(f"body {body!r}: allowed: 1, 2")
     each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
@@ -76,17 +76,20 @@ def find_poisson_ratio(facts, body=None):
 
 
 def survey(below, depths=64, at=None, deepest=None, along="xy"):
-    """Return largest stresses, sections and a line.
+    """Return the largest stresses, and stresses on sections and a line.
+
+    They are attributes: `hottest` and `sheared`, the maxima of von Mises and shear stress, `section_x`, `section_y`,
+    the vertical `line`, and `at`, the place of the largest von Mises stress on it.
 
     Parameters
     ----------
     below : SubsurfaceStress
     depths : int
-        Number of depths.
+        Number of depths, from 0 on.
     at : (float, float), optional
-        Point (x, y) [mm]; default: the most stressed one.
+        Point (x, y) [mm] through which sections and line go; default: that of the largest stress.
     deepest : float, optional
-        Last depth [mm]; default: several times that of the largest stress.
+        Last depth [mm]; default: several times the depth of the largest stress.
     along : str
         Directions of the sections: "xy", "x" or "y".
     """
