@@ -126,7 +126,7 @@ class Hierarchy:
     dtype : numpy real type
         Precision of the products. With float32 the target grid also has a double precision product.
     margin : float
-        Margin of the windows around contact on larger grids, as a share of its extent; 0: no windows.
+        Margin of the windows around contact on larger grids, over the extent of the contact; 0: no windows.
         Products on all cells of such grids are prepared when first used.
     prefix : str
         Prefix of the solvers' options in PETSc's database.

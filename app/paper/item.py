@@ -11,13 +11,16 @@ CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], 
 
 @dataclass(frozen=True)
 class Limits:
-    """Side of the largest grid, and number of other random surfaces."""
+    """Limits of a reproduction: largest grid, and number of random surfaces.
+
+    `largest` is the number of cells per side. `seeds` counts surfaces other than that of the tables.
+    """
 
     largest: int = 256
     seeds: int = 10
 
     def sizes(self, *sizes):
-        """Return the sizes up to the largest grid."""
+        """Return those of some grid sizes that are within the limit."""
         return [n for n in sizes if n <= self.largest]
 
 
@@ -35,10 +38,12 @@ class Item:
     kind : str
         "table", "study" or "figure".
     title : str
+        Title in the report.
     plan : callable
-        (Limits, folder for input files) -> mapping of cases (tuples of str) to their Run.
+        ``plan(limits, scratch)`` maps cases (tuples of str) to their Run; `scratch` is a folder for input files.
     evaluate : callable
-        Mapping of cases to outcomes of their runs -> data of JSON types, or a Figure.
+        ``evaluate(outcomes)`` takes a mapping of cases to outcomes of their runs. It returns data of
+        JSON types, or a figure of matplotlib.
     note : str
         Remark for the reader.
     why : str
@@ -55,9 +60,9 @@ class Item:
 
 
 def solver_run(problem, method, n, **options):
-    """Return the run of a problem file with a method file on n x n cells.
+    """Return the `Run` of a problem with a method on n x n cells.
 
-    Options that are None are left out.
+    `problem` and `method` are names of option files. Options that are None are left out.
     """
     files = [str(FILES / f"{name}.opts") for name in (problem, method) if name]
     texts = {name: str(value) for name, value in options.items() if value is not None}

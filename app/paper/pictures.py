@@ -1,4 +1,4 @@
-"""Figures of the paper, and work against grid size."""
+"""Figures of the paper, and a figure of work against grid size."""
 
 from functools import partial
 
@@ -178,7 +178,8 @@ def _plan_contact(problem, cases):
 def _contact_figure(cases, height, outcomes):
     """Draw contact areas, one case per row.
 
-    `cases` maps numbers to approaches [mm]; the approach of a single case is None.
+    `cases` maps the number of a case to its approach [mm]. If there is one case only, the approach is None:
+    the problem file has it.
     """
     figure = new_figure(11.0, height)
     panels = figure.subplots(len(cases), 3, sharex=True, sharey=True, squeeze=False)

@@ -16,7 +16,10 @@ _TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 @dataclass(frozen=True)
 class Entry:
-    """Entry of a table, the paper's and ours: a number, a pair, or None if diverged."""
+    """One entry of a table, with the paper's value and ours.
+
+    A value is a number, a pair (a count with work or convergence factor), or None if the method diverged.
+    """
 
     row: str
     column: str
@@ -25,7 +28,7 @@ class Entry:
 
     @property
     def noticeable(self):
-        """True if the two differ by more than a last digit."""
+        """True if the two values differ by a noticeable amount."""
         if self.paper is None or self.ours is None:
             return (self.paper is None) != (self.ours is None)
         if not isinstance(self.paper, list):
@@ -36,7 +39,7 @@ class Entry:
         )
 
     def difference(self):
-        """Format ours minus the paper's for a table cell."""
+        """Format our value's difference from the paper's for a table."""
         if self.paper is None or self.ours is None:
             return "" if self.paper is self.ours else "one diverged"
         if not isinstance(self.paper, list):
@@ -46,7 +49,7 @@ class Entry:
 
 
 def format_entry(value):
-    """Format an entry as the paper does."""
+    """Format a value as the paper does."""
     if value is None:
         return "diverged"
     if not isinstance(value, list):
@@ -56,7 +59,10 @@ def format_entry(value):
 
 
 def pair_entries(name, ours):
-    """Pair the entries of the paper's table with ours."""
+    """Return the entries of a table, the paper's values paired with ours.
+
+    `name` is that of the table; `ours` maps grid sizes to rows.
+    """
     paired = []
     for size, row in ours.items():
         grid = f"{size} × {size}"
@@ -80,7 +86,7 @@ def _column(name, column):
 
 
 def summarize(pairs):
-    """Summarise in a sentence how much the entries differ."""
+    """Summarise in a sentence how many entries differ noticeably."""
     noticeable = [entry for entry in pairs if entry.noticeable]
     same = sum(format_entry(entry.paper) == format_entry(entry.ours) for entry in pairs)
     counts = f"{len(pairs)} entries, {same} of them equal in all digits printed"
@@ -160,10 +166,11 @@ class Section:
     name, title : str
         Name and title of the item.
     rows : sequence of mapping
-        Table, heading -> text.
+        Rows of the table, from heading to text.
     picture : str
-        Name of its file.
+        Name of the picture's file, which replaces the table.
     note : str
+        Text below the table or picture.
     """
 
     name: str
@@ -185,14 +192,20 @@ class Section:
 
 
 def table_section(item, ours):
-    """Return the section of a table, with `ours` as in ``tables.json``."""
+    """Return the section of a table.
+
+    `ours` are our numbers, in the form of ``tables.json``.
+    """
     pairs = pair_entries(item.name, ours)
     why = item.why if any(entry.noticeable for entry in pairs) else ""
     return Section(item.name, item.title, _long_rows(pairs), note=_join(item.note, summarize(pairs), why))
 
 
 def study_section(item, data):
-    """Return the section of a study, with `data` as in ``report.json``."""
+    """Return the section of a study.
+
+    `data` are its numbers, in the form of ``report.json``.
+    """
     triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
     note = _join(item.note, _TRIPLES if triples else "")
     return Section(item.name, item.title, _study_rows(data), note=note)
@@ -204,15 +217,15 @@ def format_page(items, tables, studies, pictures, checks, facts):
     Parameters
     ----------
     items : sequence of Item
-        In the order of the report.
+        Items in the order of the report.
     tables, studies : mapping
-        Item name -> data.
+        Numbers of tables and of studies, by name of the item.
     pictures : mapping
-        Item name -> name of the picture's file.
+        Names of the pictures' files, by name of the item.
     checks : mapping
-        Item name -> worst values of the complementarity conditions.
+        Worst values of the complementarity conditions, by name of the item.
     facts : sequence of str
-        Version, date and the like.
+        Facts for the head of the page: version, date and the like.
 
     Returns
     -------

@@ -112,7 +112,7 @@ def select_items(names):
 
 
 def _write(folder, tables, rest, items, plans, found, quick, seconds):
-    """Add the items to the folder, and print them."""
+    """Add the results of items to the folder, and print them."""
     studies, checks, made = (rest.setdefault(name, {}) for name in ("studies", "checks", "made"))
     tables["source"] = f"app.reproduce {__version__}, after {PAPER['source']}"
     (folder / "runs").mkdir(exist_ok=True)
@@ -158,7 +158,10 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
 
 
 def worst_conditions(outcomes):
-    """Return the worst complementarity conditions of some runs; None without runs."""
+    """Return the worst complementarity conditions of converged runs.
+
+    None if no run has a solution.
+    """
     solved = [outcome for outcome in outcomes if all(name in outcome for name in CHECKS)]
     if not solved:
         return None

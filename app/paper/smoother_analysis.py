@@ -1,7 +1,8 @@
 """Jacobi and Gauss-Seidel as smoothers of a line contact (Sec. 4.4).
 
 A long cylinder touches a plane on the strip [-2.56, 2.56] x [-500, 500] mm, cut into 32 x 1 cells. The matrix
-A is dense, symmetric and Toeplitz; with A = L + D + L^T a sweep maps the error e = p - p^i to S e.
+A is dense, symmetric and Toeplitz: A = L + D + L^T, with the diagonal D and the strict lower triangle L. p^i
+is the pressure after i sweeps. A sweep maps the error e^i = p - p^i to S e^i, with the iteration matrix S.
 
 =========================  ==============================  ============================
 paper                      here                            shape, unit
@@ -43,8 +44,9 @@ class LineContact:
     cells : int
         Number of cells across the strip, n.
     half_width, half_length : float
-        [mm]
+        Half width and half length of the strip [mm].
     material : Material
+        Combined material of the two bodies.
     """
 
     cells: int = 32
@@ -74,31 +76,35 @@ class Modes:
     Attributes
     ----------
     values : ndarray of complex, shape (n,)
-        Of a conjugate pair the one with the positive imaginary part is first.
+        Eigenvalues. Of a conjugate pair the one with the positive imaginary part is first.
     vectors : ndarray of complex, shape (n, n)
-        Columns, of mean square 1 (Euclidean norm sqrt(n)), the largest component real and positive: values of
-        different grids can be compared.
+        Eigenvectors v^j as columns. Their mean square is 1 (Euclidean norm sqrt(n)) and their largest
+        component is real and positive, so that vectors of different grids can be compared.
     """
 
     values: np.ndarray
     vectors: np.ndarray
 
     def coefficients(self, error):
-        """Return the coefficients c of ``error = sum_j c_j v^j``; the last axis is n."""
+        """Return the coefficients c_j of errors in the eigenvectors v^j.
+
+        ``error = sum_j c_j v^j``. `error` and result have shape (n,), or (k, n) for k errors.
+        """
         return np.linalg.solve(self.vectors, np.asarray(error, dtype=complex).T).T
 
 
 @dataclass(frozen=True)
 class SweepHistory:
-    """Error after some numbers of sweeps, Fig. 6.
+    """Errors after some numbers of sweeps (Fig. 6).
 
     Attributes
     ----------
     sweeps : tuple of int
+        Numbers of sweeps i.
     errors : ndarray, shape (len(sweeps), n)
-        p - p^i, in units of p.
+        Errors p - p^i, in units of p.
     coefficients : ndarray of complex, shape (len(sweeps), n)
-        Of the errors in the modes of the iteration, in their order.
+        Coefficients of the errors in the eigenvectors of the iteration matrix, in the order of `Modes`.
     """
 
     sweeps: tuple[int, ...]
@@ -108,18 +114,19 @@ class SweepHistory:
 
 @dataclass(frozen=True)
 class ModePair:
-    """Mode on two grids, Fig. 7.
+    """Mode of Gauss-Seidel on a fine and a coarse grid (Fig. 7).
 
-    Only smooth modes have a partner.
+    Only smooth modes have a partner on the coarse grid.
 
     Attributes
     ----------
     number : int
-        The paper's number.
+        Number of the mode in the paper.
     vector, value : ndarray of complex, complex
         Eigenvector and eigenvalue on the fine grid.
     coarse_vector, coarse_value : as above, or None
-        On the grid of half as many cells; the phase of the vector is turned to match the fine one.
+        Eigenvector and eigenvalue of the partner, on half as many cells. The phase of its vector is turned to
+        match that of the fine one.
     """
 
     number: int
@@ -182,9 +189,9 @@ def paper_mode_index(number, n):
 
 
 def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
-    """Compute the errors of a stationary iteration from zero, Fig. 6.
+    """Compute the errors of a stationary iteration from zero (Fig. 6).
 
-    They depend on the exact solution alone: p - p^i = S^i p.
+    The errors depend on the exact solution alone: p - p^i = S^i p, with the iteration matrix S.
 
     Parameters
     ----------
@@ -203,14 +210,14 @@ def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
 
 
 def compare_grids(contact=None):
-    """Compute Gauss-Seidel modes on two grids, Fig. 7.
+    """Compute Gauss-Seidel modes on two grids (Fig. 7).
 
     The coarse grid has half as many cells. The partner of a smooth mode has the same place in the order of moduli.
 
     Parameters
     ----------
     contact : LineContact, optional
-        Fine grid, an even number of cells; default: the paper's 32.
+        Contact on the fine grid, with an even number of cells; default: the paper's 32.
 
     Returns
     -------

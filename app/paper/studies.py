@@ -1,4 +1,4 @@
-"""Beyond the paper's tables: other random surfaces."""
+"""Studies beyond the paper's tables: other random surfaces."""
 
 import itertools
 
@@ -13,7 +13,10 @@ INEXACT = (5, 4, 3, 2)  # CG iterations
 
 
 def quantiles(values):
-    """Return ``[min, median, max]`` of the numbers; None without numbers."""
+    """Return ``[min, median, max]`` of the numbers that are not None.
+
+    None if there are no such numbers.
+    """
     values = [value for value in values if value is not None]
     return [round(float(f(values)), 4) for f in (min, np.median, max)] if values else None
 

@@ -22,7 +22,10 @@ _C0_SYSTEM = {
 
 
 def traced(problem, method, n, collect, **options):
-    """Return a run as `solver_run` does, with every iteration recorded."""
+    """Return a run as `solver_run` does, with every iteration recorded.
+
+    ``collect(path)`` reads the results from the trace file.
+    """
     run = solver_run(problem, method, n, **options)
     return Run(run.files, run.options, module=trace.__name__, collect=collect)
 
@@ -62,7 +65,10 @@ def _evaluate_table1(outcomes):
 
 
 def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256), **options):
-    """Plan runs of the three cycles, and of NORM if `norm`."""
+    """Return a problem's runs with the three cycles, and NORM if `norm`.
+
+    The names of the method files are `prefix` and the cycle.
+    """
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
     return {
         (str(n), name): solver_run(problem, method, n, **options)
@@ -72,7 +78,10 @@ def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256
 
 
 def evaluate_methods(outcomes):
-    """Return the counts of `plan_methods`; CG iterations are NORM's work units."""
+    """Return the `counts` of runs of `plan_methods`, by grid and method.
+
+    The work units of NORM are its CG iterations.
+    """
     return nest({
         case: counts(outcome, "inner_iterations" if case[1] == "norm_cg" else "work_units")
         for case, outcome in outcomes.items()
@@ -107,9 +116,9 @@ def _plan_table8(limits, scratch):
 
 
 def inexact_counts(outcome, k):
-    """Return the counts of Table 8.
+    """Return active set iterations and work units, for Table 8.
 
-    An active set iteration costs k CG iterations, the defect and the displacement.
+    An active set iteration costs k CG iterations, the defect and the displacement: k + 2 work units.
     """
     pair = counts(outcome)
     return pair and [pair[0], pair[0] * (k + 2)]

@@ -1,6 +1,6 @@
 """Solve and record every active set iteration.
 
-Tables 1 and 4 and Figures 8 and 11 need it.
+Tables 1 and 4 and Figures 8 and 11 need these records.
 
 ``python -m app.paper.trace [options of app.solve] -output TRACE.h5``, on one rank. The file:
 
@@ -24,22 +24,25 @@ from app.contact.history import Listener
 
 
 class Recorder(Listener):
-    """Recorder of the iterations on the last grid, and of its last linear solve."""
+    """Recorder of the iterations and last linear solve on the target grid."""
 
     def __init__(self):
         self.pressure, self.contact, self.linear_residuals = [], [], []
 
     def start(self, state, level):
-        """Forget coarser grids; keep the first contact set."""
+        """Forget iterations on a coarser grid; keep the initial state."""
         self.pressure, self.contact = [], []
         self._keep(state)
 
     def iteration(self, entry, state):
-        """Keep the state after an iteration."""
+        """Keep pressure and contact set after an active set iteration."""
         self._keep(state)
 
     def monitor(self, ksp, iteration, norm):
-        """Keep the norm of a defect; a monitor of the KSP."""
+        """Keep the defect's norm in a KSP iteration.
+
+        The KSP calls this as a monitor. Norms of earlier linear solves are dropped.
+        """
         if iteration == 0:
             self.linear_residuals = []
         self.linear_residuals.append(norm)
@@ -50,7 +53,7 @@ class Recorder(Listener):
 
 
 def main(given):
-    """Solve and write; return the exit status."""
+    """Solve, write the trace file, and return the exit status."""
     # After the start of the session: importing PETSc starts it.
     from app.api.solver import ContactSolver
     from app.base.errors import InputError, call_collectively
@@ -75,7 +78,10 @@ def main(given):
 
 
 def write(path, recorder, solution, exact):
-    """Write the file. `exact` is the analytic solution, or None."""
+    """Write the trace file.
+
+    `exact` is the analytic solution, or None.
+    """
     from app.io.files import atomic_hdf5
 
     with atomic_hdf5(path) as file:
@@ -89,18 +95,20 @@ def write(path, recorder, solution, exact):
 
 
 def collect_cycles(path):
-    """Read the norms of the defect in the last linear system [mm]."""
+    """Read a trace's defect norms in the last linear system [mm]."""
     with h5py.File(path) as file:
         return {"linear_residuals": file["linear_residuals"][()].tolist()}
 
 
 def collect_errors(path):
-    """Compute the rms pressure error over the last contact set, Table 4.
+    """Compute a trace's pressure errors for Table 4.
+
+    They are root mean squares over the last contact set.
 
     Returns
     -------
     dict
-        `errors` before iteration 1 and after each [N/mm2].
+        `errors` before iteration 1 and after each iteration [N/mm2].
     """
     with h5py.File(path) as file:
         p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))
@@ -110,7 +118,7 @@ def collect_errors(path):
 
 
 def collect_contact(path):
-    """Read first and last contact set, admissible cells and cell centres."""
+    """Read a trace's first and last contact set, admissible cells, cell centres."""
     with h5py.File(path) as file:
         fields = {
             "first": file["contact"][0],

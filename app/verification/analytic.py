@@ -22,7 +22,7 @@ _SIZES = 16, 24, 32, 48, 64, 96, 128, 192, 256  # Many, because the contact edge
 def solve_at_approach(contact, nx, ny, half_x, half_y):
     """Solve at the approach of a reference solution.
 
-    Returns solution, grid and exact pressure.
+    Returns the solution, its grid and the exact pressure.
     """
     grid = Grid.from_domain(nx, ny, (-half_x, half_x, -half_y, half_y))
     problem = ContactProblem(grid, MATERIAL, contact.undeformed_distance)
@@ -31,7 +31,7 @@ def solve_at_approach(contact, nx, ny, half_x, half_y):
 
 
 def _ellipse(contact, sizes, label=""):
-    """Return figures of Hertz's contacts."""
+    """Compare load and pressure of an ellipse with Hertz, on several grids."""
     loads, pressures, peaks = [], [], []
     for n in sizes:
         found, _, exact = solve_at_approach(contact, n, n, 1.5 * contact.a, 1.5 * contact.b)
@@ -48,12 +48,12 @@ def _ellipse(contact, sizes, label=""):
 
 
 def sphere(quick):
-    """Compare with Hertz (1882)."""
+    """Compare a sphere with the solution of Hertz (1882)."""
     return _ellipse(Sphere.from_approach(5.0, E_STAR, 0.2), _SIZES[: 5 if quick else None])
 
 
 def ellipses(quick):
-    """Compare with Hertz's ellipses, the paper's among them."""
+    """Compare ellipsoids with Hertz's solution, the paper's among them."""
     sizes, ratios = _SIZES[: 5 if quick else None], (300 / 163, 30) if quick else (300 / 163, 4, 30, 1000)
     figures = []
     for ratio in ratios:
@@ -63,7 +63,10 @@ def ellipses(quick):
 
 
 def cone(quick):
-    """Compare with Sneddon (1965); grids have a cell on the tip."""
+    """Compare a cone with the solution of Sneddon (1965).
+
+    All grids have a cell on the tip.
+    """
     contact, sizes = Cone.from_approach(0.05, E_STAR, 0.05), (17, 33, 65) if quick else (17, 33, 65, 129, 257)
     loads, areas = [], []
     for n in sizes:
@@ -78,7 +81,10 @@ def cone(quick):
 
 
 def punch(quick):
-    """Compare with the flat circular punch of the same area."""
+    """Compare a flat circular punch with the analytic solution.
+
+    Its load is compared with that of the punch that has the same contact area as the cells.
+    """
     contact, sizes = (
         FlatCircularPunch.from_approach(1.0, E_STAR, 0.01),
         (16, 32, 64, 128, 256)[: 3 if quick else 5],
@@ -99,7 +105,7 @@ def punch(quick):
 
 
 def power_laws(quick):
-    """Compare with Galin's and Sneddon's bodies of revolution z = c r^n."""
+    """Compare bodies of revolution z = c r^n with Galin's and Sneddon's solution."""
     sizes, figures = ((17, 33, 65) if quick else (33, 65, 129, 257)), []
     for n in (1.5, 4) if quick else (1.5, 3, 4, 8):
         # approach = k c a^n, load = 2 E* a approach n / (n + 1), p(0) = E* approach n / (pi a (n - 1))
@@ -130,13 +136,16 @@ _AMPLITUDE, _LENGTH = 0.02, 1.7
 
 
 def _waves(contact, nx, ny, symbol):
-    """Return the problem of a wavy surface on one period."""
+    """Return the problem of a wavy surface on one period.
+
+    `symbol` is the kind of the periodic patch.
+    """
     grid = Grid.from_domain(nx, ny, (0.0, _LENGTH, 0.0, _LENGTH * min(ny / nx, 1)))
     return ContactProblem(grid, MATERIAL, contact.undeformed_distance, periodic=symbol)
 
 
 def westergaard(quick):
-    """Compare with Westergaard's waves in one direction."""
+    """Compare waves in one direction with Westergaard's solution."""
     sizes = (32, 48, 64, 96, 128) if quick else (32, 48, 64, 96, 128, 192, 256, 384, 512)
     c = Westergaard(_AMPLITUDE, _LENGTH, E_STAR, 0.3 * np.pi * E_STAR * _AMPLITUDE / _LENGTH)
     figures = []
@@ -165,9 +174,10 @@ def westergaard(quick):
 
 
 def bisinusoidal(quick):
-    """Compare with Johnson, Greenwood and Higginson (1985).
+    """Compare waves in two directions with Johnson, Greenwood and Higginson (1985).
 
-    Both limits are known: Hertz on every summit, and cracks around every valley.
+    The solution is known in two limits: Hertz's on every summit under a light load, and that of a crack
+    around every valley near full contact.
     """
     n, figures = 128 if quick else 512, []
 
@@ -199,7 +209,10 @@ def bisinusoidal(quick):
 
 
 def full_contact(quick):
-    """Compare with a flattened surface, p_q = -E* |q| h_q / 2."""
+    """Compare full contact of a rough surface with the exact pressure.
+
+    A wave h_q of the undeformed distance gives the wave p_q = -E* |q| h_q / 2 of the pressure.
+    """
     n, figures = 40 if quick else 256, []
     for nx, ny in ((n, n), (n, n + 8)):
         grid = Grid.from_domain(nx, ny, (0.0, 1.5, 0.0, 0.8))
@@ -218,7 +231,7 @@ def full_contact(quick):
 
 
 def line_contact(quick):
-    """Compare with a cylinder on a periodic patch one cell wide."""
+    """Compare a cylinder with Hertz, on a periodic patch one cell wide."""
     sizes = (256, 384, 512, 768, 1024) if quick else (256, 384, 512, 768, 1024, 1536, 2048)
     width, load, radius = 0.25, 2.0, 10.0
     half = np.sqrt(4 * load * radius / (np.pi * E_STAR))

@@ -1,4 +1,4 @@
-"""Checks of the certificate: a bound of the true error, and sharp."""
+"""Checks that the certificate bounds the true error, and is sharp."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ _MIN_RATIO = 0.1  # Least ratio of error to bound where rounding is negligible.
 def errors_of_answers(quick):
     """Yield true relative errors in the energy norm and their bounds.
 
-    One pair (kind of patch, {tolerance: errors and bounds}) for each kind of patch.
+    Yields one pair (kind of patch, {tolerance: errors and bounds}) for each kind of patch.
     """
     rng = np.random.default_rng(5)
     for periodic in PATCHES[: 2 if quick else 3]:
@@ -45,7 +45,10 @@ def errors_of_answers(quick):
 
 
 def of_answers(quick):
-    """Compare with pivoting in extended precision."""
+    """Compare the error bounds of solutions with their true errors.
+
+    The exact solutions come from pivoting in extended precision.
+    """
     figures = []
     for kind, pairs in errors_of_answers(quick):
         figures += _ratios(kind, "answers", *np.hstack(list(pairs.values())), large=1e-6)
@@ -61,7 +64,10 @@ def of_answers(quick):
 
 
 def of_anything(quick):
-    """Disturb solutions by noise up to ten times their size."""
+    """Compare the error bounds of disturbed pressures with their true errors.
+
+    The noise is up to ten times as large as the largest pressure.
+    """
     figures, rng = [], np.random.default_rng(6)
     for periodic in PATCHES[: 2 if quick else 3]:
         true, bounds = [], []
@@ -88,9 +94,9 @@ def of_anything(quick):
 
 
 def _ratios(kind, things, true, bounds, large):
-    """Return figures of errors over bounds.
+    """Return the figures of the largest and smallest error over bound.
 
-    All must be at most 1, and those of errors above `large` sharp.
+    The largest must be at most 1. Among errors above `large`, the smallest must be at least `_MIN_RATIO`.
     """
     ratios = true / bounds
     sharp = ratios[true > large]

@@ -1,4 +1,4 @@
-"""Check, and Figure: a measured number with its limits."""
+"""The classes of a check, and of a figure with its limits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -10,14 +10,15 @@ from app.base.errors import format_distinct
 
 @dataclass(frozen=True)
 class Figure:
-    """Measured number with its limits.
+    """Measured number with its limits, not a picture.
 
     Parameters
     ----------
     what : str
+        Name of the number.
     value : float
     least, most : float
-        Limits, themselves allowed. A figure without limits is information.
+        Smallest and largest value that are allowed. A figure without limits is only reported.
     points : pair of sequences of float
         Data behind the number, for a picture.
     """
@@ -30,22 +31,22 @@ class Figure:
 
     @property
     def judged(self):
-        """True if it has a limit."""
+        """True if the figure has a limit."""
         return self.least > -np.inf or self.most < np.inf
 
     @property
     def passed(self):
-        """True if it is within its limits; NaN is not."""
+        """True if the value is within its limits, which NaN is not."""
         return not self.judged or bool(self.least <= self.value <= self.most)
 
     @property
     def shown(self):
-        """Value with enough digits to distinguish it from its limits."""
+        """Value as text, with enough digits to distinguish it from its limits."""
         return max((format_distinct(self.value, bound) for bound in (self.least, self.most)), key=len)
 
     @property
     def limit(self):
-        """Limits as text."""
+        """Limits as text; empty if there are none."""
         low, high = (f"{bound:.3g}" for bound in (self.least, self.most))
         if self.least == self.most:
             return low
@@ -56,17 +57,18 @@ class Figure:
 
 @dataclass(frozen=True)
 class Check:
-    """One subject of the document.
+    """One check, with its section in the verification document.
 
     Parameters
     ----------
     name : str
         Name on the command line.
     title : str
+        Title of the section.
     law : str
-        Law that is checked, for the reader.
+        Law that is checked, as text of the section.
     measure : callable
-        ``measure(quick) -> sequence of Figure``; `quick`: small cases only.
+        ``measure(quick)`` returns a sequence of Figure; `quick`: small cases only.
     """
 
     name: str
@@ -76,10 +78,13 @@ class Check:
 
 
 def fit_order(sizes, errors):
-    """Fit the order in the cell size with which errors decrease."""
+    """Fit the order of convergence of errors in the cell size.
+
+    `sizes` are numbers of cells in a direction.
+    """
     return float(-np.polyfit(np.log2(sizes), np.log2(errors), 1)[0])
 
 
 def order_figure(what, sizes, errors, least, most=np.inf):
-    """Return the figure of an observed order."""
+    """Return the `Figure` of an observed order of convergence."""
     return Figure(f"order of {what}", fit_order(sizes, errors), least, most, (tuple(sizes), tuple(errors)))

@@ -1,7 +1,8 @@
 """Exact solutions of small contact problems by pivoting on the dense matrix.
 
-They share only A with the solvers. `solve_by_lemke` is exact, in rational numbers, for a few cells. `DenseProblem`
-finds the contact set by block principal pivoting, and refines pressures in extended precision.
+They share only the influence matrix A with the solvers under test. `solve_by_lemke` is exact, in rational
+numbers, for a few cells. `DenseProblem` finds the contact set by block principal pivoting, and refines
+pressures in extended precision.
 
 References
 ----------
@@ -37,7 +38,7 @@ def solve_by_lemke(matrix, h):
     Returns
     -------
     ndarray, shape (n,)
-        Rounded once, at the end.
+        The pressure p, rounded once, at the end.
     """
     n = len(h)
     if (h >= 0).all():
@@ -80,8 +81,8 @@ def solve_by_lemke(matrix, h):
 def long_matrix(grid, compliance):
     """Return the influence matrix in extended precision, shape (n, n).
 
-    Coefficients of a periodic patch are not rounded to doubles: those of long cells are much larger than the smallest
-    eigenvalues, which would lose digits.
+    Coefficients of a periodic patch are not rounded to doubles. The smallest eigenvalues would lose digits,
+    because the coefficients of long cells are much larger.
     """
     if not grid.periodic:
         return dense_matrix(grid, compliance).astype(np.longdouble)
@@ -103,6 +104,7 @@ class DenseProblem:
     Attributes
     ----------
     matrix : ndarray, shape (n, n)
+        Influence matrix A in double precision.
     inside : ndarray of bool, shape (n,)
         Cells where contact is possible.
     """
@@ -134,7 +136,7 @@ class DenseProblem:
     def with_mean_gap(self, mean_gap):
         """Return the pressure at a mean gap of a periodic patch [N/mm2].
 
-        The patch has no holes.
+        The patch must not have holes.
         """
         # Near first touch extended precision has too few digits of the mean.
         mean = sum(Fraction(float(h)) for h in self._heights) / self._heights.size
@@ -170,7 +172,7 @@ class DenseProblem:
         return self._field(p), float(self._least + depth)
 
     def energy(self, pressure):
-        """Return ||p||_A, a seminorm on periodic patches."""
+        """Return the energy norm ||p||_A, a seminorm on periodic patches."""
         p = np.asarray(pressure, np.longdouble).ravel()
         return float(np.sqrt(max(p @ (self._matrix @ p), 0.0)))
 

@@ -66,13 +66,14 @@ class Result:
 
 
 def format_document(results, arguments, pictures):
-    """Format the document.
+    """Format the verification document.
 
     Parameters
     ----------
     results : sequence of Result
+        Results of the checks.
     arguments : str
-        Further arguments of the command line.
+        Arguments of the command line after the folder.
     pictures : collection of str
         Names of the picture files in the same folder.
 
@@ -154,7 +155,10 @@ def _software():
 
 @with_style
 def draw_orders(results):
-    """Draw errors against cells; None without observed orders."""
+    """Draw errors against numbers of cells, with observed orders.
+
+    Returns None if no result has an order.
+    """
     shown = [(r, [f for f in r.figures if f.points and f.what.startswith("order of")]) for r in results]
     shown = [(result, figures) for result, figures in shown if figures]
     if not shown:
@@ -190,7 +194,10 @@ def draw_orders(results):
 
 @with_style
 def draw_sharpness(results):
-    """Draw true errors against their bounds; None if not measured."""
+    """Draw true errors against their proved bounds.
+
+    Returns None if no result has such errors.
+    """
     shown = [
         figure for r in results for figure in r.figures if figure.points and "over its bound" in figure.what
     ]

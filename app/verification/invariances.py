@@ -29,9 +29,10 @@ def _problem(periodic, grid=_GRID, gap=None, material=UNIT):
 
 
 def _each(change):
-    """Make a check of ``change(problem, approach, pressure)``.
+    """Make a check of an invariance from ``change(problem, before)``.
 
-    `change` yields other problems, their loadings and their expected pressures.
+    `before` is the solution of `problem`. `change` yields other problems, their loadings and expected
+    pressures.
     """
 
     def measure(quick):

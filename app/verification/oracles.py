@@ -10,13 +10,16 @@ _TIGHT = {"lcp_rtol": 1e-12}
 
 
 def _approach(problem, share):
-    """Return an approach between first touch and the mean gap [mm]."""
+    """Return an approach between first touch and the mean gap [mm].
+
+    `share` is 0 at first touch, and 1 at the mean gap.
+    """
     least = np.nanmin(problem.gap)
     return least + share * (np.nanmean(problem.gap) - least)
 
 
 def lemke(quick):
-    """Compare with Lemke's pivoting in rational numbers."""
+    """Compare methods with Lemke's pivoting in rational numbers."""
     figures, rng = [], np.random.default_rng(1)
     for periodic in PATCHES:
         worst = {"norm": 0.0, None: 0.0}

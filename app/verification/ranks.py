@@ -33,7 +33,7 @@ _WAYS = {
 
 
 def _problems(quick, periodic):
-    """Problems and their mean pressures [N/mm2], by name."""
+    """Return problems and their mean pressures [N/mm2], by name."""
     n = 40 if quick else 96
     grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
     surface = SelfAffineSurface(0.8, 0.25, 1 / 16, (1.0, 1.0), 3, rms_slope=0.1)
@@ -67,7 +67,7 @@ def solve_all(quick, comm):
 
 
 def on_ranks(quick):
-    """Compare two and three ranks with one."""
+    """Compare the solutions on two and three ranks with those on one."""
     answers = {1: solve_all(quick, MPI.COMM_SELF)}
     with tempfile.TemporaryDirectory() as folder:
         for ranks in (2,) if quick else (2, 3):
@@ -82,7 +82,10 @@ def on_ranks(quick):
 
 
 def compare(answers):
-    """Compare the answers of other numbers of ranks with those of one."""
+    """Compare answers of several ranks with those of one.
+
+    `answers` maps numbers of ranks to results of `solve_all`.
+    """
     one, several, figures = answers[1], [of for ranks, of in answers.items() if ranks > 1], []
     for way, (*_, limit) in _WAYS.items():
         cases = {name.rpartition("|")[0] for name in one if name.startswith(f"{way}|")}

@@ -16,7 +16,7 @@ PATCHES = "", "spectral", "love"  # free, and periodic with either symbol
 
 
 def solved(problem, method=None, comm=None, start=None, options=None, **loading):
-    """Solve without a warning if it does not converge. Collective over `comm`."""
+    """Solve a problem without warnings, converged or not. Collective over `comm`."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
         warnings.simplefilter("ignore", NoteWarning)
@@ -30,7 +30,7 @@ def methods(periodic):
 
 
 def random_problem(rng, nx, ny, periodic="", holes=True):
-    """Return a problem of waves, noise or terraces.
+    """Return a random problem of waves, noise or terraces.
 
     Half of the problems have holes. Cells are up to four times longer than wide.
     """
@@ -46,5 +46,5 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
 
 
 def difference(found, expected):
-    """Return the largest difference over the largest expected value."""
+    """Return the largest difference of two fields over the largest expected value."""
     return float(abs(found - expected).max() / (abs(expected).max() or 1.0))
