@@ -72,7 +72,7 @@ def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
 
 
 def create_multilevel_inverse(grid, compliance, layout=SERIAL):
-    """Create the multilevel B of a periodic patch, or return None.
+    """Create the multilevel inverse B of a periodic patch, or return None.
 
     Collective over the ranks of the layout. None if the grid is too small, or has an odd number of cells. Parameters as
     of `create_circulant_inverse`.
@@ -107,7 +107,7 @@ def _create_inverse(grid, compliance, layout, near, periods, mean):
 
 
 def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
-    """Create the multilevel A of a free patch, or return None.
+    """Create the multilevel product with A of a free patch, or None.
 
     Collective over the ranks of the layout. None if the grid is small. `other` is another multilevel product with which
     coarse fields are shared; the other parameters are as of `create_circulant_inverse`.
@@ -134,7 +134,7 @@ def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
 
 
 def multilevel_influence(operator):
-    """Return the multilevel A of an InfluenceOperator. Collective.
+    """Return the multilevel product with A of an operator. Collective.
 
     It is created on first use; None on periodic patches and small grids.
     """
@@ -146,7 +146,7 @@ def multilevel_influence(operator):
 
 
 def multilevel_inverse(operator):
-    """Return the multilevel B of a periodic InfluenceOperator. Collective.
+    """Return the multilevel product with B = A^-1. Collective.
 
     It is created on first use; None on small grids and for odd numbers of cells.
     """

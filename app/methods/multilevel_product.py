@@ -42,7 +42,7 @@ def coarse_shape(shape, factors, periodic=False):
 class MultilevelOperator:
     """Multilevel product M of one level, with those of coarser levels.
 
-    Collective over the ranks of the layout.
+    Collective over the ranks of the layout. M approximates A or its inverse B.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class MultilevelOperator:
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
-        """Compute out = M p.
+        """Compute the product out = M p.
 
         Parameters
         ----------
@@ -227,8 +227,8 @@ def _copy_row_at(j, p, rows, before, after, out):
 def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
     """Restrict p to the coarse grid: coarse = P^T p.
 
-    `first` and `first_coarse` are the numbers of the first fine and coarse row of this rank; `four` and `halves` are
-    work rows.
+    P^T is the transpose of interpolation. `first` and `first_coarse` are the numbers of the first fine and coarse row
+    of this rank; `four` and `halves` are work rows.
     """
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
     pad = 1 if periodic else 3
@@ -294,8 +294,9 @@ def _add_near(
 ):  # fmt: skip
     """Compute the stencil's product plus the interpolated coarse field.
 
-    It is out = N p + P coarse. Only `rows` are computed. `parents` are the coarse rows above, in and below the slab.
-    `five`, `columns`, `doubled` and `wide` are work rows; those of `five` have zeros at the ends.
+    It is out = N p + P coarse, with N the stencil and P interpolation. Only `rows` are computed. `parents` are the
+    coarse rows above, in and below the slab. `five`, `columns`, `doubled` and `wide` are work rows; those of `five`
+    have zeros at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):

@@ -138,7 +138,7 @@ class _ReferenceSolver:
 
 
 class Tao(_ReferenceSolver):
-    """TAO solver; default tron with Jacobi-preconditioned CG. Collective."""
+    """TAO solver, by default tron with Jacobi-preconditioned CG. Collective."""
 
     _name = "tao"
     types = "tron gpcg blmvm bncg bnls bntr bntl bqnls bqnkls bqnktr bqnktl".split()
@@ -204,7 +204,7 @@ class Tao(_ReferenceSolver):
 
 
 class SnesVI(_ReferenceSolver):
-    """SNES for variational inequalities; default vinewtonrsls with CG. Collective."""
+    """SNES for variational inequalities, by default vinewtonrsls with CG. Collective."""
 
     _name = "snes"
     types = ("vinewtonrsls",)

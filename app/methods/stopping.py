@@ -12,7 +12,8 @@ IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may 
 class InexactStop(StoppingTest):
     """Stopping test of the target and coarser grids.
 
-    On the target grid it is (5.1), ||r|| <= rtol ||h||, with a second limit from ||h|| on the contact set C alone.
+    On the target grid it is (5.1), ||r|| <= rtol ||h|| for the residual r, with a second limit from ||h|| on the
+    contact set C alone.
 
     Parameters
     ----------
@@ -66,8 +67,8 @@ class InexactStop(StoppingTest):
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 
     def for_coarse_grid(self):
-        """Return the test of coarser grids, which need no unchanged contact set.
+        """Return the test of coarser grids, where contact may still change.
 
-        Step 3.b of Sec. 4.3 requires the opposite.
+        Step 3.b of Sec. 4.3 requires an unchanged contact set instead.
         """
         return replace(self, final=False)

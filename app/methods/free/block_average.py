@@ -55,7 +55,7 @@ class BlockAverage:
     def set_contact(self, contact, r=None):
         """Set the contact set; return whether contact is scattered.
 
-        With a residual r, its block means are computed in the same reduction.
+        If a residual r is given, its block means are computed in the same reduction.
         """
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
@@ -72,7 +72,7 @@ class BlockAverage:
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Update the block means if the residual changes by -share * q.
+        """Update the block means after the residual changed by -share * q.
 
         `means` is the sum of `local_means(q)` over the ranks.
         """
@@ -85,7 +85,7 @@ class BlockAverage:
         return blocks
 
     def extend(self, r, out):
-        """Set `out` to r on contact, and to smoothed means elsewhere.
+        """Set `out` to r on contact, and to smoothed block means elsewhere.
 
         `out` may be r.
         """
@@ -95,9 +95,10 @@ class BlockAverage:
         _extend(r, self._contact, blocks, *self._places, out)
 
     def apply_transpose(self, r, b):
-        """Apply the transpose to b on contact, in place; return r.b.
+        """Apply the transpose of `extend` to b, in place; return r.b.
 
-        `r` must be the residual of the last `extend`: then r.b needs no further reduction.
+        Only contact cells of b are changed. `r` must be the residual of the last `extend`: then r.b needs no further
+        reduction.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)
@@ -164,7 +165,10 @@ def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
 
 @njit()
 def _smooth(blocks, work):
-    """Smooth by binomial means over 3 x 3 blocks, with zeros outside."""
+    """Smooth block values by binomial means over 3 x 3 blocks.
+
+    Blocks outside the patch count as zero.
+    """
     ny, nx = blocks.shape
     for _ in range(SMOOTHING_PASSES):
         for j in range(ny):

@@ -33,7 +33,7 @@ MAX_SCALED_ASPECT = (
 
 
 def _create_periodic_inverse(grid, compliance, layout):
-    """Return B = A^-1 of a periodic patch.
+    """Return the inverse of the influence matrix A of a periodic patch.
 
     A has eigenvalue 0 for constants; here it is replaced by that of the longest wave.
     """
@@ -50,7 +50,7 @@ def _create_periodic_inverse(grid, compliance, layout):
 
 
 def circulant_inverse(operator, apart=False):
-    """Return B, the inverse of A continued periodically.
+    """Return B, the inverse of the influence matrix A continued periodically.
 
     Collective over the ranks of the `operator`. B is created on first use; on a periodic patch it is exact. `apart`:
     leave a gap between the copies of a free patch, as in `create_circulant_inverse`.
@@ -63,9 +63,10 @@ def circulant_inverse(operator, apart=False):
 
 
 class Circulant:
-    """PC context ``C E^T B E C`` for an `InfluenceOperator`.
+    """Preconditioner ``C E^T B E C`` on contact, as a PC context.
 
-    Collective. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3 centre of B
+    Collective. It is for an `InfluenceOperator`. C restricts fields to contact, B is the inverse of A continued
+    periodically. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3 centre of B
     (`app.methods.free.contact_edge`). This iteration starts from zero or, on a free patch with scattered contact, from
     means of the residual over blocks (`app.methods.free.block_average`). For block means the centre is scaled to keep
     constants, unless cells are long.
@@ -123,12 +124,12 @@ class Circulant:
             z *= operator.mask
 
     def precondition(self, r, z, reduced=None):
-        """Compute z = E^T B E r on the contact set.
+        """Apply the preconditioner to a residual on contact.
 
-        r and z are float64 or float32 and may be the same array. r vanishes outside contact; z is arbitrary there.
-        `reduced` saves a sum over ranks if r is the residual of the last call on this contact set minus share * q. It
-        is ``(share, terms)``, with `terms` the sum of `local_terms(q)` over the ranks. Returns r.z if it is known at no
-        cost, otherwise None.
+        It is z = E^T B E r, with E the extension and B the inverse of A. r and z are float64 or float32 and may be the
+        same array. r vanishes outside contact; z is arbitrary there. `reduced` saves a sum over ranks if r is the
+        residual of the last call on this contact set minus share * q. It is ``(share, terms)``, with `terms` the sum
+        of `local_terms(q)` over the ranks. Returns r.z if it is known at no cost, otherwise None.
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)

@@ -32,7 +32,7 @@ MIN_EIGENVALUE_RATIO = 0.05  # smallest over largest eigenvalue of the stencil
 
 
 class EdgeExtension:
-    """Extension E and its transpose on one grid.
+    """Extension E of a residual past the contact edge, and its transpose.
 
     Collective. Arrays hold the rows of this rank.
 
@@ -71,9 +71,9 @@ class EdgeExtension:
         self._weights, self._lengths, self._works = (0.0, 0.0, 0.0), np.ones(steps), {}
 
     def set_stencil(self, stencil):
-        """Set the 3 x 3 centre of B, in any unit.
+        """Set the stencil of the steps, in any unit.
 
-        Only its even part is used.
+        It is the 3 x 3 centre of B, the inverse of A. Only its even part is used.
         """
         stencil = np.asarray(stencil, float)
         even = (stencil + stencil[::-1] + stencil[:, ::-1] + stencil[::-1, ::-1]) / (4 * stencil[1, 1])
@@ -99,7 +99,7 @@ class EdgeExtension:
         self._away[:], self.rows[:] = 0, True
 
     def extend(self, x, out=None):
-        """Compute out = E x.
+        """Extend a residual past the contact edge: out = E x.
 
         x is the residual on the contact set, and the start of the steps elsewhere. Arrays are C-contiguous, float64 or
         float32. Default `out`: x.
@@ -110,7 +110,7 @@ class EdgeExtension:
         self._sweep(x, out, back=False)
 
     def restrict(self, x):
-        """Apply E^T to a field x, in place.
+        """Apply E^T, the transpose of the extension, to x in place.
 
         Outside the contact set x receives the part of the transpose that belongs to the start of the steps.
         """
@@ -139,7 +139,7 @@ class EdgeExtension:
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first step of E^T in a row."""
+    """Make the first step of the transpose E^T in a row."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -148,9 +148,9 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make a further step of E^T in a row.
+    """Make a further step of the transpose E^T in a row.
 
-    With a zero `source` it is a step of E.
+    With a zero `source` it is a step of the extension E.
     """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
@@ -162,7 +162,11 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Finish E^T in a row: subtract N s + s from b."""
+    """Finish the transpose E^T in a row of contact.
+
+    It subtracts N s + s from b. `above`, `here`, `below` are rows of s, the field after the last step; N are the
+    weights of neighbours.
+    """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
         b[i] -= stencil_sum(above, here, below, i, x, y, d) + here[i + 1]
@@ -195,7 +199,10 @@ def _pad_ends(row, periodic):
 
 @njit()
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
-    """Compute out = E x; or E^T x in place, if `back`."""
+    """Make all steps of the extension, out = E x.
+
+    `back`: apply the transpose E^T to x instead, in place.
+    """
     steps, rows = lengths.size, len(contact)
     rings[...] = 0
     for first in range(rows + steps):

@@ -103,7 +103,10 @@ class _ContactSets:
         self._largest_load, self._load_has_fallen = 0.0, False
 
     def _max_multilevel_error(self, allowed):
-        """Return the largest acceptable error of multilevel products [mm]."""
+        """Return the largest acceptable error of multilevel products [mm].
+
+        If the residual recomputed by FFT is larger, they are no longer used.
+        """
         return max(allowed, 0.5 * self._computed_norm)
 
     def solve(self):
@@ -138,7 +141,7 @@ class _ContactSets:
         return self._go_on(solved)._replace(too_loose=too_loose)
 
     def record(self, solved, exchanged):
-        """Record the result of a contact set."""
+        """Record residual and load after an update, to test progress."""
         update = exchanged.update
         if exchanged.computed and solved.multilevel:
             self.progress.best = max(
@@ -156,7 +159,10 @@ class _ContactSets:
             self.stop = self.stop.tighter(0.1)
 
     def _go_on(self, solved):
-        """Update a contact set that is not the last one."""
+        """Update a contact set that is not the last one.
+
+        The displacement is updated by the last change of p, or recomputed by FFT if that is too inaccurate.
+        """
         state, solver, allowed = self.state, self.solver, solved.allowed
         computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)
         released = solver.release(state, update=not computed)
@@ -208,7 +214,7 @@ class _ContactSets:
         return _Exchanged(update, done, computed=True)
 
     def _passes(self, update):
-        """Return whether C is unchanged and (5.1) holds."""
+        """Return whether the contact set is unchanged and (5.1) holds."""
         return not update.changed and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
 
     def _leave_coarse(self, solved, tension):

@@ -49,6 +49,9 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Add overlapping cells to contact; subtract h + u from `target` there."""
+    """Add overlapping cells to contact; close the gap there.
+
+    The gap h + u of contact cells is subtracted from `target`, the displacement on the periodic patch.
+    """
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

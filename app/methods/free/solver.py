@@ -124,7 +124,10 @@ class TrackingSolver(LinearSolver):
         return released
 
     def update_displacement(self, state):
-        """Add A times the last change of p to u, unless done."""
+        """Update u by the last change of p, unless already done.
+
+        It adds A times this change, by a multilevel product or by FFT.
+        """
         if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
             add(state.u, 1.0, self._cg.product)

@@ -111,7 +111,7 @@ def _advance(change, r, d, q, contact, spans, alpha):
 
 @njit_reassoc
 def add(a, scale, b):
-    """Add scale b to a."""
+    """Add scale * b to a, in place."""
     for j in range(a.shape[0]):
         add_row(a[j], scale, b[j])
 
@@ -147,8 +147,8 @@ def _dots(d, q, r, contact, spans):
 class TrackingCG(KspContext):
     """Conjugate gradients from a known displacement, as a KSP context.
 
-    Collective. The system is C A C x = C b. The KSP's matrix is an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol,
-    -ksp_max_it, -pc_*.
+    Collective. The system is C A C x = C b, with C the contact cells. The KSP's matrix is an `InfluenceOperator`.
+    Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
     Attributes
     ----------

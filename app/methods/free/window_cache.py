@@ -66,7 +66,10 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Count the windows' products; free their exact products, after an error."""
+        """Count the products of cached windows after an error.
+
+        Also free their products on all cells of the grid.
+        """
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)
             operator.free_exact_product()

@@ -48,7 +48,10 @@ class WindowState(ContactState):
     scaled = 1.0
 
     def compute_displacement(self, exact=False):
-        """Compute u = A p, as `ContactState`; an exact product resets `scaled`."""
+        """Compute the displacement u = A p. Collective.
+
+        An `exact` product sets `scaled` to 1; see `ContactState.compute_displacement`.
+        """
         super().compute_displacement(exact)
         self.scaled = 1.0 if self.displacement_status is Displacement.EXACT else self.scaled
 
@@ -172,9 +175,10 @@ class WindowedLevel:
                 self._cache.close(operator)
 
     def expand_to_grid(self, converged):
-        """Return the state on all cells, and whether it is solved there.
+        """Return the state on all cells, and whether it is final.
 
-        It is not if the bodies penetrate outside a window that has `converged`. The state of the window is freed.
+        It is not final if the window has `converged`, but the bodies penetrate outside it. The state of the window is
+        freed.
         """
         inside, scatter = self.state, self._scatter
         u = self.verification.displacement(inside, converged)
@@ -191,11 +195,11 @@ class WindowedLevel:
 
 
 def _choose_window(boxes, patch, margin, possible):
-    """Return the next window, in cells of the coarser grid.
+    """Return the window of the next finer grid, or None.
 
-    It contains contact of the coarser grid with its `margin`, and predicted contact. If a smaller window saves no time,
-    it is the window of the coarser grid, or None if that had none. `possible`: window around all cells where contact is
-    possible.
+    It is counted in cells of the coarser grid. It contains contact of the coarser grid with its `margin`, and
+    predicted contact. If a smaller window saves no time, it is the window of the coarser grid, or None if that had
+    none. `possible`: window around all cells where contact is possible.
     """
     outer, contact = boxes.outer, boxes.contact
     fallback, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)

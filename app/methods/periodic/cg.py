@@ -40,7 +40,10 @@ def _dots_row(d, q, p, free):
 
 @njit()
 def _dots(d, q, p, free):
-    """Return scalar products: d.q, d.p, and p.p, p.q, q.q on free cells."""
+    """Return scalar products of direction, its product and pressure.
+
+    With q = B d they are d.q and d.p on all cells, and p.p, p.q and q.q on free cells.
+    """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         sums = add_tuples(sums, _dots_row(d[j], q[j], p[j], free[j]))
@@ -56,14 +59,20 @@ def _first_step_row(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _first_step(p, d, q, alpha, left, change):
-    """Set `change` to alpha d and `left` to p + alpha q."""
+    """Make the first step of CG along the direction d.
+
+    With q = B d it sets `change` to alpha d, and the updated pressure `left` to p + alpha q.
+    """
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
 
 
 @njit_reassoc
 def _step(d, q, alpha, left, change):
-    """Add alpha d to `change` and alpha q to `left`."""
+    """Make a further step of CG: add alpha d to `change`.
+
+    Adds alpha q to the updated pressure `left`.
+    """
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])
         add_row(left[j], alpha, q[j])

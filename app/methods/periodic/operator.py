@@ -11,9 +11,9 @@ _levels_event = PETSc.Log.Event("InverseByLevels")
 
 
 class InverseOperator:
-    """Inverse B = A^-1 of a periodic grid, as a Mat context.
+    """Inverse B of the influence matrix A, as a Mat context.
 
-    Collective. B acts on displacements without mean; it maps constants to zero.
+    Collective. The grid is periodic. B acts on displacements without mean; it maps constants to zero.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class InverseOperator:
         apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
-        """Compute y = O B O x, for PETSc."""
+        """Compute y = O B O x for PETSc; O: free cells."""
         self.products += 1
         with y as out:
             d = x.getArray(readonly=True).reshape(self.local_shape)

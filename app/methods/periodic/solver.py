@@ -131,7 +131,7 @@ class PrimalSolver(LinearSolver):
 
 
 def prepare(hierarchy, multilevel):
-    """Create the products with A and B on all grids. Collective.
+    """Create the products with A and its inverse on all grids. Collective.
 
     `multilevel`: also create the multilevel products.
     """

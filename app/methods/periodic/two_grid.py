@@ -112,9 +112,10 @@ class TwoGrid:
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     def smooth(self, s, z):
-        """Compute z = M s on the free cells, and zero elsewhere.
+        """Apply the preconditioner to a residual pressure: z = M s.
 
-        If `constrained`, the `multiplier` is subtracted from s so that z has mean zero.
+        z is zero outside the free cells. If `constrained`, the `multiplier` is subtracted from s so that z has mean
+        zero.
         """
         self._update_contact()
         with _event:
@@ -137,7 +138,7 @@ class TwoGrid:
             field += amount / total_response * response
 
     def _update_contact(self):
-        """Fetch the halo of a new contact set."""
+        """Fetch the halo of a new contact set, and set its springs."""
         if self._contact_version != self.operator.contact_version:
             self._contact_version, self._response = self.operator.contact_version, None
             mask, grid = self.operator.mask, self.operator.grid
@@ -150,7 +151,10 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return M applied to the constant pressure B_00, and its sum."""
+        """Return the displacement for the constant pressure B_00, and its sum.
+
+        It is computed by the preconditioner, once for each contact set.
+        """
         if self._response is None:
             response = np.empty(self.operator.local_shape)
             even = np.full_like(response, self.stiffness)  # of any unit, 1 in single precision
