@@ -4,7 +4,7 @@ The solvers call these methods of a loading:
 
 - `first_solve` solves on the first grid; `resume` chooses the approach if an earlier solution is given instead;
 - `begin` prepares the iteration on a grid;
-- `update` moves the approach in each active set iteration, after u = A p and before cells enter C (4.b);
+- `update` moves the approach in each active set iteration, after u = A p and before cells enter C;
 - `settle` meets the prescribed number exactly, on the target grid, when the stopping test (5.1) holds;
 - `record` keeps the depth found on a grid, and `predict` extrapolates it to the next grid.
 

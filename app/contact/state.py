@@ -247,7 +247,7 @@ class ContactState:
     def tension(self):
         """Return the tension on C over the total pressure. Collective.
 
-        Step (4.a) would remove this share. It is infinite if there is tension without pressure.
+        A release would remove this share. It is infinite if there is tension without pressure.
         """
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0

@@ -8,7 +8,7 @@ BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choos
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """Test (5.1) of the residual (Sec. 4.1, step 6), and limit of iterations."""
+    """Test (5.1) of the residual (step 6 of Sec. 4.1), and limit of iterations."""
 
     rtol: float = 1e-6
     max_it: int = 100

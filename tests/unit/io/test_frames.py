@@ -1,0 +1,33 @@
+"""Tables for pandas and fields for xarray."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.io.frames import to_dataframe, to_xarray
+
+
+def test_units_of_a_table_are_those_of_its_quantities():
+    pytest.importorskip("pandas")
+    columns = {"step": [1, 2], "load": [1.0, 2.0], "analytic_load": [1.1, 2.1], "wear": [0.0, 0.1]}
+    frame = to_dataframe(columns, "step", {"wear": "um", "absent": "s"})
+    assert frame.attrs["units"] == {"load": "N", "analytic_load": "N", "wear": "um"}
+    assert frame.index.name == "step" and frame["load"].to_list() == [1.0, 2.0]
+
+
+def test_fields_have_axes_and_units_and_numbers_are_attributes():
+    pytest.importorskip("xarray")
+    names = ("pressure", "gap", "displacement", "undeformed_distance", "contact")
+    fields = {name: np.full((2, 3), float(k)) for k, name in enumerate(names)}
+    result = SimpleNamespace(
+        **fields, x=np.arange(3.0), y=np.arange(2.0), attributes={"converged": True, "load": 5.0},
+        extra={"wear": np.ones((2, 3)), "profile": np.ones(3)},
+    )  # fmt: skip
+    data = to_xarray(result)
+    assert data.sizes == {"y": 2, "x": 3}
+    assert {name: data[name].units for name in data} == {name: "mm" for name in (*names, "wear")} | {
+        "pressure": "N/mm2",
+        "contact": "1",
+    }
+    assert data.attrs == {"converged": 1, "load": 5.0}
