@@ -50,7 +50,7 @@ class PressureBounds:
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
-        """Return the change of p by a step that ends within bounds [N/mm2]."""
+        """Return the change of p by `step`, clipped to the bounds [N/mm2]."""
         return np.where(self.admissible, np.maximum(p + step, self.lower) - p, 0.0)
 
     def to_bound(self, p, contact):
@@ -58,7 +58,7 @@ class PressureBounds:
         return np.where(contact, 0.0, self.lower - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with pressure above the bound by a margin."""
+        """Return a mask of cells with p > lower bound + margin."""
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):

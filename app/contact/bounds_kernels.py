@@ -68,7 +68,7 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Return the sum of p, and that of -p in tensile cells."""
+    """Return the sum of p, and that of -p over tensile cells of C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -182,7 +182,8 @@ def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compli
 def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
     """Release and capture cells in one pass.
 
-    Cells with p < -slack leave C, and others with e = w + change - b < least_gap enter.
+    `w` is u minus the depth, and `change` its next change. Cells of C with p < -slack leave. Other admissible
+    cells with a gap e = w + change - b < least_gap enter, and are marked in `captured`.
 
     Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squared
     moves. A captured cell moves by its gap, a released one by p times `compliance`. The last sum is infinite

@@ -78,9 +78,10 @@ class Certificate:
     complementarity: float  # max |p e| / (max p * max |h|)
 
     def under(self, prescribed, load):
-        """Return the certificate under a prescribed load [N].
+        """Return the certificate, given the prescribed and the actual load [N].
 
-        The proof for a pressure with another load holds at its approach only, so its bound becomes infinite.
+        If they differ, the proof holds for the approach only, so the bound becomes infinite. Without a
+        prescribed load (None) the certificate does not change.
         """
         if prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD_RTOL):
             return self

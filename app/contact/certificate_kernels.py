@@ -35,7 +35,7 @@ def gaps(b, depth, u, p, admissible, diagonal):
     """Return the sums that certify a pressure on a periodic patch.
 
     They are the sums of g = max(e - p / B_II, 0), g - e, p g, p, p p and u, and the number of cells without
-    pressure. `diagonal` is B_II.
+    pressure. `diagonal` is B_II, with B the inverse of A.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):

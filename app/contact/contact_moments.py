@@ -30,8 +30,8 @@ _NOWHERE = ContactMoments(*[float("nan")] * 7)
 def measure_moments(state):
     """Return the moments of a `ContactState`.
 
-    Collective. The semi-axes of an ellipse are twice the roots of its principal second moments over its area. The
-    moments of the cells themselves are included.
+    Collective. The semi-axes of an ellipse are twice the roots of its principal second moments over its area.
+    The second moments of each cell about its own centre are included.
     """
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.periodic:

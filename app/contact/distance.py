@@ -147,7 +147,7 @@ class UndeformedDistance:
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
 
     def move_to(self, depth, neglected_gap=0.0):
-        """Set the depth [mm]."""
+        """Set the depth, and the mean gap that is neglected there [mm]."""
         self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
 
     def norm(self):

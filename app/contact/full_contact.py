@@ -81,7 +81,11 @@ class FullContact:
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Compute p = B (-h); return the mean pressures of full contact. Collective."""
+        """Compute p = B (-h) and the mean pressures of full contact. Collective.
+
+        B is `inverse`, or None on ranks without rows. Returns the least and the largest mean pressure [N/mm2]
+        that may be added to p.
+        """
         if inverse is not None:
             inverse.apply(distance.b, p)
         least, most = distance.bounds.mean_pressures(p)
@@ -92,7 +96,7 @@ class FullContact:
     def _is_unlikely(self, mean_pressure):
         """Return whether full contact on a coarser grid needs much more pressure.
 
-        Collective.
+        Collective. `mean_pressure` is the prescribed one [N/mm2].
         """
         if not self.level:
             return False

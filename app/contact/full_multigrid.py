@@ -91,7 +91,10 @@ def prolongate(transfer, coarse, state, beta, prolong):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Initialise C by the tolerance (4.1), and p by copying. Collective."""
+    """Initialise C by the tolerance (4.1), and p by copying. Collective.
+
+    C has the admissible cells with a gap e <= beta max(u).
+    """
     max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
     # Sec. 4.3, (3.a)
     np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1)

@@ -5,8 +5,9 @@ the finer one. An area counted in cells converges with order 1 and much scatter.
 of smooth bodies, or of rough ones whose shortest waves are resolved, converge with orders of 1.5 to 2. The error on the
 finest grid is taken as the largest of
 
-- the last difference, and half the difference before it, because two grids may agree by chance. For the area, which
-  scatters, also a quarter of the one before. 1.5 times these if there are fewer grids;
+- the last difference, and half the difference before it, because two grids may agree by chance. The area
+  scatters, so a quarter of the difference before that counts, too. If there are fewer grids, these are
+  multiplied by 1.5;
 - the sum of the geometric series that the last two or three differences start, if they have one sign. It is at most ten
   times the last difference, also if the differences do not decrease: the maximum pressure at a sharp edge does not
   converge. An area may differ by the scatter of the cells on the edge of a round contact.
@@ -44,9 +45,9 @@ class GridErrors(NamedTuple):
     contact_area_error: float = float("nan")
 
     def with_contact_edge(self, solution):
-        """Raise the error of the area to that of edge cells.
+        """Return these errors, the area's at least that of edge cells.
 
-        This is the correction in ``contact_fraction_corrected``. Areas of two grids may agree by chance,
+        The latter is the correction in ``contact_fraction_corrected``. Areas of two grids may agree by chance,
         because numbers of cells scatter.
         """
         if not solution.contact_fraction or np.isnan(self.contact_area_error):

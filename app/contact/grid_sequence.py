@@ -16,7 +16,7 @@ class GridSequence:
     Attributes
     ----------
     following : int
-        Number of the level after this one.
+        Number of the level that is solved after this one.
     at_target : bool
         True on the target grid, which is the last one.
     outcome : Outcome or None
@@ -47,7 +47,7 @@ class GridSequence:
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and the ranks without rows.
+        """Return the communicator of rank 0 and ranks without rows of `state`.
 
         It is None on other ranks.
         """

@@ -38,11 +38,17 @@ class Loading:
     kind, load, approach_is_known, allows_no_contact, shared_state = "", None, True, True, None
 
     def depth_on(self, distance):
-        """Return the depth on an `UndeformedDistance` [mm]; infinite if unknown."""
+        """Return the prescribed depth on a grid [mm]; infinite if unknown.
+
+        `distance` is the undeformed distance on that grid.
+        """
         return np.inf
 
     def mean_pressure_on(self, grid):
-        """Return the mean pressure over the patch [N/mm2]; infinite if unknown."""
+        """Return the prescribed mean pressure [N/mm2]; infinite if unknown.
+
+        The mean is over the whole patch.
+        """
         return np.inf
 
     def largest_pressure(self, distance, grid, coefficient):
@@ -76,7 +82,7 @@ class Loading:
         raise NotImplementedError
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Solve by a root search if the load is prescribed. Collective.
+        """Solve by a root search if the load is prescribed, else directly. Collective.
 
         ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a factor on the
         tolerance of these solves, because the pressure is scaled to the load after them. `rtol` is the tolerance of the
@@ -117,7 +123,7 @@ class Loading:
         return True
 
     def set_depth(self, state):
-        """Set the depth of a periodic state by this loading. Collective."""
+        """Set the depth of a periodic state as this loading demands. Collective."""
         state.depth = self.depth_on(state.distance)
 
 
@@ -127,7 +133,7 @@ class PrescribedApproach(Loading):
     Parameters
     ----------
     approach : float
-        delta [mm].
+        Approach delta [mm].
     depth : float, optional
         Approach beyond the reference [mm], if known without the rounding of `approach`.
     """
@@ -142,7 +148,7 @@ class PrescribedApproach(Loading):
         return self.approach - distance.reference if self._depth is None else self._depth
 
     def misses_contact(self, distance):
-        """Compare the depth with first touch; see `Loading.misses_contact`."""
+        """Return whether first touch is not exceeded; see `Loading.misses_contact`."""
         return self.depth_on(distance) <= distance.touching
 
     def solved_approach(self, state):

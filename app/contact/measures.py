@@ -82,7 +82,7 @@ def measure_contact(state):
 def contact_width(state, contact, enough):
     """Return the longest runs of contact cells in x and y. Collective.
 
-    Runs are counted up to `enough` cells. `contact` are the ContactMeasures of `state`.
+    Their unit is a cell, and they are counted up to `enough`. `contact` are the ContactMeasures of `state`.
     """
     grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
     excess = contact.contact_fraction - contact.contact_fraction_corrected
@@ -124,7 +124,7 @@ def measure_roughness(operator, distance, shape):
 
 
 def _steps_at_sides(operator, shape):
-    """Return rms height steps across the sides, and next to them. Collective."""
+    """Return rms height steps across the patch's sides, and next to them. Collective."""
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
 
@@ -143,7 +143,7 @@ def _steps_at_sides(operator, shape):
 def _wave_slope(operator, shape):
     """Return the mean square slope of the Fourier interpolant. Collective.
 
-    It is the sum of q^2 |h_q|^2 over the waves q.
+    It is the sum of q^2 |h_q|^2 over the waves q of the shape, with amplitudes h_q.
     """
     grid = operator.grid
 
@@ -185,7 +185,7 @@ def _squares_row(row, other):
 def _squared_differences(shape, before, periodic):
     """Return sums of squared differences across faces, and numbers of faces.
 
-    The first two numbers are for x, the others for y. Faces next to NaN are left out. `before` is the row
+    Returns sum and number in x, then in y. Faces next to NaN are left out. `before` is the row
     before the first.
     """
     in_x, in_y = (0.0, 0), (0.0, 0)

@@ -58,7 +58,7 @@ class PrescribedLoad(Loading):
         return self.load / grid.cell_area
 
     def least_displacement(self, operator):
-        """Multiply mean pressure and A_II; see `Loading.least_displacement`."""
+        """Return mean pressure times A_II; see `Loading.least_displacement`."""
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
     def restore_prescribed(self, measures):
@@ -96,8 +96,7 @@ class PrescribedLoad(Loading):
 
         ``solve(loading)`` solves from the contact set and pressure of `state`. `rtol` is relative to the load, or to
         the depth beyond first touch. `step` is the estimated error of the depth of `state` [mm]; None: the
-        search starts from an estimate of its own.
-        Returns the Outcome of all solves, converged if all are.
+        search starts from an estimate of its own. Returns the Outcome of all solves, converged if all are.
         """
         touching = state.first_touch()
         loads = {touching: 0.0}  # by depth
@@ -148,10 +147,10 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _estimate_depth(self, state, touching):
-        """Estimate the depth beyond first touch [mm], and start there.
+        """Estimate the depth that gives the load, and start there. Collective.
 
-        Collective. The overlap of the undeformed bodies is taken as a flat punch of its area and mean depth.
-        That is right for flat punches, and 4% too little for a sphere.
+        Returns this depth beyond first touch [mm]. The overlap of the undeformed bodies is taken as a flat
+        punch of its area and mean depth. That is right for flat punches, and 4% too little for a sphere.
         """
         stiffness = stiffness_of_patch(state)
         beyond = self.load / stiffness
@@ -202,12 +201,12 @@ class PrescribedLoad(Loading):
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
-        """Forget the last move, and ensure contact; see `Loading.begin`."""
+        """Forget the approach's last move, and ensure contact; see `Loading.begin`."""
         self._before = None
         state.first_contact()
 
     def update(self, state):
-        """Move by the missing load over the slope; see `Loading.update`.
+        """Move the approach by missing load over slope; see `Loading.update`.
 
         The mean gap in contact gives the load that is expected at this approach once the system (2.11) is
         solved.
@@ -246,7 +245,7 @@ class PrescribedLoad(Loading):
             self.slope = min(max(self.slope, least), MAX_LEAST_STIFFNESS_RATIO * least)
 
     def settle(self, state, update):
-        """Scale p to the load, and make the mean gap zero; see `Loading.settle`.
+        """Scale p to the load, and close the mean gap; see `Loading.settle`.
 
         On a periodic patch a constant is added to high pressures instead. Without pressure the load is
         distributed evenly over C.
@@ -262,7 +261,7 @@ class PrescribedLoad(Loading):
         return state.activate_penetrating().after(update)
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Multiply by prescribed over present load; see `Loading.scale_pressure`."""
+        """Multiply a pressure by prescribed over present load; see `Loading.scale_pressure`."""
         if total > 0:
             pressure *= self.load / (cell_area * total)
         return total > 0

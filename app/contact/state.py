@@ -153,7 +153,7 @@ class ContactState:
 
     @property
     def values(self):
-        """Local pressure as a writable array; each access counts as a change."""
+        """Local pressure as a writable array; each access marks p as changed."""
         self.pressure.stateIncrease()
         return self._p
 
@@ -167,7 +167,7 @@ class ContactState:
         return sum_over(self.comm, values)
 
     def minimum(self, values):
-        """Return minima over the ranks. Collective."""
+        """Return the minima of a few numbers over the ranks. Collective."""
         return minimum_over(self.comm, values)
 
     def first_touch(self):
@@ -221,7 +221,7 @@ class ContactState:
 
     @cached_property
     def right(self):
-        """A Vec for right-hand sides. Collective when first used."""
+        """Work Vec for right-hand sides. Collective when first used."""
         return self.pressure.duplicate()
 
     @PETSc.Log.EventDecorator("ContactUpdate")
