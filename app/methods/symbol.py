@@ -101,7 +101,10 @@ def _compute_directly(kind, dx, dy, x, y):
 
 @lru_cache(maxsize=16)
 def _smooth_part(dx, dy):
-    """Return Chebyshev coefficients [x, y] of the sum of aliases."""
+    """Return Chebyshev coefficients of the smooth part of eigenvalues.
+
+    It is the sum of aliases of the spectrum of a cell. Shape (terms in x, terms in y).
+    """
     counts = [int(np.ceil(CHEBYSHEV_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
     x, y = map(chebyshev_nodes, counts)
     return fit_even_chebyshev(_compute_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))

@@ -9,8 +9,8 @@ So `E` extends a residual such that B E r vanishes outside contact. We approxima
 Richardson steps with the 3 x 3 centre of B, which start from zero. With `N` the weights of the eight neighbours, over
 the weight of the cell itself, and the step lengths t of Chebyshev's iteration,
 
-    E r:    x_c = r,  x_o = 0,       for each t  x_o += t (-N_oc r - N_oo x_o - x_o);
-    E^T b:  s_o = t b_o, the first,  the others  s_o += t (b_o - N_oo s_o - s_o),     then  b_c - N_co s_o.
+    E r:    x_c = r,  x_o = 0;             for each t        x_o += t (-N_oc r - N_oo x_o - x_o);
+    E^T b:  s_o = t b_o for the first t;   for each later t  s_o += t (b_o - N_oo s_o - s_o);   result  b_c - N_co s_o.
 
 The steps may also start from block means of the residual (`app.methods.free.block_average`).
 

@@ -69,9 +69,9 @@ def _first_step(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _step(d, q, alpha, left, change):
-    """Make a further step of CG: add alpha d to `change`.
+    """Make a further step of CG along the direction d.
 
-    Adds alpha q to the updated pressure `left`.
+    With q = B d it adds alpha d to `change`, and alpha q to the updated pressure `left`.
     """
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])

@@ -36,9 +36,9 @@ NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 def primal_active_set(primal, solver, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of the state. It starts from displacement and pressure of the PrimalState
-    `primal`. `solver` is a
-    PrimalSolver; the other parameters and the result are as of `active_set`. Raises `NeedsSafeguard` without progress.
+    Collective over the ranks of the state. The PrimalState `primal` has the first displacement and pressure. `solver`
+    is a PrimalSolver; the other parameters and the result are as of `active_set`. Raises `NeedsSafeguard` without
+    progress.
     """
     state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
     solver.begin(state, primal.loading, stop.defect_correction)

@@ -20,7 +20,8 @@ LONG_WAVE_LEVELS = 2  # levels down to the grid of the long waves in the precond
 class PrimalSolver(LinearSolver):
     """Linear solver for the displacement of free cells. Collective.
 
-    Its matrix is O B O, with O the free cells and B the inverse of A. Its KSP is CarryingCG, its PC TwoGrid. To save
+    Its matrix is O B O, with O the free cells and B the inverse of A. Its KSP is CarryingCG, its PC TwoGrid.
+    Parameters as of `LinearSolver`. To save
     memory, parts that work in turn share fields:
 
     ===========  ==================================  ===========================================  ==================
