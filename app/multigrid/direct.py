@@ -11,7 +11,7 @@ from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
-    """Return whether the grid of an operator is small, on one rank."""
+    """Return whether a grid is on one rank, and small enough to factorise."""
     return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
@@ -24,12 +24,18 @@ def can_start_on(hierarchy, number):
 
 
 def starts_directly(hierarchy, number):
-    """Return whether `DirectSolver` solves a nested iteration's start on a level."""
+    """Return whether a nested iteration on a level starts with `DirectSolver`."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):
-    """Return the dense A of a small grid; empty on ranks without the grid."""
+    """Return the dense A of a small grid; empty on ranks without the grid.
+
+    Raises
+    ------
+    InputError
+        If the grid is too large, or on several ranks.
+    """
     grid = operator.grid
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
@@ -71,7 +77,7 @@ class DirectSolver:
         self._failure = ""
 
     def set_contact(self):
-        """Factorise for the contact set in the operator's mask."""
+        """Factorise A on the contact set in the operator's mask."""
         self.operator.mask_changed()
         cells = np.flatnonzero(self.operator.mask)
         if self._cells is not None and cells.tobytes() == self._cells.tobytes():

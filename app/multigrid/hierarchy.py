@@ -82,7 +82,7 @@ def _make_coarser(target, grids, sizes, ranks):
 def get_coarser_levels(operator):
     """Get or make the operators of coarser grids, finest first. Collective.
 
-    An operator without a hierarchy keeps the operators made here. They share its ranks; those of small grids
+    An operator without a hierarchy keeps the new operators. They are on the same ranks; those of small grids
     are on one.
     """
     if operator.coarser_levels is None:
@@ -114,7 +114,7 @@ class Hierarchy:
     grid : Grid
         Target grid.
     compliance : float
-        (1 - nu) / (pi G) [mm2/N].
+        Compliance of the bodies, (1 - nu) / (pi G) [mm2/N].
     comm : mpi4py communicator
         All ranks of the solver.
     coarsest : int
@@ -169,7 +169,10 @@ class Hierarchy:
         return petsc_comm(self.comm)
 
     def gains_ranks(self, operator, number):
-        """Return whether a level has more ranks than an operator."""
+        """Return whether a level has more ranks than an operator.
+
+        `number` is that of the level.
+        """
         level = self.levels[number]
         return operator.slabs.size < (self.comm.size if self.may_be_windowed(level) else level.slabs.size)
 
@@ -229,7 +232,7 @@ class Hierarchy:
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Count the new products of a window's operator and its coarser levels."""
+        """Add a window's new products to the work; also those on coarser levels."""
         for level in (operator, *(operator.coarser_levels or ())):
             products = level.equivalent_products
             self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))

@@ -123,7 +123,7 @@ def quintic_weights(start, stop, place, first):
 
 
 def _before(index, place):
-    """Return the coarse cells before fine centres, and distances to these.
+    """Return the coarse cells before fine centres, and distances from them.
 
     The unit is a coarse cell.
     """

@@ -14,7 +14,10 @@ from app.options.solver_options import temporary_options
 
 
 def reason_names(reasons):
-    """Return names by value of a PETSc class of convergence reasons."""
+    """Return the names of PETSc's convergence reasons by their values.
+
+    `reasons` is a class such as ``PETSc.KSP.ConvergedReason``.
+    """
     return {value: name for name, value in vars(reasons).items() if isinstance(value, int)}
 
 
@@ -25,7 +28,7 @@ _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "ei
 
 
 class LinearSolver:
-    """KSP on the contact set in the operator's mask: C A C p = b.
+    """KSP for C A C x = b, with the contact set C in the operator's mask.
 
     Collective over the ranks of the grid. The options are read from PETSc's database when the solver is
     created.
@@ -121,7 +124,7 @@ class LinearSolver:
         Returns
         -------
         x : Vec
-            Overwritten by the next call.
+            Solution, overwritten by the next call.
         iterations : int
         failure : str
             Empty, or why the solver failed. The limit of iterations is no failure: an active set iteration needs
@@ -134,9 +137,9 @@ class LinearSolver:
         return self._work, iterations, failure
 
     def _atol_for(self, allowed):
-        """Return the absolute tolerance for a norm that is small enough.
+        """Return the KSP's absolute tolerance for an `allowed` residual.
 
-        None: the tolerance of the options holds.
+        None: the tolerance of the options is kept.
         """
         other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
         if self._own_atol or other_norm or not math.isfinite(allowed):
@@ -161,7 +164,7 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
     def free_work(self):
-        """Free large work arrays until the next contact set."""
+        """Free large work arrays until the next contact set; here there are none."""
 
     def destroy(self):
         """Free the KSP, matrix and vectors. Collective."""

@@ -137,7 +137,7 @@ class ContactMG:
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y = M x by ``-pc_mg_multiplicative_cycles`` cycles, one by default."""
+        """Compute y from x by one cycle, or ``-pc_mg_multiplicative_cycles`` cycles."""
         if self._cycle is None:
             self.setUp(pc)
         try:

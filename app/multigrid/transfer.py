@@ -95,7 +95,10 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Return means over children; missing ones count as zero. Collective."""
+        """Return the mean over the children of each coarse cell. Collective.
+
+        Missing children count as zero.
+        """
         coarse = np.zeros(self._local)
         _add_children(self._fetch_children(fine), coarse, self.fy, self.fx)
         coarse *= 1.0 / (self.fy * self.fx)  # Sec. 4.2, 3, formula 1
@@ -114,11 +117,11 @@ class Transfer:
         self.coarse.mask[...] = self._send_to_owner(contact)
 
     def restrict_shape(self, shape):
-        """Return means over admissible children, NaN without any. Collective.
+        """Return the mean over admissible children of each coarse cell. Collective.
 
-        On a periodic grid coarse cells may be shorter than two fine ones. Then the mean is over all fine
-        cells that overlap the coarse one, weighted by the overlap, which preserves the mean over the patch
-        and the approach of full contact.
+        It is NaN without such children. On a periodic grid coarse cells may be shorter than two fine ones.
+        Then the mean is over all fine cells that overlap the coarse one, weighted by the overlap, which
+        preserves the mean over the patch and the approach of full contact.
         """
         if self.fine.grid.periodic and any(
             n % f for n, f in zip(self.fine.grid.shape, self.factors, strict=True)
@@ -148,7 +151,10 @@ class Transfer:
             return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Return minima over children, NaN if all are NaN. Collective."""
+        """Return the minimum over the children of each coarse cell. Collective.
+
+        It is NaN if all children are NaN.
+        """
         coarse = np.full(self._local, np.nan)
         for child, parents in self._children(fine):
             np.fmin(coarse[parents], child, out=coarse[parents])
@@ -156,7 +162,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Add coarse cells to their children in C_h. Collective."""
+        """Add the values of coarse cells to their children in C_h. Collective."""
         parents, skipped = self._fetch_parents(coarse), self.fine.slabs.rows.start % self.fy
         row = np.empty(fine.shape[1])
         _add_copies(parents, self.fine.mask, fine, skipped, self.fy, self.fx, row)  # Sec. 4.2, 5, formula 3
@@ -164,14 +170,14 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
-        """Copy coarse cells to their children. Collective."""
+        """Copy the values of coarse cells to their children. Collective."""
         _copy(self._fetch_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
-        """Interpolate bilinearly. Collective.
+        """Interpolate a coarse field bilinearly to the fine grid. Collective.
 
-        It extrapolates at the boundary of a patch or window.
+        It is extrapolated at the boundary of a patch or window.
         """
         wide = self._fetch_neighbours(coarse)
         if not fine.size:
@@ -187,7 +193,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate_quintic(self, coarse, fine):
-        """Interpolate by quintic polynomials on a periodic grid. Collective."""
+        """Interpolate a coarse periodic field by quintic polynomials. Collective."""
         wide = self._fetch_quintic_neighbours(coarse)
         if not fine.size:
             return
@@ -241,7 +247,7 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells to the coarse cells that they are children of.
+    """Add the values of fine cells to their coarse cells.
 
     The first fine row and column are the first children of the first coarse ones.
     """
@@ -266,7 +272,7 @@ def _copy_row(coarse, fine, fx):
 
 @njit()
 def _copy(coarse, fine, skipped, fy, fx):
-    """Copy coarse cells to their children.
+    """Copy the values of coarse cells to their children.
 
     `skipped` is the number of fine rows of the first coarse row that are not in `fine`.
     """
@@ -276,7 +282,10 @@ def _copy(coarse, fine, skipped, fy, fx):
 
 @njit()
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
-    """Add coarse cells to their children inside a mask."""
+    """Add the values of coarse cells to their children inside a mask.
+
+    `skipped` is as in `_copy`; `row` is work space of a fine row.
+    """
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
         add_masked(row, mask[j], fine[j])

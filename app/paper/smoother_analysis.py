@@ -65,7 +65,7 @@ class LineContact:
         return dense_matrix(self.grid, self.material.compliance)
 
     def pressure(self):
-        """Return the pressure over its maximum, sqrt(1 - (x/a)^2), shape (n,)."""
+        """Return p over its maximum, sqrt(1 - (x / half_width)^2), shape (n,)."""
         return np.sqrt(1 - (self.grid.x() / self.half_width) ** 2)
 
 
@@ -182,14 +182,14 @@ def modes(iteration_matrix):
 
 
 def paper_mode_index(number, n):
-    """Return the index in `Modes` of a mode of the paper, 1 to n."""
+    """Return the index in `Modes` of the paper's mode `number`, 1 to n."""
     if not 1 <= number <= n:
         raise ValueError(f"mode {number}: must be from 1 to {n}")
     return (number - 2) % n  # the paper's first mode is the last in `Modes`
 
 
 def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
-    """Compute the errors of a stationary iteration from zero (Fig. 6).
+    """Compute the errors of a stationary iteration that starts from zero (Fig. 6).
 
     The errors depend on the exact solution alone: p - p^i = S^i p, with the iteration matrix S.
 

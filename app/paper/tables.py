@@ -67,7 +67,7 @@ def _evaluate_table1(outcomes):
 def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256), **options):
     """Return a problem's runs with the three cycles, and NORM if `norm`.
 
-    The names of the method files are `prefix` and the cycle.
+    They are on all grids of `sizes` within `limits`. The names of the method files are `prefix` and the cycle.
     """
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
     return {

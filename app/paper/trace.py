@@ -8,7 +8,7 @@ Tables 1 and 4 and Figures 8 and 11 need these records.
 dataset                 shape             unit   meaning
 ======================  ================  =====  ==================================================================
 ``pressure``            (k + 1, ny, nx)   N/mm2  p before iteration 1, and after each of the k iterations
-``contact``             (k + 1, ny, nx)   1      C likewise, uint8
+``contact``             (k + 1, ny, nx)   1      contact set C at the same times, uint8
 ``linear_residuals``    (m + 1)           mm     norms of the defect in the KSP of the last system
 ``exact_pressure``      (ny, nx)          N/mm2  analytic solution at the cell centres, if there is one
 ``admissible``          (ny, nx)          1      where contact is possible, uint8

@@ -83,7 +83,7 @@ def cone(quick):
 def punch(quick):
     """Compare a flat circular punch with the analytic solution.
 
-    Its load is compared with that of the punch that has the same contact area as the cells.
+    The load is compared with that of a punch whose area is the computed contact area.
     """
     contact, sizes = (
         FlatCircularPunch.from_approach(1.0, E_STAR, 0.01),

@@ -19,7 +19,7 @@ _MIN_RATIO = 0.1  # Least ratio of error to bound where rounding is negligible.
 def errors_of_answers(quick):
     """Yield true relative errors in the energy norm and their bounds.
 
-    Yields one pair (kind of patch, {tolerance: errors and bounds}) for each kind of patch.
+    Each item is a pair (kind of patch, {tolerance: errors and bounds}).
     """
     rng = np.random.default_rng(5)
     for periodic in PATCHES[: 2 if quick else 3]:

@@ -182,7 +182,7 @@ class DenseProblem:
         return whole.reshape(self.grid.shape)
 
     def _full(self):
-        """Return the least pressure of full contact, A p = mean(h) - h."""
+        """Return the least pressure p >= 0 of full contact: A p = mean(h) - h."""
         right = self._gap.mean() - self._gap
         inverse = np.linalg.pinv(self._a, rcond=1e-13, hermitian=True)
         p = np.zeros(right.size, np.longdouble)

@@ -1,4 +1,4 @@
-"""Checks of invariance under translation, rotation and changes of units."""
+"""Checks of invariance under reflection, translation and changes of units."""
 
 from dataclasses import replace
 

@@ -1,4 +1,7 @@
-"""Comparisons with independent solvers: they share only the coefficients or the product."""
+"""Comparisons with independent solvers.
+
+They share only the influence coefficients, or the product with A, with the solvers under test.
+"""
 
 import numpy as np
 
