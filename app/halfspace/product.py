@@ -148,7 +148,7 @@ class DenseProduct:
         self.count = 0
 
     def apply(self, p, out, mask=None):
-        """Compute out = A p, or C A C p with a contact mask."""
+        """Compute out = A p, or C A C p with a mask."""
         self.count += 1
         if mask is None:
             out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)

@@ -1,4 +1,4 @@
-"""FFTW plans for compiled code, as addresses."""
+"""FFTW plans whose addresses compiled loops can execute."""
 
 import ctypes
 import weakref
@@ -15,9 +15,10 @@ _MODULES = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, 
 
 @intrinsic
 def execute(typing_context, function, plan):
-    """Call ``void function(void *plan)``; both are addresses.
+    """Execute an FFTW plan in compiled code.
 
-    After a change here, clear numba's cache: it recompiles callers only if their own files change.
+    `function` is the address of FFTW's ``void execute(void *plan)``, `plan` that of the plan. After a change of this
+    function, clear numba's cache, because numba recompiles its callers only if their own files change.
     """
 
     def generate(context, builder, signature, arguments):
@@ -32,7 +33,7 @@ def execute(typing_context, function, plan):
 
 @cache
 def _load_library(dtype):
-    """Return FFTW of a precision, and the prefix of its functions."""
+    """Return FFTW's library for a precision, and its functions' prefix."""
     if dtype not in _MODULES:
         raise ValueError(f"dtype {dtype}: must be one of {', '.join(_MODULES)}")
     module, prefix = _MODULES[dtype]
@@ -44,16 +45,20 @@ def _load_library(dtype):
 
 
 class FFTW:
-    """FFTW plans as addresses that compiled code can execute."""
+    """Maker of FFTW plans in one precision, for compiled code.
+
+    The plans are addresses, valid as long as this object lives.
+    """
 
     def __init__(self, dtype):
         self._library, self._prefix = _load_library(dtype.name)
         self.execute = ctypes.addressof(ctypes.c_char.in_dll(self._library, f"{self._prefix}_execute"))
 
     def plans(self, cells, spectrum, length):
-        """Plan transforms of rows of `cells` to `spectrum` and back.
+        """Return plans of transforms from `cells` to `spectrum` and back.
 
-        `cells` is real or complex. Plans are estimated, so that they are the same in every process.
+        Each row of `cells`, real or complex, is a sequence of `length` entries; its transform is a row of `spectrum`.
+        Plans are estimated, not measured, so that they are the same in every process.
         """
         source, target = (
             (ctypes.c_void_p(a.ctypes.data), None, 1, a.strides[0] // a.itemsize) for a in (cells, spectrum)

@@ -1,4 +1,4 @@
-"""Lengths of fast transforms."""
+"""Lengths at which Fourier transforms are fast."""
 
 from functools import lru_cache
 
@@ -7,10 +7,11 @@ from scipy.fft import next_fast_len
 
 @lru_cache(maxsize=256)
 def fast_length(n, even=False):
-    """Return a length >= n at which a product is fast.
+    """Return a length of at least n at which products are fast.
 
-    Per point, FFTW's estimated plans take half the time at powers of two, and 0.8 of it at odd multiples of large
-    powers. The rest of a product takes as long again at any length. Memory has a cost, too.
+    The length has the least estimated cost; it is even if `even` is true. Per point, FFTW's estimated plans take half
+    of their usual time at powers of two, and 0.8 of it at multiples of 64. The rest of a product takes as long as the
+    transforms at a power of two. The cost also grows with the memory.
     """
 
     def cost(length):
@@ -27,5 +28,8 @@ def fast_length(n, even=False):
 
 
 def transform_length(n):
-    """Return a fast even length >= 2 n - 1."""
+    """Return a fast even length for the convolution of n cells.
+
+    It is at least 2 n - 1, so that the convolution does not wrap around.
+    """
     return fast_length(max(2 * n - 1, 2), even=True)

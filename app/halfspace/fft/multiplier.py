@@ -8,9 +8,10 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
 - *Pruned*: in x only rows with data are transformed, and only the requested rows are transformed back. Two real rows
   are transformed as one complex row.
 - *Blocked*: a few columns at a time are transformed, scaled and transformed back, inside the cache. Between the
-  transforms the data are in strips of as many columns (`strips`), so that rows and columns are accessed in order.
+  transforms the data are in strips of these few columns (`strips`), so that rows and columns are accessed in order.
 - *Real even spectrum*: the kernel K is even in both directions, so its spectrum is real and even: (Nx/2+1)(Ny/2+1)
-  doubles, about n for periods of twice the field. With the x-transformed rows (2 n), a product needs 3 n doubles.
+  doubles, about as many as the n cells of a field if the periods are twice its sides. The rows transformed in x need
+  another 2 n, so a product needs 3 n doubles.
 - *Distributed*: rows are in slabs, columns are dealt to the ranks (`transpose`) by one all-to-all each way. Ranks that
   share memory send nothing. Large transfers are split into column groups, so the receive buffer is a fraction of n.
 """
@@ -45,8 +46,8 @@ _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 class _Sequences:
     """Work arrays for complex sequences and their transforms, with FFTW plans.
 
-    Sequences are an odd number of cache lines apart. With lengths that are multiples of large powers of two, equal
-    places in all of them would otherwise share a few places of the cache.
+    Sequences begin an odd number of cache lines apart. Otherwise, with a length that is a multiple of a large power of
+    two, the entries with equal index in all sequences would compete for a few places of the cache.
     """
 
     def __init__(self, length, dtype, count):
@@ -60,7 +61,10 @@ class _Sequences:
         self.execute = self._fftw.execute
 
     def plans(self, few):
-        """Return plans for all sequences and for a batch of `few`."""
+        """Return plans for all sequences, and for the first `few`.
+
+        Each of both is a forward and a backward plan. If `few` is 0, it means all sequences.
+        """
         for count in (self._count, few or self._count):
             if count not in self._plans:
                 arrays = self.data[:count], self.transforms[:count]
@@ -84,10 +88,11 @@ def _scratch(shape, dtype):
 
 
 class SpectrumCache(dict):
-    """Cache of spectra of an operator and its predecessor.
+    """Cache of spectra of an operator, filled from its predecessor's.
 
-    A moved window has the periods of its predecessor. The contents depend only on the operators made before, so they
-    are the same on all ranks of a grid.
+    `before` is the cache of the predecessor. After a window was moved, its operator has the same periods as the
+    operator before, and so the same spectra. The contents depend only on the operators made before, so they are the
+    same on all ranks of a grid.
     """
 
     def __init__(self, before=None):
@@ -95,24 +100,24 @@ class SpectrumCache(dict):
         self._before = dict(before or {})
 
     def lookup(self, key):
-        """Return the spectrum with a key, or None."""
+        """Return the spectrum stored with a key, or None."""
         return self.get(key, self._before.pop(key, None))
 
     def drop_unused(self):
-        """Free spectra of the operator before that were not used again."""
+        """Free the predecessor's spectra that were not used again."""
         self._before.clear()
 
 
 class Layout(NamedTuple):
     """Distribution, precision and storage that the multipliers of one operator share.
 
-    The default is one rank in double precision. `float32` takes half the time and memory.
+    The default is a single rank and double precision. Products in `float32` take half the time and memory.
     """
 
     slabs: object = None  # Slabs; None: this rank has all rows.
-    comm: object = None  # Ranks that share the grid; those of a `Communicator` may share memory, too.
+    comm: object = None  # Ranks that share the grid; the ranks of a `Communicator` may also share memory.
     dtype: object = np.float64
-    workspace: object = None  # Multiplier, at rest, whose working storage is used if it is large enough.
+    workspace: object = None  # Multiplier that lends its working storage, if this is large enough.
     spectra: object = None  # SpectrumCache
 
 
@@ -122,11 +127,12 @@ SERIAL = Layout()
 class EvenMultiplier:
     """Multiplication by a real even function in Fourier space.
 
-    It is a convolution with an even kernel on fields of `shape` (ny, nx), padded with zeros to the `periods` (Ny, Nx).
-    `count` is the number of products computed. Collective over the layout's ranks.
+    A product is the convolution of a field with an even kernel. Fields have the `shape` (ny, nx) and are padded with
+    zeros to the `periods` (Ny, Nx). The attribute `count` is the number of products computed. Collective over the
+    layout's ranks.
     """
 
-    image_correction = None  # summand of the product, see `app.halfspace.images`
+    image_correction = None  # ImageCorrection of `app.halfspace.images`, added to the product
 
     def __init__(self, shape, periods, layout=SERIAL):
         self.shape, self.periods = shape, periods
@@ -160,7 +166,8 @@ class EvenMultiplier:
     def load_or_make(self, key, make):
         """Load the spectrum from the cache, or make it. Collective.
 
-        `key` identifies it among those of this type, periods and layout. `make` calls `set_kernel` or `set_spectrum`.
+        `key` identifies the spectrum among those of multipliers with the same type, periods and layout. The function
+        `make` calls `set_kernel` or `set_spectrum`.
         """
         key = type(self), key, self.periods, self.dtype.name, tuple(self._edges)
         self._spectrum = None if self._spectra is None else self._spectra.lookup(key)
@@ -173,8 +180,8 @@ class EvenMultiplier:
     def set_kernel(self, kernel_rows, rows, columns):
         """Set the spectrum to the transform of an even kernel. Collective.
 
-        ``kernel_rows(slice)`` returns it at non-negative offsets. The first `rows` and `columns` of these are not zero;
-        at most half a period and one.
+        ``kernel_rows(slice)`` returns rows of the kernel at non-negative offsets. The kernel is zero except in the
+        first `rows` and `columns`, whose numbers are at most half a period plus one.
         """
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
@@ -210,7 +217,8 @@ class EvenMultiplier:
     def set_spectrum(self, symbol):
         """Set the spectrum to a function of the frequencies.
 
-        ``symbol(columns, rows)`` returns it for arrays of some frequencies in x and all in y, up to half the period.
+        ``symbol(columns, rows)`` returns the spectrum for an array of frequencies in x, and for one of all frequencies
+        in y up to half the period.
         """
         columns, rows = self._frequencies()
         spectrum = np.empty((columns.size, rows.size), self.dtype)
@@ -231,7 +239,7 @@ class EvenMultiplier:
 
     @cached_property
     def centre(self):
-        """Matrix entries around a cell, shape (3, 3). Collective on first use."""
+        """Kernel at offsets -1, 0 and 1. Collective on first use."""
         ny_fft, nx_fft = self.periods
         columns, rows = self._frequencies()
 
@@ -245,7 +253,10 @@ class EvenMultiplier:
         return quarter.T[np.ix_(offsets, offsets)]
 
     def in_precision(self, dtype, kind=None):
-        """Return a copy in another precision that shares storage."""
+        """Return a copy in another precision; both share working storage.
+
+        `kind` is the class of the copy, by default the same class.
+        """
         other = EvenMultiplier.__new__(kind or type(self))
         EvenMultiplier.__init__(other, self.shape, self.periods, Layout(self.slabs, self.comm, dtype, self))
         other._spectrum = self._spectrum.astype(dtype)
@@ -253,12 +264,12 @@ class EvenMultiplier:
 
     @property
     def points(self):
-        """Number of points transformed so far, there and back."""
+        """Number of points of all products so far: Ny Nx for each."""
         return self.count * self.periods[0] * self.periods[1]
 
     @property
     def working_storage(self):
-        """Work array of products as bytes, free for others between products."""
+        """Work array of products as bytes; unused between products."""
         return self._transformed.view(np.uint8)
 
     @cached_property
@@ -279,13 +290,13 @@ class EvenMultiplier:
         Parameters
         ----------
         p, out : ndarray, shape (local rows, nx)
-            They may be the same.
+            Field and its product; both may be the same array.
         mask : ndarray of bool, shape (local rows, nx), optional
-            The cells of C. Rows without any are not transformed.
+            Cells of the contact set C. Rows without contact are not transformed.
         rows : ndarray of bool, shape (local rows,), optional
-            Rows that are not zero in p and computed in `out`; other rows of `out` are undefined.
+            Rows in which `out` is computed; in all other rows p must be zero, and `out` is undefined.
         scale : float, optional
-            If not 0, divide by the spectrum instead, and multiply by this.
+            If not 0, divide by the spectrum instead of multiplying by it, and multiply by this number.
         """
         self.count += 1
         mask, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
@@ -309,9 +320,10 @@ class EvenMultiplier:
 
 
 def transform_even(samples, period):
-    """Transform even periodic sequences along axis 1.
+    """Return the Fourier transforms of even periodic sequences, along axis 1.
 
-    They are given by their first ``period // 2 + 1`` samples. Applied twice this is ``period`` times the identity.
+    A sequence is given by its first ``period // 2 + 1`` samples, and so is its transform, which is real and even. Two
+    transforms in turn multiply by ``period``.
     """
     if period == 1:
         return samples

@@ -1,4 +1,4 @@
-"""Compiled loops between real rows and complex columns.
+"""Compiled loops that transform rows, and convolve columns, by FFTW.
 
 - *Pairs.* Two real rows a, b are transformed as one complex row a + i b, at half the cost of two real transforms by
   FFTW. An odd last row is paired with itself.
@@ -6,8 +6,8 @@
   strip, and both ways memory is accessed in order. Strips are consecutive in one flat array; the last may be narrower.
 - *Columns.* The columns of a strip are gathered as rows of a small array, transformed there, and scattered back.
 
-A product is `rows_to_strips`, `convolve_columns`, `strips_to_rows`. They call FFTW from compiled code, because on small
-grids every call from Python counts.
+A product calls `rows_to_strips`, `convolve_columns` and `strips_to_rows`. These call FFTW from compiled code, because
+on small grids every call from Python takes a noticeable part of the time.
 
 LLVM vectorises these loops only if indices are unsigned (not tested for being negative), complex numbers are made of
 real products (not tested for NaN), and the loop over a row is a function of its own.
@@ -37,7 +37,10 @@ def _pair_masked_row(a, b, mask_a, mask_b, row):
 
 @njit()
 def _pair(p, mask, pairs):
-    """Compute pairs[m] = p[2 m] + i p[2 m + 1]."""
+    """Make complex rows of pairs of real rows.
+
+    Compute pairs[m] = p[2 m] + i p[2 m + 1]. With a mask (not of size 0), p counts as zero outside of it.
+    """
     last = p.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
@@ -64,7 +67,7 @@ def _unpair_masked_row(row, mask_a, mask_b, a, b):
 
 @njit()
 def _unpair(pairs, mask, out):
-    """Undo `_pair`."""
+    """Undo `_pair`: split complex rows into the real rows of `out`."""
     last = out.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
@@ -76,7 +79,11 @@ def _unpair(pairs, mask, out):
 
 @njit()
 def _split(both, first, a, b):
-    """Split the transform of a pair of rows."""
+    """Split the transform of a pair into those of its two rows.
+
+    `both` is the transform of the complex row a + i b. The transforms of the rows a and b are stored in `a` and `b`,
+    from frequency `first` on.
+    """
     length, start, half = np.uint64(both.size), np.uint64(first), both.real.dtype.type(0.5)
     for c in range(np.uint64(first == 0), np.uint64(a.size)):
         x, y = both[start + c], both[length - start - c]
@@ -89,7 +96,7 @@ def _split(both, first, a, b):
 
 @njit()
 def _unite(both, first, a, b):
-    """Undo `_split`."""
+    """Undo `_split`: unite the transforms of two rows."""
     length, start = np.uint64(both.size), np.uint64(first)
     for c in range(np.uint64(a.size)):
         x, y = a[c], b[c]
@@ -107,7 +114,10 @@ def _copy_strip(source, i, target, k):
 
 @njit()
 def copy_rows(rows, strips, height, start, store):
-    """Store rows in strips from row `start` on, or load them."""
+    """Copy rows to strips if `store` is true, else back from strips.
+
+    The strips have `height` rows, of which the copied ones begin at row `start`.
+    """
     whole = rows.shape[1] // STRIP * STRIP
     for strip in range(0, whole, STRIP):
         at = height * strip + start * STRIP
@@ -128,7 +138,10 @@ def copy_rows(rows, strips, height, start, store):
 
 @njit()
 def _store_pairs(transforms, length, first, count, active, scratch, strips, height, start):
-    """Store transforms of `count` rows, from frequency `first` on, or zeros."""
+    """Split transforms of pairs, and store them in strips.
+
+    There are `count` rows. The strips have the frequencies from `first` on. If `active` is false, the rows are zero.
+    """
     if not height:
         return
     columns = strips.size // height
@@ -142,7 +155,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
 
 @njit()
 def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Undo `_store_pairs`."""
+    """Undo `_store_pairs`: load rows from strips and unite pairs."""
     if not height:
         return
     columns = strips.size // height
@@ -191,7 +204,10 @@ def _divide(column, factor, scale):
 
 @njit()
 def _any_active(p, mask, rows, start, stop):
-    """Return whether `rows`, or else the mask or p, has nonzero rows."""
+    """Return whether any row from `start` on is not zero.
+
+    The rows end before `stop`. This is decided by `rows` if it is given, else by the mask if it is given, else by p.
+    """
     if rows.size:
         return rows[start:stop].any()
     return any_nonzero(mask[start:stop]) if mask.size else any_nonzero(p[start:stop])
@@ -203,8 +219,9 @@ def rows_to_strips(
 ):
     """Transform the rows of p into strips.
 
-    The columns between two `edges` are consecutive strips. With a mask, p is taken on C. `rows`: the nonzero rows, if
-    known. An absent mask or `rows` has size 0. The last batch may have fewer rows.
+    The columns between two `edges` are consecutive strips. With a mask, p counts as zero outside of it. `rows` says
+    which rows are not zero, if this is known. An absent mask or `rows` has size 0. `forward` and `few_forward` are the
+    plans of a whole batch of rows and of the last batch, which may have fewer rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
@@ -222,7 +239,11 @@ def rows_to_strips(
 def strips_to_rows(
     out, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, backward, few_backward
 ):
-    """Transform back into `out`, 0 outside C; or only into `rows`."""
+    """Transform strips back into the rows of `out`.
+
+    The arguments are like those of `rows_to_strips`. `out` is zero outside the mask. With `rows` only these rows are
+    computed.
+    """
     height = out.shape[0]
     for start in range(0, height, ROWS):
         stop = min(start + ROWS, height)
@@ -240,7 +261,10 @@ def strips_to_rows(
 
 @njit()
 def _copy_columns(own, received, places, heights, rank, count, first, last, columns, gather):
-    """Gather a strip of columns from all ranks, or scatter it."""
+    """Gather a strip of columns from all ranks, or scatter it.
+
+    The columns are `first` to `last` - 1. Return the number of rows.
+    """
     start = 0
     for q in range(heights.size):
         height = heights[q]
@@ -270,16 +294,20 @@ def convolve_columns(
 
     Parameters
     ----------
-    own, received : ndarray of complex
-        Strips of the rows of this rank, and of the others, those of rank q from ``places[q]`` on.
+    own : ndarray of complex
+        Strips of the rows of this rank.
+    received : ndarray of complex
+        Strips of the rows of the other ranks; those of rank q begin at ``places[q]``.
     heights : ndarray of int, shape (ranks,)
         Number of rows of each rank.
     columns, transforms, parts : ndarray
-        Work arrays for a strip of columns of this `length`, its transforms, and the latter as reals; may be longer.
+        Work arrays: a strip of columns of the period `length`, the transforms of these, and the same memory as reals.
     spectrum : ndarray, shape (columns, half a period and one)
-        Factors; if `scale` is not 0, divide by them and multiply by it.
-    fftw, forward, backward, few_forward, few_backward : int
-        Addresses of FFTW's ``execute``, and of the plans of a whole strip, and of the last one.
+        Factors of the transforms. If `scale` is not 0, divide by the factors instead, and multiply by `scale`.
+    fftw : int
+        Address of FFTW's ``execute``.
+    forward, backward, few_forward, few_backward : int
+        Addresses of the plans of a whole strip, and of the last strip, which may have fewer columns.
     """
     count = spectrum.shape[0]
     for first in range(0, count, STRIP):

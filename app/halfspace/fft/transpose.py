@@ -1,7 +1,7 @@
-"""Distributed transpose between slabs of rows and dealt columns.
+"""Distributed transpose between slabs of rows and columns dealt to ranks.
 
-It is done for one group of columns at a time. Ranks that share memory (`app.parallel.shared_memory`) send nothing: each
-works on its columns where the other ranks store them.
+The transpose is done for one group of columns at a time. Ranks that share memory (`app.parallel.shared_memory`) send
+nothing: each rank works on its columns where the other ranks store them.
 """
 
 import itertools
@@ -17,7 +17,7 @@ _GROUP_BYTES = 1 << 22  # sent by a rank at once, approximately
 def deal_columns(columns, row_counts, comm):
     """Split columns into groups, each dealt to all ranks.
 
-    Groups are the same in all precisions. `row_counts` are the rows of each rank.
+    The groups are the same in single and double precision. `row_counts` are the numbers of rows of all ranks.
     """
     if comm is None:
         return [ColumnGroup(0, columns, 1, 0, row_counts)]
@@ -31,7 +31,7 @@ def deal_columns(columns, row_counts, comm):
 class ColumnGroup:
     """Columns [start, stop) dealt to ranks, and their all-to-all.
 
-    On both sides, strips are ordered by rank. Data for the rank itself are not moved.
+    In the send and in the receive buffer, strips are ordered by rank. Columns that stay on the rank are not moved.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):
@@ -51,22 +51,25 @@ class ColumnGroup:
         self.to_receive = int(received.sum())
 
     def part(self, transformed):
-        """Return the part of this group in the array of all groups."""
+        """Return this group's part of an array with all groups."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):
-        """Return the rows of this rank in its own columns."""
+        """Return this rank's rows of its own columns, which are not sent."""
         first = self._rows * (self.columns.start - self.edges[0])
         return part[first : first + self._rows * self.count]
 
     def pieces(self, transformed):
-        """Return first column, end column and strips to send for each rank."""
+        """Return, for each rank, its first and end column and their strips."""
         return [
             (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
         ]
 
     def deal(self, comm, part, received):
-        """Return the columns of this rank, strips by rank. Collective."""
+        """Exchange columns; return those of this rank. Collective.
+
+        They are a list with the strips of the rows of each rank.
+        """
         own = self.own(part)
         if comm is None:
             return [own]
@@ -89,9 +92,9 @@ class ColumnGroup:
 
 
 class Exchange:
-    """Access to the columns between two transposes.
+    """Exchange of columns before and after their convolution. Collective.
 
-    `transformed` has the strips of the rows of this rank. Collective.
+    `transformed` has the strips of the rows of this rank.
     """
 
     def __init__(self, groups, transformed, comm, storage):
@@ -111,9 +114,9 @@ class Exchange:
             self._columns.append((own, others, places, group.heights, group.rank))
 
     def each(self):
-        """Iterate over the arguments of `strips.convolve_columns` of each group.
+        """Iterate over the groups, as first arguments of `strips.convolve_columns`.
 
-        The iteration must be completed: columns are sent back when the next ones are requested.
+        The iteration must be completed: the columns of a group are sent back when the next group is requested.
         """
         if self._comm is None:
             return self._columns

@@ -1,30 +1,33 @@
 """Exact lexicographic Gauss-Seidel sweeps for C A C p = b.
 
 A sweep costs as much as one or two products with A. A damped sweep solves ``(D / omega + L_C) d = r`` on the contact
-set C, then ``p += d``. D is the diagonal of A, L_C the strictly lower part of C A C in row-major order, r the masked
-defect. Cell by cell this is O(n^2) work. But L is Toeplitz: forward substitution is a convolution in which one cell
-after the other becomes known (a *causal* or on-line
-convolution), and it can be blocked:
+set C, then ``p += d``. D is the diagonal of A, and r the defect, zero outside C. L, the strictly lower part of A in
+row-major order, is Toeplitz; L_C is L with zero rows and columns outside C. Cell by cell the work would be O(n^2) for n
+cells. But forward substitution with L is a convolution in which one cell after the other becomes known (a *causal* or
+on-line convolution), and such a convolution can be computed in blocks:
 
 - *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. For each of the
-  ``F = Nx/2 + 1`` frequencies, its effect on later rows is a convolution in y with one real number per lag. The
-  transform back gives the right-hand side of the next row.
-- *Leaves* are blocks of 64 rows, 32 on several ranks. Rows act directly on those of their own leaf and of the next.
-- *Transfers.* When m leaves are solved, let 2^k be the largest power of two that divides m. The last 2^k leaves act, by
-  an FFT in y, on the 2^k leaves after the next one. Every pair of leaves is served exactly once, and a leaf earlier
-  than needed, so transfers can run while the next leaf is solved.
-- *Reach.* A wave of length l in x decays as ``exp(-2 pi |y| / l)``, so most frequencies matter to the next few rows
-  only. This needs a kernel that is smooth over its period: beyond the lags that occur, nx - 1, it is arbitrary, and
-  blended into its mirror image. Frequencies, in chunks, take part in transfers up to their reach.
-- *In a row* the coupling is a Toeplitz triangle with holes. Four contact cells at a time take scalar products with
-  solved ones; long rows are cut into segments with transfers as above. A row in contact without holes is multiplied by
-  the inverse of the triangle, also a convolution.
+  ``F = Nx/2 + 1`` frequencies, the effect of the row on later rows is a convolution in y, with one real number for each
+  lag (distance in rows). The transform back gives the right-hand side of the next row.
+- *Leaves* are blocks of 64 rows, 32 on several ranks. Rows act directly on rows of their own leaf and of the next leaf.
+- *Transfers* are the effects of leaves on leaves further away. When m leaves are solved, let 2^k be the largest power
+  of two that divides m. The last 2^k leaves act, by an FFT in y, on the 2^k leaves after the next leaf. Every pair of
+  leaves that are not neighbours is treated exactly once. A transfer is ready one leaf before it is needed, so transfers
+  can run while the next leaf is solved.
+- *Reach.* A wave of length l in x decays as ``exp(-2 pi |y| / l)``, so most frequencies matter for the next few rows
+  only. This needs a kernel that is smooth over its period in x. Values of the kernel at offsets above nx - 1 are never
+  used, so they are chosen to join the kernel smoothly to its mirror image. A chunk of frequencies takes part only in
+  transfers within its reach.
+- *In a row* the coupling is a Toeplitz triangle with holes. Scalar products with the solved cells give four contact
+  cells at a time. Long rows are cut into segments, with transfers between them as above. If contact has no holes in a
+  row, the row is multiplied by the inverse of the triangle, which is also a convolution.
 - *Columns* without contact at the left and right are omitted.
 
-The result is that of the scalar double loop up to round-off, for any mask. Work is O(n log^2 n); empty rows and leaves
-cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because the kernel is even.
+Up to round-off the result is that of the scalar double loop, for any contact set. The work is O(n log^2 n); rows and
+leaves without contact cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because
+the kernel is even.
 
-Several ranks: see `app.halfspace.gauss_seidel.pipeline`.
+`app.halfspace.gauss_seidel.pipeline` explains sweeps on several ranks.
 """
 
 import numpy as np
@@ -35,18 +38,18 @@ from app.halfspace.gauss_seidel.pipeline import SweepMessages
 from app.halfspace.gauss_seidel.tables import SEGMENT_COLUMNS, SweepTables
 from app.parallel.slabs import Slabs, none_if_single
 
-_COLUMN_MARGIN = 0.1  # of the columns in contact, added to them because contact may grow
-_MAX_COLUMN_SHARE = 0.85  # of all columns; above, all are swept over
+_COLUMN_MARGIN = 0.1  # share of the columns in contact that is added to them, because contact may grow
+_MAX_COLUMN_SHARE = 0.85  # share of all columns above which all columns are swept over
 
 
 class GaussSeidel:
     """Exact lexicographic Gauss-Seidel sweeps for the influence matrix of a grid.
 
-    Tables are made in the first sweep, and again when contact has become wider.
+    The tables of `SweepTables` are made in the first sweep, and again when contact has become wider.
 
-    ``quadrant_rows(slice, columns)`` returns a few rows of the kernel ``K[|dy|, |dx|]``, at offsets up to about 1.5 nx.
-    The `periodic` kernel has the periods nx and ny. By default this rank has all rows. `defect` and `correction` are
-    work arrays for the caller of `sweep`, shape (local rows, nx).
+    ``quadrant_rows(slice, columns)`` returns a few rows of the influence coefficients ``K[|dy|, |dx|]``, at offsets dx
+    up to about 1.5 nx. A `periodic` kernel has the periods nx and ny. Without `slabs` and `comm` this rank has all
+    rows. The attributes `defect` and `correction` are work arrays for the caller of `sweep`, shape (local rows, nx).
     """
 
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
@@ -61,15 +64,16 @@ class GaussSeidel:
         self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def reset(self):
-        """Forget the former width of contact, which affects rounding."""
+        """Reset the number of columns to sweep over, which affects rounding."""
         self._width = 0
 
     @property
     def products_per_sweep(self):
-        """Mean operations of a sweep so far, in products with A.
+        """Mean work of the sweeps so far, in products with A.
 
-        Counted by a model that depends on the contact sets only: 2.5 N log2 N for a real transform, twice that for a
-        complex one, 2 for a multiplication and an addition. In a row, each contact cell counts half a segment.
+        The operations are counted by a model that depends on the contact sets only: 2.5 N log2 N for a real transform
+        of length N, twice as many for a complex transform, and 2 for a multiplication and an addition. For the work in
+        its row, each contact cell is multiplied with half a segment.
         """
         ny, nx = self.shape
         in_x, in_y = transform_length(nx), transform_length(ny)
@@ -79,9 +83,9 @@ class GaussSeidel:
     def sweep(self, r, mask, omega, d, backward=False):
         """Solve ``(D / omega + L_C) d = r`` on C. Collective.
 
-        A backward sweep begins with the last cell and has ``L_C^T``. All arrays have the shape (local rows, nx); `d` is
-        the output, zero outside C. The defect r is ignored outside C, which is given by the `mask`. Undamped sweeps
-        have `omega` = 1. Raises ValueError if a field has another shape.
+        A backward sweep begins with the last cell, and has ``L_C^T`` instead of ``L_C``. The `mask` is the contact set
+        C. The output `d` is zero outside C, and the defect `r` is ignored there. All arrays have the shape (local rows,
+        nx); otherwise ValueError is raised. With `omega` = 1 the sweep is undamped.
         """
         shape = self.slabs.local, self.shape[1]
         if not r.shape == mask.shape == d.shape == shape:
@@ -122,7 +126,10 @@ class GaussSeidel:
             d[:, columns] = correction
 
     def _prepare(self, mask):
-        """Return occupied rows, contact cells and columns of the tables. Collective."""
+        """Make the tables if necessary; describe the contact set. Collective.
+
+        Return which rows of the grid have contact, the number of contact cells, and the columns to sweep over.
+        """
         ny, nx = self.shape
         local = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
         local[-3:] = find_contact_extent(mask, local[:-3])
@@ -157,7 +164,8 @@ class GaussSeidel:
     def _cut_into_leaves(self, occupied, cells, backward):
         """Cut the grid into leaves, in the order of the sweep.
 
-        Return their rows, None without contact, and which tiles have contact, after those of an empty leaf.
+        Return a list and an array. The list has the slice of rows of each leaf, or None for a leaf without contact. The
+        array says which tiles have contact; it begins with the tiles of an empty leaf.
         """
         ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
         ordered = np.zeros((number + 1) * rows, bool)
@@ -190,7 +198,7 @@ class GaussSeidel:
             messages.send_back(m, d)
 
     def _transfer(self, m, leaves, affected):
-        """Apply the far-field contributions of leaves < m."""
+        """Apply the transfers from leaves before m to leaves after m."""
         tables = self._tables
         if not tables.chunks[0]:
             return
@@ -212,7 +220,10 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Return operations in single rows and between rows of near leaves."""
+        """Return the operations of a sweep outside of transfers.
+
+        They are those in single rows, and between rows of the same leaf or of neighbouring leaves.
+        """
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)
         pairs = np.sum(filled[1:] * (filled[1:] - 1) / 2) + np.sum(filled[1:] * filled[:-1])

@@ -1,4 +1,4 @@
-"""Kernel of a sweep in x-Fourier space, and its range in y."""
+"""Influence coefficients transformed in x, for Gauss-Seidel sweeps."""
 
 import itertools
 
@@ -16,19 +16,23 @@ _BLOCK_ROWS = 32
 class KernelInX:
     """Transforms in x of the rows of an even kernel.
 
-    The transforms of K are ``-K^ / Nx``, real. Offsets from nx to Nx - nx do not occur. There K is blended into its
-    mirror image, K(Nx - x), by the integral of a Kaiser window. So it is smooth over the period, and short waves in x
-    decay quickly in y. Collective.
+    The kernel K[|dy|, |dx|] are the influence coefficients at offsets dy and dx. Its rows are made periodic with the
+    length Nx and transformed. The transforms are real, and multiplied by -1 / Nx for the use in a sweep: it subtracts
+    the effect of solved rows, and 1 / Nx is the scale of the inverse transform. Collective.
 
-    ``quadrant_rows(slice, columns)`` returns K[|dy|, |dx|] at the first offsets in x. If K is `periodic`, Nx is its
-    period nx, if that is even. The ranks of `comm` share the work.
+    Offsets from nx to Nx - nx do not occur. There K is blended into its mirror image, K(Nx - x), by the integral of a
+    Kaiser window. So K is smooth over the period, and short waves in x decay quickly in y.
+
+    ``quadrant_rows(slice, columns)`` returns rows of K at the first offsets in x. If K is `periodic` with an even
+    period nx, then Nx = nx. The ranks of `comm` share the work.
 
     Attributes
     ----------
     length, frequencies : int
-        Nx and F = Nx/2 + 1.
+        Nx, and the number of frequencies F = Nx/2 + 1.
     reach : ndarray of int, shape (F,)
-        Last lag at which any frequency from this one on exceeds the rounding error of the largest value.
+        Largest offset dy (lag) at which the kernel is not negligible, at this frequency or any higher one. Negligible
+        means below the rounding error of the largest value.
     """
 
     def __init__(self, quadrant_rows, shape, comm=None, periodic=False):
@@ -58,7 +62,10 @@ class KernelInX:
         self.reach = np.maximum.accumulate(reach[::-1])[::-1]
 
     def rows(self, first, last):
-        """Return transforms of rows first to last - 1."""
+        """Return transforms of rows at lags from `first` to `last` - 1.
+
+        They are zero from lag ny on.
+        """
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))
         for start in range(first, min(last, self._ny), _BLOCK_ROWS):
@@ -72,9 +79,10 @@ class KernelInX:
         return transformed / -self.length
 
     def columns(self, edges):
-        """Return all rows at frequencies ``first, last = edges[rank]``. Collective, once.
+        """Return the kernel at all lags and this rank's frequencies. Collective.
 
-        The shape is (last - first, ny).
+        The frequencies are ``first, last = edges[rank]``; the shape is (last - first, ny). Call this only once, because
+        it frees the data.
         """
         local = self._local[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
         del self._local

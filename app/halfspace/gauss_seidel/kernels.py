@@ -24,28 +24,31 @@ class RowSolver(NamedTuple):
     """Data to solve single rows, for compiled code."""
 
     execute: int  # address of FFTW's execute
-    plans: np.ndarray  # (TILE, 2), from solved to a row of the tile, from there to cells
+    plans: np.ndarray  # (TILE, 2), transforms of `solved` to a row of `tile`, and of that row to `cells`
     cells: np.ndarray  # (Nx,), right-hand side of a row
     solved: np.ndarray  # (Nx,), d of the row: zero outside C
-    tile: np.ndarray  # (TILE, chunks * 2 LANES), transforms of either, as reals
-    close: np.ndarray  # (TILE, chunks * 2 LANES), kernel at the smallest lags
+    tile: np.ndarray  # (TILE, chunks * 2 LANES), transforms of `cells` or `solved`, as reals
+    close: np.ndarray  # (TILE, chunks * 2 LANES), transformed kernel at lags 0 to TILE - 1
     contact: np.ndarray  # (nx,), columns of the contact cells of a row
     kernel: np.ndarray  # (nx,), coupling within a row
-    reverse: np.ndarray  # (nx,), the same backwards
+    reverse: np.ndarray  # (nx,), `kernel` backwards
     segment: int  # columns of a segment
-    levels: int  # of transfers between segments
-    lengths: np.ndarray  # of transforms: of the levels, then of whole runs, ascending
-    starts: np.ndarray  # offsets of their spectra
-    spectra: np.ndarray  # of the kernel, then of the inverse of the triangle
+    levels: int  # number of levels of transfers between segments
+    lengths: np.ndarray  # lengths of transforms: those of the levels, then those of whole runs, ascending
+    starts: np.ndarray  # offsets of the spectra for these lengths
+    spectra: np.ndarray  # spectra of the kernel, then of the inverse of the triangle
     part_plans: np.ndarray  # (lengths, 2), forward and backward, both on `work`
     work: np.ndarray  # (longest + 2,)
-    work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
+    work_spectrum: np.ndarray  # (longest / 2 + 1,), the memory of `work`
     added: np.ndarray  # (TILE * 2 LANES,), sums for a tile in a chunk
 
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
 def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
-    """Sum d[i] kernel[k + i] over a range, for four offsets k."""
+    """Return sums of d[i] kernel[k + i], for four offsets k.
+
+    The index i is from `start` to `stop` - 1.
+    """
     s0 = s1 = s2 = s3 = 0 * d[0]
     for index in range(start, stop):
         i = uintp(index)
@@ -59,7 +62,7 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
 
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
-    """Convolve `work` by spectrum `number`."""
+    """Convolve `rows.work` in place, by its spectrum of this number."""
     start = uintp(rows.starts[number])
     execute(rows.execute, rows.part_plans[number, 0])
     for k in range(uintp(rows.lengths[number] // 2 + 1)):
@@ -69,7 +72,10 @@ def _convolve(rows, number):
 
 @njit()
 def _solve_run(rows, first, count):
-    """Solve a row in contact without holes, if that is faster."""
+    """Solve a row whose contact has no holes, by one convolution.
+
+    Contact has `count` cells from `first` on. Return False, without a solution, if `solve_row` is faster.
+    """
     number = rows.levels
     while number < len(rows.lengths) and rows.lengths[number] < 2 * count:
         number += 1
@@ -84,7 +90,11 @@ def _solve_run(rows, first, count):
 
 @njit()
 def solve_row(rows, count, weight):
-    """Solve d + weight L_C d = weight x on a row."""
+    """Solve d + weight L_C d = weight x on a row.
+
+    x is ``rows.cells``, d is ``rows.solved``. L_C couples each of the `count` contact cells to those before it. The
+    weight is omega over the diagonal of A.
+    """
     x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
     last = len(kernel) - 1
     first, end = contact[0], contact[count - 1] + 1
@@ -133,7 +143,7 @@ def solve_row(rows, count, weight):
 
 @njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
-    """Add the effect of four rows on four others."""
+    """Add the effect of four rows w on four later rows y."""
     # y[t] += sum_s kernel[k + t - s + 3] w[b + s]
     for index in range(width):
         f = uintp(index)
@@ -162,10 +172,10 @@ def _multiply_add(y, kernel, x):
 
 @njit()
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
-    """Add the effect of rows on a tile y.
+    """Add the effect of earlier rows on a tile y.
 
-    Lags are from `least` to `most`. `source` and `start` are the offsets of lag 0 in `flat` and in the kernel, `place`
-    is the index of y in `filled`.
+    The lags of tiles, distances in rows, are from `least` to `most`. `source` and `start` are the offsets of lag 0 in
+    the rows `flat` and in the kernel `near`. `filled` says which tiles have contact; the index of y in it is `place`.
     """
     for lag in range(least, most + 1, TILE):
         if lag - TILE >= reach:
@@ -184,7 +194,7 @@ def _count(row):
 
 @njit()
 def find_contact_extent(mask, occupied):
-    """Return first and end column of contact, and the contact cells.
+    """Return first and end column of contact, and its cell count.
 
     Sets `occupied[j]` where row j has contact cells.
     """
@@ -209,18 +219,22 @@ def _list_contact(contact, mask):
 
 @njit()
 def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of leaf m.
+    """Solve the rows of one leaf, number m in the sweep.
 
-    On entry w[now] is the effect of the leaves up to m - 2 on these rows; on return, these rows.
+    On entry w[now] is the effect of the leaves up to m - 2 on the rows of leaf m, and on return it is these rows,
+    solved and transformed in x.
 
     Parameters
     ----------
     w : ndarray, shape (2, chunks, rows, 2 LANES)
-        This leaf, w[now], and the one before. In chunks from `summed` on the effect is zero, and not set.
+        This leaf, w[now], and the leaf before. In chunks from `summed` on the effect of the leaves up to m - 2 is zero,
+        and w[now] is not set.
     near, reach : ndarray, shapes (chunks * 2 rows * 2 LANES,), (chunks,)
-        Kernel at all lags between the two leaves, and lag beyond which it is negligible.
+        Kernel at all lags between the two leaves, and the lag beyond which the kernel is negligible.
     filled : ndarray of bool, shape (2 rows / TILE,)
-        Tiles of the leaf before, and of this one, that have contact.
+        True for tiles with contact: those of the leaf before, then those of this leaf.
+    rows : RowSolver
+        Data to solve single rows.
     r, mask, d : ndarray, shape (<= rows, >= column + nx)
         Rows of the fields from `column` on, in the order of the sweep; d is zero in rows without contact.
     """
@@ -262,7 +276,10 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
 
 @njit()
 def _solve_tile(rows, r, mask, d, weight):
-    """Solve up to four rows."""
+    """Solve the rows of a tile one after the other.
+
+    On entry ``rows.tile`` is the effect of earlier tiles on these rows, and on return it is these rows, transformed.
+    """
     solved = 0  # bits
     for q in range(TILE):
         count = _list_contact(rows.contact, mask[q]) if q < len(r) else 0
@@ -282,7 +299,7 @@ def _solve_tile(rows, r, mask, d, weight):
 
 @njit()
 def _fill(cells, start, rows):
-    """Compute cells[f, start + s] = rows[s, f]."""
+    """Transpose rows into cells: cells[f, start + s] = rows[s, f]."""
     n, lanes = rows.shape
     for s in range(0, n, TILE):
         for f in range(lanes):
@@ -294,7 +311,7 @@ def _fill(cells, start, rows):
 
 @njit()
 def _add(rows, cells, start):
-    """Compute rows[t, f] += cells[f, start + t]."""
+    """Add transposed cells to rows: rows[t, f] += cells[f, start + t]."""
     n, lanes = rows.shape
     for t in range(0, n, TILE):
         for f in range(lanes):
@@ -308,9 +325,10 @@ def _add(rows, cells, start):
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
     """Add the effect of `sources` leaves on `targets` leaves.
 
-    The sources are before leaf `end`, the targets after it. `w` has shape (leaves, chunks, rows, LANES), of which
-    chunks `first` to `last` - 1 are computed. `far` has the transforms of the kernel at lags from one leaf on, shape
-    (>= last, LANES, length / 2 + 1).
+    The sources are the leaves just before leaf `end`, the targets those just after it. The leaves `w` have the shape
+    (leaves, chunks, rows, LANES); chunks `first` to `last` - 1 are computed. `far` has the transforms in y of the
+    kernel at lags from one leaf on, shape (>= last, LANES, length / 2 + 1). `fftw`, `forward` and `backward` are the
+    addresses of FFTW's ``execute`` and of plans between the work arrays `cells` and `spectrum`.
     """
     rows, lanes = w.shape[2:]
     batch, length = cells.shape

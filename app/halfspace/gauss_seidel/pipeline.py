@@ -1,15 +1,16 @@
 """Messages of a sweep on several ranks.
 
-Rank 0 solves the leaves, the others compute transfers. Only rows one after the other are sequential, and their effect
-on their own leaf and the next. All other effects, the transfers of `app.halfspace.gauss_seidel.gauss_seidel`, are dealt
-to the ranks by frequencies. A leaf needs them up to the last leaf but one, so they run while rank 0 solves:
+Rank 0 solves the leaves (blocks of rows), the other ranks compute transfers between them. Only two parts of a sweep are
+sequential: rows are solved one after the other, and act on their own leaf and on the next. All other effects, the
+transfers of `app.halfspace.gauss_seidel.gauss_seidel`, are dealt to the ranks by frequencies. A leaf does not need the
+transfers of the leaf just before it, so transfers run while rank 0 solves:
 
     rank 0      ... solve 7    solve 8    solve 9  ...        needs for leaf m: effects of leaves up to m - 2
     others      ... transfers  transfers  transfers           have after leaf m: transfers to leaf m + 2 and later
                     of 6       of 7       of 8
 
-The owners of the rows of a leaf send the defect to rank 0 and receive the correction. All messages are point to point.
-Rank 0 waits for effects from the others, and they wait for solved leaves.
+The ranks that own the rows of a leaf send the defect to rank 0 and receive the correction. All messages are point to
+point. Rank 0 waits for effects from the other ranks, and these wait for solved leaves.
 """
 
 import itertools
@@ -22,9 +23,10 @@ _DEFECT, _CORRECTION, _EFFECT, _SOLVED = range(1, 5)  # tags
 
 
 def deal_chunks(weights, ranks):
-    """Return (first, last) chunk of frequencies of each rank, of equal work.
+    """Deal chunks of frequencies to ranks, with about equal work.
 
-    Rank 0 has none, if there are several ranks.
+    `weights` are the work of each chunk. Return first and end chunk of each rank. Rank 0 gets no chunks if there are
+    several ranks.
     """
     helpers = max(ranks - 1, 1)
     middle = (np.cumsum(weights) - np.asarray(weights) / 2) / max(np.sum(weights), 1)
@@ -36,8 +38,9 @@ def deal_chunks(weights, ranks):
 class SweepMessages:
     """Messages of one sweep, point to point.
 
-    `edges` are the chunks of each rank, see `deal_chunks`. `leaves` are the rows of each leaf, or None without contact.
-    `r` and `d` are defect and correction, contiguous arrays of float64.
+    `edges` are first and end chunk of each rank, from `deal_chunks`. `leaves` has the slice of rows of each leaf, or
+    None for a leaf without contact. `r` and `d` are defect and correction on the rows of this rank, contiguous arrays
+    of float64.
     """
 
     def __init__(self, comm, slabs, edges, leaves, r, d):
@@ -55,7 +58,10 @@ class SweepMessages:
                         self._sent.append((comm.Irecv(d[local], 0, _CORRECTION), d))
 
     def _parts(self, leaf, field=None):
-        """Yield owners of a leaf, their rows, and these of a field."""
+        """Yield each rank that owns rows of a leaf, and these rows.
+
+        Yield also these rows of `field`, an array on the rows of the leaf, or None without a field.
+        """
         for owner, (first, last) in enumerate(itertools.pairwise(self._starts)):
             a, b = max(first, leaf.start), min(last, leaf.stop)
             if a < b:
@@ -68,7 +74,7 @@ class SweepMessages:
     # -- rank 0 --------------------------------------------------------------------------------------------
 
     def fields(self, m):
-        """Return defect of leaf m, and an array for its correction."""
+        """Return the defect on leaf m, and an array for its correction."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
@@ -81,7 +87,7 @@ class SweepMessages:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Send the correction on leaf m to its owners."""
+        """Send the correction on leaf m to the owners of its rows."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
@@ -92,28 +98,31 @@ class SweepMessages:
                 self._d[rows] = part
 
     def collect(self, block):
-        """Receive the effects on a leaf, in all chunks."""
+        """Receive the effects on a leaf from the ranks that compute them."""
         for rank, (first, last) in enumerate(self._edges):
             if rank and first < last:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send a solved leaf, and wait for background progress."""
+        """Send a solved leaf to the other ranks, each its chunks.
+
+        Wait until it is sent, because MPI may progress messages only inside of its calls.
+        """
         parts = [(rank, block[slice(*edges)]) for rank, edges in enumerate(self._edges) if rank]
         MPI.Request.Waitall([self._comm.Isend(part, rank, _SOLVED) for rank, part in parts if len(part)])
 
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send the effects on leaf m."""
+        """Send the effects of earlier leaves on leaf m to rank 0."""
         self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
     def receive_solved(self, m, block):
-        """Receive solved leaf m in place of the effects on it."""
+        """Receive the solved leaf m; it overwrites the effects on this leaf."""
         if m in self._effects:
             self._effects.pop(m).Wait()
         self._comm.Recv(block, 0, _SOLVED)
 
     def finish(self):
-        """Wait for all messages."""
+        """Wait until all messages are complete."""
         MPI.Request.Waitall([request for request, _ in self._sent])

@@ -1,4 +1,4 @@
-"""Tables for sweeps over a number of columns: kernels, plans, storage."""
+"""Tables for Gauss-Seidel sweeps: kernels, FFT plans and storage."""
 
 import numpy as np
 from mpi4py_fft import fftw
@@ -10,37 +10,37 @@ from app.halfspace.gauss_seidel.kernel_in_x import KernelInX
 from app.halfspace.gauss_seidel.kernels import LANES, MIN_RUN, TILE, RowSolver
 from app.halfspace.gauss_seidel.pipeline import deal_chunks
 
-LEAF_ROWS = 64, 32  # On one rank, on several: more rows are more sequential work, fewer more messages.
-SEGMENT_COLUMNS = 512  # at most
+LEAF_ROWS = 64, 32  # On one rank, on several. More rows mean more sequential work, fewer rows more messages.
+SEGMENT_COLUMNS = 512  # largest number of columns of a segment
 _BATCH = 1 << 12  # complex numbers per batch of transforms in y, so that they fit in the cache
 
 
 class SweepTables:
-    """Kernels, plans and storage of sweeps. Collective over `comm`.
+    """Kernels, FFT plans and storage of sweeps. Collective over `comm`.
 
-    Rank 0 has those for rows and leaves, the ranks that share transfers have theirs.
+    Rank 0 has the tables for rows and leaves. Each rank that computes transfers has the tables for its frequencies.
 
-    They are for all rows of the grid and the columns to sweep over, ``(ny, nx) = shape``; these are a period if
-    `periodic`.
+    The tables are for ``(ny, nx) = shape``: all rows of the grid, and the number of columns to sweep over. If
+    `periodic`, nx is the period of the kernel. Frequencies are in chunks of `LANES`.
 
     Attributes
     ----------
     length, frequencies : int
-        Nx and F.
+        Length Nx of the transforms in x, and their number of frequencies F.
     reach : ndarray, shape (chunks,)
-        Lag beyond which the kernel is negligible.
+        Lag (distance in rows) beyond which the kernel is negligible.
     chunks : list of int
-        Number of chunks, from the first on, in transfers of up to 2^k leaves.
+        Number of chunks that take part in transfers of 2^k leaves, for k = 0, 1, ...; they are the first chunks.
     edges : list of (int, int)
-        Chunks of each rank; this one has those from `first` on.
+        First and end chunk of each rank; the chunks of this rank begin with `first`.
     near : ndarray
-        Kernel between the rows of a leaf and of the one before.
+        Kernel between the rows of a leaf and the rows of the leaf before.
     ring : ndarray, shape (2, chunks, leaf rows, LANES)
         The last two leaves.
     stored : ndarray, shape (leaves, own chunks, leaf rows, LANES)
         Solved leaves, and their effects on later ones.
     transfers : list of tuple
-        Spectra of the kernel, plans and work arrays of each level.
+        Spectra of the kernel, FFT plans and work arrays for the transfers of 2^k leaves.
     """
 
     def __init__(self, quadrant_rows, shape, comm, periodic):
@@ -82,7 +82,7 @@ class SweepTables:
         return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
-        """Return plans, kernel and work arrays for single rows."""
+        """Return FFT plans, kernel and work arrays to solve single rows."""
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)
@@ -116,9 +116,11 @@ class SweepTables:
         )  # fmt: skip
 
     def invert_triangle(self, weight):
-        """Prepare the solution of whole runs by the inverse of the triangle.
+        """Compute the spectra that solve rows without holes.
 
-        It is Toeplitz, so one column is enough.
+        Such a row is multiplied by the inverse of the triangle ``I / weight + L``, where L couples a cell to the cells
+        before it in the row, and `weight` is omega over the diagonal of A. The inverse is Toeplitz, so its first column
+        is enough.
         """
         rows, nx = self.rows, self.shape[1]
         if weight == self._weight or len(rows.lengths) == rows.levels:
@@ -132,7 +134,10 @@ class SweepTables:
             rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
 
     def _prepare_transfers(self, kernel):
-        """Return spectra, plans and work arrays of all transfers."""
+        """Return spectra, FFT plans and work arrays of all transfers.
+
+        A transfer is the effect of solved leaves (blocks of rows) on later ones.
+        """
         edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
         columns, rows = kernel.columns(edges), self.leaf_rows
         transfers = []

@@ -1,16 +1,16 @@
 """Sums of stresses below a pressure, over waves or cells.
 
-- Periodic patch: with q = (qx, qy), n = q / |q| and s = |q| z, the pressure wave p_q exp(i q x) makes
+- Periodic patch: with q = (qx, qy), n = q / |q|, depth z and s = |q| z, the pressure wave p exp(i q x) makes the
+  stress components
 
       xx  -p (nx^2 (1 - s) + 2 nu ny^2) e^-s      xy  -p nx ny (1 - s - 2 nu) e^-s
       yy  -p (ny^2 (1 - s) + 2 nu nx^2) e^-s      xz  i p nx s e^-s
       zz  -p (1 + s) e^-s                         yz  i p ny s e^-s
 
-  The mean pressure compresses a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. The symbol ``love`` uses
-  the same waves: deeper than a cell the two symbols do not differ.
-- Free patch: the stress below a uniformly loaded rectangle in closed form (Love 1929), summed by zero-padded FFTs.
-There
-  are no images, so the result is exact for a pressure that is constant on cells.
+  The mean pressure p compresses a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. The same waves are used
+  for both periodic symbols, ``spectral`` and ``love``, because these agree at depths of more than a cell.
+- Free patch: the stress below a uniformly loaded rectangle has a closed form (Love 1929). It is summed over the cells
+  by zero-padded FFTs. There are no images, so the result is exact for a pressure that is constant on cells.
 
 References
 ----------
@@ -25,9 +25,9 @@ import scipy.fft
 from app.base.numba_cache import njit
 from app.halfspace.periodic_symbol import wave_numbers
 
-_ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
-_BLOCK_ROWS = 64  # of a kernel
-_EDGE_TOLERANCE = 1e-9  # of a cell: points this close are on the edge
+_ODD_X, _ODD_Y = (3, 4), (3, 5)  # indices of the components that change sign with x, and with y
+_BLOCK_ROWS = 64  # rows of a kernel that are transformed together
+_EDGE_TOLERANCE = 1e-9  # distance, in cells, up to which a point counts as on the edge
 
 
 class PeriodicStress:
@@ -50,7 +50,7 @@ class PeriodicStress:
                      np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
 
     def _waves(self, depth):
-        """Yield transforms of the components."""
+        """Yield the Fourier transforms of the stress components at a depth."""
         s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
         p = self._transform * np.exp(-s)
         two_nu = 2 * self.nu
@@ -71,7 +71,7 @@ class PeriodicStress:
     def _phase_y(self, y):
         rows = scipy.fft.fftfreq(self.grid.ny, 1 / self.grid.ny)
         phase = np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
-        return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # of a sawtooth wave: real
+        return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth wave has a real phase
 
     def row(self, depth, y):
         """Return components along x, shape (6, nx)."""
@@ -149,9 +149,10 @@ class FreeStress:
 
 
 def _edges(offsets, step):
-    """Return offsets from cell edges, given those from centres [mm].
+    """Return a point's offsets from cell edges [mm].
 
-    Stresses at the surface jump between cells. A point on an edge, to rounding, gets the mean.
+    `offsets` are those from the cell centres. Stresses at the surface jump between cells. A point that is on an edge,
+    except for rounding, gets the mean of both sides.
     """
     edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
     edges[np.abs(edges) < _EDGE_TOLERANCE * step] = 0.0
@@ -159,7 +160,10 @@ def _edges(offsets, step):
 
 
 class _Mirror:
-    """Cell offsets in a direction, with symmetric edges computed once."""
+    """Kernel of cells in one direction, from values at their positive edges.
+
+    There are `count` cells, at offsets of `first` cells and more. Values at negative edges follow by symmetry.
+    """
 
     def __init__(self, first, count):
         edge = np.arange(first - 1, first + count)  # edge m is at (m + 1/2) cells
@@ -171,7 +175,11 @@ class _Mirror:
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):
-        """Return differences between cell edges of an odd or even kernel."""
+        """Return the differences of values between both edges of each cell.
+
+        `corners` are values at the positive edges. They are integrals of the kernel, so they are even if the kernel is
+        `odd` in this direction, and odd otherwise.
+        """
         mirrored = corners.take(self._index, axis)
         if not odd:
             sign = np.where(self._negative, -1.0, 1.0)
@@ -181,7 +189,11 @@ class _Mirror:
 
 @njit()
 def _corner(x, y, z, nu):
-    """Return 2 pi times the stress of a loaded quarter plane."""
+    """Return 2 pi times one corner's part of a rectangle's stress.
+
+    (x, y, z) is the point seen from the corner. The stress below a rectangle under unit pressure is a sum of the parts
+    of its corners, with signs.
+    """
     xx, yy, zz = x * x, y * y, z * z
     r = sqrt(xx + yy + zz)
     if r == 0.0:

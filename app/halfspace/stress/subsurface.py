@@ -1,10 +1,10 @@
 """Stress in a half-space below a frictionless pressure.
 
-z points into the body. Both bodies of a contact have the same pressure, each with its own nu; the stress does not
-depend on Young's modulus. Compression is negative: sigma_zz = -p at z = 0. `stress_sums` has the sums.
+z points into the body. Both bodies of a contact have the same surface pressure p. The stress depends on Poisson's ratio
+of the body, not on Young's modulus. Compression is negative: sigma_zz = -p at z = 0. `stress_sums` has the formulas.
 
-Only the bounding box of the loaded cells is summed over. A plane needs memory for about twenty arrays of the patch and
-the loaded cells together, a section for those of a few rows.
+On a free patch the sums are over the bounding box of the loaded cells only. A horizontal plane needs memory for about
+twenty arrays with as many cells as the patch and the loaded cells together, a vertical section for a few rows of these.
 """
 
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ _FIRST_DEPTH = 0.25  # first depth of the search below the surface, in cells
 
 @dataclass(frozen=True)
 class StressMaximum:
-    """Maximum of a stress, of von Mises or shear.
+    """Stress at the point with the largest von Mises or shear stress.
 
-    Stresses are in N/mm2, lengths in mm. `stress` has the components in the order of `COMPONENTS`.
+    Stresses are in N/mm2, lengths in mm. `stress` has the components at the point, in the order of `COMPONENTS`.
     """
 
     von_mises: float
@@ -41,13 +41,19 @@ class StressMaximum:
 
 
 def von_mises(stress):
-    """Return the von Mises stress of components (6, ...) [N/mm2]."""
+    """Return the von Mises stress of stress components [N/mm2].
+
+    `stress` has the shape (6, ...), in the order of `COMPONENTS`.
+    """
     xx, yy, zz, xy, xz, yz = stress
     return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + xz**2 + yz**2))
 
 
 def max_shear(stress):
-    """Return the largest shear stress of components (6, ...) [N/mm2]."""
+    """Return the largest shear stress of stress components [N/mm2].
+
+    `stress` has the shape (6, ...), in the order of `COMPONENTS`.
+    """
     xx, yy, zz, xy, xz, yz = stress
     tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
     principal = np.linalg.eigvalsh(tensors)
@@ -55,7 +61,10 @@ def max_shear(stress):
 
 
 def _shear_where_large(stress):
-    """Return `max_shear` where it can be largest, else 0."""
+    """Return `max_shear` at points where it can be largest, else 0.
+
+    The other points, with a small von Mises stress, are skipped to save time.
+    """
     mises = von_mises(stress)
     large = mises >= 0.86 * mises.max()  # The shear stress is 1/2 to 1/sqrt(3) of it.
     shear = np.zeros_like(mises)
@@ -64,9 +73,10 @@ def _shear_where_large(stress):
 
 
 class SubsurfaceStress:
-    """Stress at any points below a pressure. Raises InputError for invalid numbers.
+    """Stress at any points below a surface pressure.
 
-    `pressure` is that of the whole grid, shape (ny, nx) [N/mm2]. `poisson_ratio` is that of the body, from 0 to 0.5.
+    `pressure` has the values on the whole grid, shape (ny, nx) [N/mm2]. `poisson_ratio` is that of the body, from 0 to
+    0.5. Raises InputError for invalid numbers.
 
     Examples
     --------
@@ -94,20 +104,24 @@ class SubsurfaceStress:
         return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
 
     def plot(self, along="x"):
-        """Draw the stress on a section along x or y, and on a line; return figure and axes."""
+        """Draw the stress on a vertical section and line; return figure, axes.
+
+        Both contain the point of the largest von Mises stress. The section is along x or y.
+        """
         return views.load().plot_stress(self, along)
 
     def plane(self, depth):
-        """Return the stress on a horizontal plane below the cell centres.
+        """Return the stress on a horizontal plane, below the cell centres.
 
-        Shape (6, ny, nx) [N/mm2], in the order of `COMPONENTS`.
+        The result has the shape (6, ny, nx) [N/mm2], with components in the order of `COMPONENTS`. The depth is in mm.
         """
         return self._sums.plane(_checked(depth))
 
     def section(self, depths, x=None, y=None):
         """Return the stress on a vertical plane at x or y.
 
-        Shape (6, depths, nx or ny) [N/mm2], below the cell centres. Give one of x and y [mm].
+        Give either x or y of the plane [mm]. The result has the shape (6, depths, ny or nx) [N/mm2], below the cell
+        centres. The depths are in mm.
         """
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
@@ -123,7 +137,7 @@ class SubsurfaceStress:
     def line(self, depths, x, y):
         """Return the stress on a vertical line; lengths in mm.
 
-        Shape (6, depths) [N/mm2].
+        The result has the shape (6, depths) [N/mm2].
         """
         _check_places(x=x, y=y)
         return np.stack([self._sums.point(depth, x, y) for depth in _depths(depths)], axis=1)
@@ -131,18 +145,18 @@ class SubsurfaceStress:
     def maximum(self):
         """Return the largest von Mises stress, a `StressMaximum`.
 
-        The search compares planes down to the width of the loaded part, deep ones on larger cells. Then the depth is
-        refined below the most stressed cells. Without refinement, an asperity's maximum is missed by at most 2%.
-        Without pressure it is at the surface.
+        The search compares horizontal planes down to a depth of the width of the loaded part. Deep planes have larger
+        cells. Then the depth is refined below the three most stressed cells. Below other asperities it is not refined;
+        their maximum would be missed by at most 2%. Without pressure the returned point is at the surface.
         """
         return self._search(von_mises)[0]
 
     def maxima(self):
-        """Return the largest von Mises and shear stresses."""
+        """Return the maxima of the von Mises and shear stresses, two `StressMaximum`."""
         return self._search(von_mises, _shear_where_large)
 
     def _search(self, *measures):
-        """Return the maximum of each measure of the stress."""
+        """Return the maximum of each measure: von Mises or shear stress."""
         sums, grid, peaks = self._sums, self.grid, [[] for _ in measures]
         first = _FIRST_DEPTH * min(grid.dx, grid.dy)
         count = max(1, int(np.ceil(2 * np.log2(max(sums.extent) / first))))
@@ -199,7 +213,7 @@ def _depths(depths):
 
 
 def _find_peaks(field):
-    """Return the cells of the largest values that are not neighbours."""
+    """Return the cells of the largest values, without their neighbours."""
     count = min(field.size, 50 * _REFINED_PEAKS)
     largest = np.argpartition(field, -count, axis=None)[-count:]
     peaks, largest = [], largest[np.argsort(field.ravel()[largest])[::-1]]
@@ -210,7 +224,10 @@ def _find_peaks(field):
 
 
 def _coarsen(pressure, grid):
-    """Return pressure and grid of twice the cell sizes, or None."""
+    """Return pressure and grid with cells of twice the size.
+
+    A direction with an odd number of cells keeps its cells. Return None if both do.
+    """
     fy, fx = (1 if n % 2 or n < 4 else 2 for n in grid.shape)
     if fx == fy == 1:
         return None
