@@ -1,4 +1,4 @@
-"""Shell-style command lines (``--jobs 2``) and exit statuses."""
+"""Parser, checks and exit statuses of commands with options like ``--jobs 2``."""
 
 import argparse
 import os
@@ -15,7 +15,7 @@ from app.options import option_table
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that raises InputError and accepts -1,2 as value."""
+    """Parser that raises InputError and accepts -1,2 as a value."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
@@ -23,12 +23,15 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message):
-        """Raise InputError, worded as of an option: ``--jobs 0: must be ...``."""
+        """Raise InputError with a message like ``--jobs 0: must be ...``."""
         raise InputError(re.sub("^argument (-[^:]*): (?=.*: must be )", r"\1 ", message))
 
 
 def argument_type(kind):
-    """Return an argument type for a kind of `app.options.option_table`."""
+    """Return a type for argparse from a kind of `app.options.option_table`.
+
+    Both convert a text to a value; the kind raises ValueError, with what the text must be.
+    """
 
     def parse(text):
         try:
@@ -43,13 +46,13 @@ count, positive = argument_type(option_table.count), argument_type(option_table.
 
 
 def check_ranks(ranks):
-    """Check that mpiexec exists for several ranks."""
+    """Raise InputError if several ranks are asked for without mpiexec."""
     if ranks > 1 and not shutil.which("mpiexec"):
         raise InputError(f"--ranks {ranks}: there is no mpiexec on PATH")
 
 
 def check_folder(folder):
-    """Check that a folder (-o) can be made or written to."""
+    """Raise InputError unless a folder (-o) can be made or written to."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder}: exists and is not a folder")
     if not folder.parent.is_dir():
@@ -60,7 +63,7 @@ def check_folder(folder):
 
 @contextmanager
 def report_write_errors(output):
-    """Turn an OSError into an InputError about -o."""
+    """Turn an OSError of the block into an InputError about -o."""
     try:
         yield
     except OSError as error:
@@ -70,9 +73,10 @@ def report_write_errors(output):
 
 
 def command(main):
-    """Decorate ``main(argv)`` to return an exit status on errors of the user.
+    """Decorate ``main(argv)`` to print errors of the user and return 2.
 
-    SIGTERM acts like Ctrl-C. Exceptions other than InputError, OSError and MemoryError are bugs and propagate.
+    SIGTERM acts like Ctrl-C, after which the status is 130. Exceptions other than InputError, OSError and MemoryError
+    are bugs and propagate.
     """
 
     @wraps(main)

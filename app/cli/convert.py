@@ -34,7 +34,10 @@ _NAMES = "--unit", "--height-unit", "--spacing", "--override"
 
 
 def find_instruments_python():
-    """Return the Python with SurfaceTopography, by default of ``run/setup --surfaces``, or None."""
+    """Return the path of a Python with SurfaceTopography, or None.
+
+    By default it is the one that ``run/setup --surfaces`` installs.
+    """
     path = os.environ.get(ENVIRONMENT) or Path(__file__).resolve().parents[2] / ".venv-surfaces/bin/python"
     path = Path(path)
     return path if path.is_file() else None
@@ -87,7 +90,7 @@ def _without_dataset(path):
 
 
 def _read(path, arguments):
-    """Return turned heights, and their format and channel."""
+    """Return the `HeightMap` of a file, and its format and channel."""
     channel, skip = arguments.channel, arguments.skip
     known = detect_format(_without_dataset(path), skip)
     if channel and known.kind in ("npy", "npz"):
@@ -143,7 +146,7 @@ def _read_instruments(path, channel):
 
 
 def _make_map(path, heights, facts, arguments):
-    """Return turned heights, and their format and channel."""
+    """Return the `HeightMap` of an instrument's heights, and format and channel."""
     unit = units.find_unit(facts["unit"])
     other = None if unit else facts["unit"]
     source = HeightMap(str(path), heights, arguments.orient, facts["spacing"], unit, other_unit=other)
@@ -151,9 +154,9 @@ def _make_map(path, heights, facts, arguments):
 
 
 def set_units(source, arguments, height_unit=None, override=False):
-    """Set unit and spacing of a `HeightMap` by file or options.
+    """Set unit and spacing of a `HeightMap` from file or options.
 
-    InputError if neither states them, or both do.
+    InputError if neither of them states unit and spacing, or both do.
     """
     source.settle(arguments.unit, height_unit, arguments.spacing, override, _NAMES)
     if source.spacing is None:

@@ -40,7 +40,7 @@ share = real("above 0, at most 1", above=0, highest=1)
 
 
 def domain_or_auto(text):
-    """Kind: ``x0,x1,y0,y1``, or auto."""
+    """Convert ``x0,x1,y0,y1`` to numbers; keep the word auto."""
     return text if text == AUTO else domain(text)
 
 
@@ -115,7 +115,7 @@ def make_problem(options, texts, comm):
     Parameters
     ----------
     options : OptionReader
-        Of `MATERIAL_OPTIONS`, `GEOMETRY_OPTIONS` and the loading, which determines the default patch.
+        Reader of `MATERIAL_OPTIONS`, `GEOMETRY_OPTIONS` and the loading, which determines the default patch.
     texts : mapping of str to str
         All options, for a user-defined problem.
     comm : mpi4py.MPI.Comm
@@ -125,7 +125,7 @@ def make_problem(options, texts, comm):
     -------
     problem : app.problems.problem.Problem
     own : OptionReader
-        Options of a user-defined problem, ``-problem python``; else empty.
+        Reader of the options of a user-defined problem, ``-problem python``; otherwise it has none.
     """
     from app.base.memory import check_rank_memory
     from app.base.petsc import check_cells
@@ -220,7 +220,7 @@ def _make_shape(name, options, material):
 
 
 def _make_roller(options, material):
-    """Make a roller with the crown of the options."""
+    """Make a roller with the crown that the options choose."""
     from app.problems.roller import Roller, read_profile
 
     crown, numbers = options["roller_crown"], {}
@@ -241,7 +241,7 @@ def _make_roller(options, material):
 
 
 def _read_measured(options):
-    """Read measured surfaces, averaged to the cells of -grid."""
+    """Read the measured surfaces, averaged or resampled as options ask."""
     from app.problems.surfaces.filters import check_order
     from app.problems.surfaces.reading import read_surface
 
@@ -268,7 +268,7 @@ def _read_filters(options):
 
 
 def _make_grid(options, name, shape, measured, material, periodic, texts):
-    """Make the grid from options, a file or the shape's theory."""
+    """Make the grid from options, a file, or the shape's theory."""
     from app.halfspace.grid import Grid
     from app.problems.surfaces.resampling import common_grid
 
@@ -295,7 +295,7 @@ def _make_grid(options, name, shape, measured, material, periodic, texts):
 
 
 def _fit_grid(options, name, shape, material, texts):
-    """Return a grid that is fitted to the contact."""
+    """Return a grid whose patch fits the contact, for -domain auto."""
     from app.api.fitted_grid import PROBE_CELLS, fit_grid
     from app.halfspace.grid import Grid
     from app.problems import user_problem
@@ -314,7 +314,7 @@ def _fit_grid(options, name, shape, material, texts):
 
 
 def _make_default_patch(options, shape, material, periodic):
-    """Return a patch around the contact of the shape's own theory."""
+    """Return a patch around the contact that the shape's theory predicts."""
     from app.problems.default_patch import default_patch
 
     loading = find_loading(options)
@@ -330,9 +330,9 @@ def _make_default_patch(options, shape, material, periodic):
 
 
 def find_loading(options):
-    """Return approach or load of the options, if any.
+    """Return the approach or load that the options prescribe, by name.
 
-    Of a path it is the largest.
+    For a path it is the largest value. Empty if neither is prescribed.
     """
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
@@ -340,7 +340,11 @@ def find_loading(options):
 
 
 def _make_random_surfaces(options, name, grid, measured):
-    """Make random surfaces; punch and ``rough`` have default ones."""
+    """Make the random surfaces of the options.
+
+    Without any measured or random surface, -problem punch has the paper's waves and -problem rough a self-affine
+    surface.
+    """
     from app.problems.random_surfaces import SelfAffineSurface, WavySurface, check_cut_off
 
     wavy, self_affine = options.given(*_WAVY), options.given(*_SELF_AFFINE)

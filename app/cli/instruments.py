@@ -19,13 +19,16 @@ from typing import NamedTuple
 
 # Channels that are no heights, even if their unit is a length.
 _NO_HEIGHT = re.compile("phase|amplitude|deflection|friction|lateral|current|intensity|error", re.IGNORECASE)
-_NO_SIGNATURE = {"hgt", "nms"}  # formats that fit any file of a suitable size
+_NO_SIGNATURE = {"hgt", "nms"}  # formats that SurfaceTopography detects in any file of a suitable size
 _UNKNOWN = "is in no format that SurfaceTopography knows"
 _INDEXES = {"index.json", "meta.yml"}  # of contact.engineering's archives
 
 
 class Channel(NamedTuple):
-    """Channel or measurement of a file; ``read()`` returns its topography."""
+    """Channel or measurement of a file.
+
+    ``read()`` returns its topography, and whether the file states the sides.
+    """
 
     index: int
     name: str
@@ -34,9 +37,10 @@ class Channel(NamedTuple):
 
 
 def read_heights(path, wanted):
-    """Return heights (ny, nx) and facts of a channel.
+    """Return heights (ny, nx) and facts of a file's channel.
 
-    `wanted` is its name or number, empty for the only one. Missing heights are NaN.
+    `wanted` is the channel's name or number; an empty text means the only channel. Missing heights are NaN. The facts
+    are unit, spacing, channel and format.
     """
     import numpy as np
 
@@ -57,7 +61,7 @@ def read_heights(path, wanted):
 
 
 def _channels(path):
-    """Return the channels of a file and its format."""
+    """Return the channels of a file, and the name of its format."""
     from SurfaceTopography.IO import open_topography
 
     source = gzip.open(path) if path.lower().endswith(".gz") else path  # noqa: SIM115: the reader's own
@@ -82,7 +86,10 @@ def _channel(channel):
 
 
 def _archive(path):
-    """Return the measurements in an archive of contact.engineering and its format."""
+    """Return the measurements in an archive of contact.engineering.
+
+    Its format is returned as well.
+    """
     from SurfaceTopography.Container.IO import open_container
 
     with zipfile.ZipFile(path) as archive:
@@ -105,7 +112,7 @@ def _read_member(surface, number):
 
 
 def choose_channel(channels, wanted):
-    """Return a channel of heights by name or number."""
+    """Return the channel of heights with a name or number."""
     maps = [channel for channel in channels if channel.has_heights]
     names = ", ".join(f"{channel.index} {channel.name}" for channel in maps)
     if not maps:
@@ -126,7 +133,7 @@ def choose_channel(channels, wanted):
 
 
 def main(path, output, wanted=""):
-    """Write heights and facts; return the exit status."""
+    """Write heights and facts of a channel; return the exit status."""
     import numpy as np
 
     warnings.simplefilter("ignore")

@@ -31,10 +31,10 @@ _SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
 
 
 class PathRequest:
-    """A load path as its options ask for it.
+    """Load path that the options ask for, with its files.
 
     `kind` is the prescribed quantity; `inputs` are the files that define the problem. InputError if an option is not
-    allowed, or a file of the path is an input.
+    allowed, or if the path would write over one of these files.
     """
 
     def __init__(self, kind, options, parsed, inputs):
@@ -71,10 +71,10 @@ class PathRequest:
 
 
 def run_path(request, solver, stiffness, save):
-    """Solve along a path. Collective.
+    """Solve all steps of a path. Collective.
 
-    ``save(solution, file)`` writes the result of a step. Return the LoadPath, with the merged `notes` of all steps,
-    the last Solution, and a context manager in which all results are written; it then removes the checkpoint.
+    ``save(solution, file)`` writes the result of a step. Returns the LoadPath, with the merged `notes` of all steps,
+    the last Solution, and a context manager that removes the checkpoint at its end: the last result is written inside.
     """
     from tqdm import tqdm
 
@@ -102,9 +102,9 @@ def run_path(request, solver, stiffness, save):
 
 
 def merge_notes(notes):
-    """Return the notes of all steps, equal ones together with their steps.
+    """Return the notes of all steps, each with its steps.
 
-    Notes that differ only in numbers are merged; ranges replace the numbers.
+    Notes that differ only in numbers are merged into one, with ranges of the numbers.
     """
     merged = {}
     for step, lines in enumerate(notes, 1):
@@ -118,7 +118,10 @@ def merge_notes(notes):
 
 
 def _merge_lines(lines):
-    """Return one line with ranges of numbers, plural if any is."""
+    """Merge lines that differ in numbers into one with ranges of numbers.
+
+    Nouns are in the plural if they are in one of the lines.
+    """
     columns = zip(*([number[0] for number in _NUMBER.finditer(line)] for line in lines), strict=True)
     ends = ((min(column, key=float), max(column, key=float)) for column in columns)
     ranges = (low if float(low) == float(high) else f"{low} to {high}" for low, high in ends)
@@ -127,9 +130,9 @@ def _merge_lines(lines):
 
 
 class _Checkpoint:
-    """Journal of a path on rank 0, if it has a file.
+    """Checkpoint of a path: a journal of finished steps on rank 0.
 
-    `rows` and `notes` are those of finished steps.
+    Without a file there is no journal. `rows` and `notes` are those of the finished steps.
     """
 
     def __init__(self, request, solver):
@@ -165,7 +168,7 @@ class _Checkpoint:
             )
 
     def add(self, row, notes):
-        """Record a step."""
+        """Record the row and the notes of a finished step."""
         if self._journal:
             if "path" not in self._journal.outcomes:
                 self._journal.add("path", self._inputs)
@@ -183,7 +186,7 @@ class _Checkpoint:
 
     @contextmanager
     def removed(self, steps):
-        """Remove the file after the block."""
+        """Remove the journal's file after the block."""
         with self.reported(steps):
             yield
         if self._journal:
@@ -192,7 +195,7 @@ class _Checkpoint:
 
 
 def hash_inputs(request, solver):
-    """Return a hash of all that determines the table."""
+    """Return a hash of everything that determines a path's table."""
     files = [hash_file(name) for name in request.inputs if Path(name).is_file()]
     parts = (request.relevant_options, *files, request.kind, *request.numbers, solver.comm.size, __version__)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
@@ -211,7 +214,7 @@ def _show_step(row, bar, kind):
 
 
 def format_steps(steps, count):
-    """Return a text for some of `count` steps.
+    """Return a text that names some of `count` steps.
 
     Examples
     --------

@@ -7,14 +7,17 @@ from app.contact.history import Listener
 
 
 def make_listeners():
-    """Return a progress bar for rank 0's terminal."""
+    """Return a list with a progress bar, empty without a terminal.
+
+    Only rank 0 has one.
+    """
     from app.base.mpi import MPI
 
     return [Progress()] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
 
 
 class Progress(Listener):
-    """Progress bar from residual 1 to the tolerance."""
+    """Progress bar that goes from residual 1 to the tolerance."""
 
     def __init__(self):
         self._bar = None
@@ -39,7 +42,7 @@ class Progress(Listener):
         self._bar = None
 
     def iteration(self, entry, state):
-        """Show an entry of the history."""
+        """Show residual and contact cells of an iteration."""
         if not self._shown:
             return
         residual = max(self._rtol, min(1.0, entry["residual"]))  # in this order NaN becomes 1

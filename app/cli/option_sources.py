@@ -2,10 +2,10 @@
 
 1. ``~/.petscrc``, ``.petscrc``, ``petscrc``, unless ``-skip_petscrc`` is on the command line; ``PETSC_OPTIONS``. PETSc
    reads them at its start.
-2. The command line, with option files where they are named. As in PETSc, a file overrides earlier words; a warning
-   names them.
+2. The command line, with option files where they are named. As in PETSc, a file overrides options before it on the
+   command line; a warning names these.
 
-PETSc reads the files, on rank 0; its options are broadcast.
+Only rank 0 reads the files, by PETSc; the options are then broadcast.
 """
 
 import os
@@ -26,9 +26,9 @@ from app.options.viewers import check_output, check_viewer
 
 COMMAND_LINE = "on the command line"
 PETSC_START = "in PETSC_OPTIONS or .petscrc"
-MAX_FILES = 100  # repeated ones count
+MAX_FILES = 100  # included option files; a file counts as often as it is included
 MAX_FILE_BYTES = 1 << 24
-_MAX_YAML_NODES = 10_000  # repeated ones count
+_MAX_YAML_NODES = 10_000  # a node counts as often as aliases repeat it
 _FILE_FLAGS = ("-options_file", "-options_file_yaml")
 # PETSc reads these at its end, all other options of its own at its start.
 _READ_AT_END = (
@@ -43,7 +43,7 @@ _CONTROL_CHARACTER = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 @dataclass(frozen=True)
 class OptionSource:
-    """Options of a file, or of the command line between files."""
+    """Options of one file, or of the command line between two files."""
 
     where: str  # in messages
     texts: dict  # name, without dash and in lower case -> text
@@ -52,19 +52,20 @@ class OptionSource:
 
 @dataclass
 class ParsedOptions:
-    """All options of a command."""
+    """All options of a command, with their sources."""
 
-    texts: dict  # of the last sources, without `petsc_options`
+    texts: dict  # name -> text of the last source that sets it, without `petsc_options`
     sources: list = field(default_factory=list)
     files: list = field(default_factory=list)
     petsc_options: dict = field(default_factory=dict)  # of no solver, such as ``-log_view``
     database_options: dict = field(default_factory=dict)  # `petsc_options` and the command line
 
     def select_alternative(self, alternatives, needed=""):
-        """Select one of exclusive options; remove the others.
+        """Return the one of exclusive options that applies; remove the others.
 
-        It is the one of the command line, else of the last source with any, or None. An alternative may be a tuple of
-        names. InputError if that source has several, or if none is given and `needed` names them for the message.
+        That of the command line applies, else that of the last source with any of them; None if no source has one. An
+        alternative may be a tuple of names. InputError if that source has several alternatives, or if there is none and
+        `needed` names them for the message.
         """
         members = {one: (one,) if isinstance(one, str) else one for one in alternatives}
         present = [one for one in alternatives if self.texts.keys() & members[one]]
@@ -91,7 +92,8 @@ class ParsedOptions:
     def split_by_source(self, names):
         """Return options by file, and those of the command line.
 
-        Of the given names: option file -> its options in order, and the options that the command line sets last.
+        Only the given names are returned: a mapping of option files to their options, in order, and the options that
+        the command line sets last.
         """
         files, last = {}, {}
         for source in self.sources:
@@ -102,13 +104,16 @@ class ParsedOptions:
         return files, {name: self.texts[name] for name in sorted(last) if last[name] == COMMAND_LINE}
 
     def explicit_names(self):
-        """Return names set by this command; others may be of other programs."""
+        """Return the names of options that this command sets.
+
+        Those of PETSC_OPTIONS and .petscrc may be meant for other programs.
+        """
         explicit = {name for source in self.sources if source.where != PETSC_START for name in source.texts}
         implicit = {name for source in self.sources for name in source.texts} - explicit
         return self.texts.keys() - implicit
 
     def overridden(self):
-        """Yield a warning for each word that a later file overrides."""
+        """Yield a warning for each command-line option that a file overrides."""
         for at, source in enumerate(self.sources):
             for name in sorted(source.texts) if source.where == COMMAND_LINE else ():
                 last = next(later for later in reversed(self.sources[at:]) if name in later.texts)
@@ -118,9 +123,10 @@ class ParsedOptions:
 
 
 def startup_args(argv):
-    """Return the command line for PETSc's start, without option files and help.
+    """Return the command line for PETSc's start.
 
-    InputError for a word that is neither an option nor the value of one.
+    It is without option files and -help, which are handled later. InputError for a word that is neither an option nor
+    the value of one.
     """
     words = argv[:1]
     for name, text in _parse_words(argv[1:]):
@@ -175,7 +181,7 @@ def parse_options(argv):
 
 
 def _read_file(flag, path, parents, sources, files):
-    """Append the sources of an option file and its included files."""
+    """Append the options of a file and its included files to `sources`."""
     from app.options.solver_options import read_option_file
 
     path = os.path.expandvars(path)
@@ -210,7 +216,7 @@ def _read_file(flag, path, parents, sources, files):
 
 
 def _read_content(path, parents):
-    """Return the text of an option file included by others."""
+    """Return the text of an option file, which `parents` include."""
     where = f"option file {path}" + (f" (included by {parents[-1]})" if parents else "")
     file = Path(path.removesuffix(":yaml"))
     try:
@@ -233,7 +239,7 @@ def _read_content(path, parents):
 
 
 def _check_yaml(content, where):
-    """Check the syntax, and that aliases do not multiply without end."""
+    """Raise InputError for wrong syntax, or aliases that multiply excessively."""
     import yaml
 
     try:
@@ -255,7 +261,7 @@ def _check_fp_trap(texts):
 
 
 def _check_read_at_end(petsc_options):
-    """Check options at which PETSc would fail only at its end."""
+    """Raise InputError for options at which PETSc's end would fail."""
     for viewer in re.split(",(?=:)", petsc_options.get("log_view", "")):
         check_viewer("log_view", viewer)
     for name in petsc_options.keys() & set(_OUTPUT_FILES):
@@ -265,7 +271,7 @@ def _check_read_at_end(petsc_options):
 
 
 def _parse_words(words):
-    """Return names without dash and texts (or None)."""
+    """Return pairs of option name, without dash, and text or None."""
     pairs, needs_value = [], False
     for word in words:
         try:

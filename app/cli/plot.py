@@ -25,7 +25,7 @@ _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is 
 
 
 def save_pictures(pictures, folder, kind="png", dpi=200):
-    """Write pairs of name and figure to a folder; return paths."""
+    """Write pairs of name and figure to a folder; return their paths."""
     paths = []
     for name, figure in pictures:
         folder.mkdir(parents=True, exist_ok=True)
@@ -39,7 +39,10 @@ def _is_surface(data):
 
 
 def _read(file, arguments):
-    """Return a result, columns of a table, or a levelled surface."""
+    """Return a file's result, its table's columns, or its surface.
+
+    The best plane is subtracted from a surface.
+    """
     suffix = file.suffix.lower()
     if arguments.unit or suffix in _MAPS or (suffix != ".csv" and has_heights(file)):
         from app.cli.convert import set_units  # these load numba, which results do without
@@ -55,7 +58,7 @@ def _read(file, arguments):
 
 
 def _pictures(file, data, arguments):
-    """Yield name and figure of each figure of a file."""
+    """Yield the name and the figure of each picture of a file."""
     only, is_table = arguments.only, isinstance(data, dict)
     is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
     if columns and not is_table:
@@ -121,7 +124,7 @@ def _arguments(argv):
 
 
 def _choose_names(files):
-    """Return unique folder names for files."""
+    """Return a folder name for each file, all of them different."""
     candidates = [
         (file.stem, name := f"{file.stem}_{file.suffix[1:]}", f"{file.absolute().parent.name}_{name}")
         for file in files
@@ -136,7 +139,7 @@ def _choose_names(files):
 
 
 def _draw_all(arguments):
-    """Draw all files; return the names of the figures."""
+    """Draw the pictures of all files; return the paths of the figures."""
     kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
     for file in arguments.files[1:]:  # find errors before anything is written
         next(_pictures(file, _read(file, arguments), arguments))

@@ -1,4 +1,4 @@
-"""Options of problem, loading and output, and the request they make."""
+"""Options of problem, loading and output, and the request of app.solve."""
 
 import re
 from contextlib import contextmanager
@@ -41,22 +41,22 @@ LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for
 
 
 class Request:
-    """All that app.solve is asked to do, checked before any work. Collective.
+    """Request to app.solve, validated before any work. Collective.
 
     Attributes
     ----------
     problem : app.problems.problem.Problem
     loading : dict
-        Argument of `app.api.solver.ContactSolver.solve`; empty for a path.
+        Prescribed quantity -> value, as of `app.api.solver.ContactSolver.solve`; empty for a path.
     path : app.cli.load_path.PathRequest or None
     refine_until, refine_max : number or None
     stiffness : bool
     method : dict of str to dict
-        Option file -> options left for the solver, which checks them.
+        Option file -> its options for the solver, which validates them.
     options : dict of str to str
-        Options of the command line left for the solver.
+        Options of the command line for the solver.
     texts : dict of str to str
-        The other options.
+        Options of problem, loading and output.
     output : str or None
     """
 
@@ -104,7 +104,7 @@ class Request:
 
 @contextmanager
 def suggest_names(parsed):
-    """Add misspelt options to an InputError of the block."""
+    """Add the names of misspelt options to an InputError of the block."""
     try:
         yield
     except InputError as error:
@@ -118,16 +118,16 @@ def suggest_names(parsed):
 
 
 def _split_unknown(names, own=()):
-    """Return all known names, and the others that are no solver options."""
+    """Return all known names, and unknown `names` that PETSc does not check."""
     known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
     others = names - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _SOLVER_OPTION.search(name)]
 
 
 def resolve_alternatives(parsed):
-    """Remove overridden alternatives; return a reader of the rest.
+    """Remove overridden exclusive options; return a reader of the others.
 
-    InputError if a source has several of exclusive options.
+    InputError if the same source sets several options that exclude each other.
     """
     for alternatives in (LOADING, *ALTERNATIVES):
         parsed.select_alternative(alternatives)
@@ -135,9 +135,9 @@ def resolve_alternatives(parsed):
 
 
 def read_loading(parsed, options):
-    """Return kind and value of the loading; all values of a path.
+    """Return the prescribed quantity and its value, or a path's values.
 
-    `options` is from `resolve_alternatives`. InputError if the loading is missing or not allowed.
+    `options` is the reader from `resolve_alternatives`. InputError if the loading is missing or not allowed.
     """
     needed = "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
     kind = parsed.select_alternative(LOADING, needed)

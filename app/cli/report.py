@@ -1,9 +1,9 @@
 """Describe a result in one web page.
 
 The command is ``python -m app.report RESULT.h5 [-o report.html]``. The page has numbers with units and meanings, their
-proof, the request, notes, figures, the table of a load path, and the largest stress below the surface if Poisson's
-ratio is known (or given by ``--poisson``). It needs no other file and no network. Default output: RESULT.html in the
-folder of the result. Exit status 0, or 2 after an error. One rank.
+proved accuracy, the request, notes, figures, the table of a load path, and the largest stress below the surface if
+Poisson's ratio is known (or given by ``--poisson``). The page needs no other file and no network. Default output:
+RESULT.html in the folder of the result. Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 import base64
@@ -53,7 +53,7 @@ _MAX_ROWS = 200
 
 @dataclass
 class Section:
-    """Section of the page."""
+    """Section of the page: a heading, texts, tables and pictures."""
 
     name: str
     heading: str
@@ -65,7 +65,7 @@ class Section:
 
 
 def format_quantity(value, unit, digits=6):
-    """Return a number with a suitable unit."""
+    """Return a number as text, lengths and areas in a suitable unit."""
     if unit in ("mm", "mm2"):
         power = 2 if unit == "mm2" else 1
         suitable = choose_length_unit(abs(value) ** (1 / power))
@@ -91,7 +91,7 @@ def _is_number(value):
 
 
 def numbers_section(result):
-    """Return the section of results."""
+    """Return the section of numbers, with analytic values and meanings."""
     grid = result.grid
     values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
@@ -120,7 +120,7 @@ def numbers_section(result):
 
 
 def proof_section(values):
-    """Return the section on certificate and grid errors."""
+    """Return the section on proved error bound and estimated grid errors."""
     bound, texts = values.get("error_bound", np.nan), []
     if np.isfinite(bound):
         texts.append(
@@ -182,7 +182,7 @@ def request_section(result):
 
 
 def path_section(result, pictures):
-    """Return the section of the load path."""
+    """Return the section with the table of the load path's steps."""
     columns, rows = {}, []
     for name, column in result.path.items():
         column = np.asarray(column)
@@ -198,7 +198,10 @@ def path_section(result, pictures):
 
 
 def stress_section(result, poisson_ratio=None, body=None):
-    """Return the section on stresses; arguments as of `app.api.subsurface.stress`."""
+    """Return the section on stresses below the surface.
+
+    `poisson_ratio` and `body` are those of `app.api.subsurface.stress`.
+    """
     if poisson_ratio is None and find_poisson_ratio(result.attributes, body) is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
@@ -214,7 +217,7 @@ def stress_section(result, poisson_ratio=None, body=None):
 
 
 def _png(figure):
-    """Return a figure as PNG."""
+    """Return the bytes of a figure as PNG."""
     image = io.BytesIO()
     style.write_figure(figure, image, "png", 100)
     return image.getvalue()
@@ -223,7 +226,8 @@ def _png(figure):
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     """Return the HTML page of a result.
 
-    `poisson_ratio` and `body` are those of `app.api.subsurface.stress`; stresses take longest.
+    `poisson_ratio` and `body` are those of `app.api.subsurface.stress`. Stresses take most of the time; without
+    `with_stress` they are left out.
     """
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []

@@ -1,7 +1,7 @@
 """Start and end of a parallel command.
 
 Exit statuses: 0 done, 2 bad input (one line on standard error), 3 not converged, 130 interrupted, 1 unexpected error
-(traceback and a line, with the rank if ranks differ). All ranks end in any case.
+(traceback and a line, with the rank if ranks differ). All ranks end in each of these cases.
 """
 
 import ctypes
@@ -32,8 +32,8 @@ from app.base.memory import check_address_space, set_malloc_option
 from app.base.packages import HOW_TO_GET, numpy_mismatch
 from app.cli import streams
 
-# Options of mallopt, variables and values. Work arrays are freed and allocated often; malloc then keeps their pages,
-# except those of huge arrays.
+# Option of mallopt -> environment variable that sets it, and our value. Work arrays are freed and allocated often;
+# with these values malloc keeps their pages, except those of huge arrays.
 _MALLOC = {
     -1: ("MALLOC_TRIM_THRESHOLD_", 2**31 - 1),
     -2: ("MALLOC_TOP_PAD_", 2**24),
@@ -42,7 +42,7 @@ _MALLOC = {
 
 
 def start(argv):
-    """Start MPI and PETSc; return all options as `ParsedOptions`. Collective.
+    """Start MPI and PETSc; return all options of the command. Collective.
 
     InputError if options cannot be read, PETSc refuses its start-up options, or petsc4py does not load.
     """
@@ -98,7 +98,10 @@ def start(argv):
 
 
 def keep_freed_pages(environment):
-    """Let malloc keep freed pages, unless the environment sets its options."""
+    """Let malloc keep freed pages.
+
+    Options of malloc that the environment sets are left as they are.
+    """
     for option, (name, value) in _MALLOC.items():
         if name not in environment:
             set_malloc_option(option, value)
@@ -106,9 +109,9 @@ def keep_freed_pages(environment):
 
 @contextmanager
 def _captured_petsc_errors():
-    """Capture standard error; print it if the block succeeds.
+    """Capture standard error; print it after the block if that succeeds.
 
-    Yields a function that returns PETSc's message on one line.
+    Yields a function that returns PETSc's captured error message on one line.
     """
     sys.stderr.flush()
     with tempfile.TemporaryFile() as captured:
@@ -149,7 +152,7 @@ def note(message):
 
 
 def peak_memory():
-    """Return the sum over ranks of their largest memory [bytes]. Collective."""
+    """Return the sum over ranks of their peak memory [bytes]. Collective."""
     import resource
 
     from app.base.mpi import MPI
@@ -166,7 +169,7 @@ def _rank():
 def run(main, argv=None):
     """Run a command and exit with its status. Collective.
 
-    ``main(parsed_options)`` returns the status, None for 0; `argv` defaults to ``sys.argv``.
+    ``main(parsed_options)`` returns the exit status; None counts as 0. `argv` defaults to ``sys.argv``.
     """
     streams.reopen_closed()
     warnings.simplefilter("ignore", NoteWarning)  # commands print notes
@@ -206,7 +209,8 @@ def run(main, argv=None):
 def write_logs(petsc_options):
     """Finalize PETSc and write its logs to files. Collective.
 
-    PETSc ignores a full disk; therefore it writes into memory. InputError if a file cannot be written.
+    PETSc ignores a full disk. Therefore it writes its logs into memory, and they are copied to the files. InputError if
+    a file cannot be written.
     """
     patterns = {"log_view": r"(?:ascii)?:([^:,]+)(?::\w*:?(append)?)?", "citations": "(.+)()"}
     patterns = {name: text for name, text in patterns.items() if re.search(text, petsc_options.get(name, ""))}
@@ -244,8 +248,8 @@ def write_logs(petsc_options):
 def _end(status, message, trace):
     """Print an error once and end all ranks.
 
-    Ranks that do not fail as well are aborted. PETSc is not finalized: after an error it would destroy objects in
-    different order on different ranks, and deadlock. `trace` is printed first.
+    Ranks that have not failed themselves are aborted. PETSc is not finalized: after an error it would destroy objects
+    in different order on different ranks, and deadlock. The traceback `trace` is printed first.
     """
     from app.base.mpi import MPI
     from app.parallel import mpi_abort

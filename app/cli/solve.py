@@ -10,7 +10,10 @@ from app.cli import session
 
 
 def main(parsed):
-    """Solve, write and report; return the exit status. Collective."""
+    """Solve the requested problem, write and report. Collective.
+
+    Returns the exit status.
+    """
     # The session starts MPI and PETSc first.
     import gc
     import shlex

@@ -1,4 +1,4 @@
-"""Standard streams, which may be closed, full or unread."""
+"""Printing on standard streams, which may be closed, full or unread."""
 
 import os
 import re
@@ -9,7 +9,7 @@ _KEYWORD_AND_OPTION = re.compile(r"\b\w{1,60}=\S{0,80} \((-[^()]*)\)")
 
 
 def reopen_closed():
-    """Open closed standard streams, before a file takes the place of one."""
+    """Reopen closed standard streams, before a file gets their number."""
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         try:
             os.fstat(number)
@@ -32,7 +32,8 @@ def print_output(text):
 def print_error(line):
     """Print a line on standard error; ignore failures.
 
-    Of ``level='plane' (-surface_level plane)``, a keyword argument and its option, only the option is printed.
+    Where a message names a keyword argument and its option, as in ``level='plane' (-surface_level plane)``, only the
+    option is printed.
     """
     try:
         print(_KEYWORD_AND_OPTION.sub(r"\1", line), file=sys.stderr, flush=True)

@@ -1,10 +1,10 @@
-"""Stress below a contact, by command.
+"""Print and draw the stress below a contact.
 
 ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]`` prints the largest von Mises and shear stresses. With -o
-it writes DIR/subsurface.png, the von Mises stress on a vertical section and stresses on a line through the largest one
-(or through ``--at``), and DIR/subsurface.h5: six components, von Mises and largest shear stress on sections along x and
-y, on the line and on the planes of ``--planes``, [N/mm2], compression negative. Exit status 0, or 2 after an error. One
-rank.
+it writes two files. DIR/subsurface.png shows the von Mises stress on a vertical section, and stresses on a vertical
+line through the largest one (or through ``--at``). DIR/subsurface.h5 has the six components, von Mises and largest
+shear stress on sections along x and y, on the line and on the planes of ``--planes`` [N/mm2], compression negative.
+Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 from pathlib import Path
@@ -33,7 +33,7 @@ def _depths(text):
 
 
 def draw(result, stresses, along="x"):
-    """Return a figure of a survey."""
+    """Return a figure of stresses from `app.api.subsurface.survey`."""
     section = stresses.section_x if along == "x" else stresses.section_y
     heading = f"{figures.make_title(result)}, ν = {stresses.poisson_ratio:.3g}"
     return curves.stress_figure(
@@ -42,7 +42,10 @@ def draw(result, stresses, along="x"):
 
 
 def write(path, result, stresses, planes):
-    """Write a survey and planes (depth -> stress) to HDF5 atomically."""
+    """Write stresses of a survey, and of planes, to HDF5 atomically.
+
+    `planes` maps depths [mm] to stresses.
+    """
     with atomic_hdf5(path) as file:
         at = stresses.at
         for name, values in (("x", result.x), ("y", result.y), ("depth", stresses.depths)):
@@ -73,7 +76,7 @@ def write(path, result, stresses, planes):
 
 
 def add_body(add):
-    """Add the arguments that choose the body, by ``parser.add_argument``."""
+    """Add --poisson and --body by a parser's method ``add_argument``."""
     add(
         "--poisson",
         type=argument_type(half),
@@ -109,7 +112,10 @@ def _arguments(argv):
 
 
 def summary(hottest, sheared, result, poisson_ratio):
-    """Return two lines for each of `SubsurfaceStress.maxima`."""
+    """Return two texts: largest von Mises and shear stress, and where.
+
+    `hottest` and `sheared` are from `SubsurfaceStress.maxima`.
+    """
     highest = float(np.nanmax(result.pressure))
     ratios = np.atleast_1d(result.attributes.get("poisson", ()))
     numbers = [k for k, nu in enumerate(ratios, 1) if nu == poisson_ratio] if len(set(ratios)) == 2 else []

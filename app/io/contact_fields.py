@@ -33,7 +33,7 @@ _HIDDEN = {
     "inner_iterations",
 }
 _MAX_SHOWN = 12  # contact spots that are printed
-_MIN_MEAN_VECTOR = 1e-9  # mean length of unit vectors; below, cells lie all around the period
+_MIN_MEAN_VECTOR = 1e-9  # length of the mean of unit vectors; if it is less, cells lie all around the period
 
 
 class Patches(NamedTuple):
@@ -45,10 +45,11 @@ class Patches(NamedTuple):
     Attributes
     ----------
     labels : ndarray of int, shape (rows, nx)
-        Of this rank's rows: 0 without contact, k + 1 in spot k (from 0).
+        Labels of the cells in this rank's rows: 0 without contact, k + 1 in spot k (from 0).
     cells : ndarray of int, shape (spots,)
+        Number of cells of each spot.
     area, load, max_pressure : ndarray of float64, shape (spots,)
-        [mm2], [N], [N/mm2].
+        Area [mm2], load [N] and highest pressure [N/mm2] of each spot.
     centre_x, centre_y : ndarray of float64, shape (spots,)
         Centre of the area [mm]. Meaningless or NaN for a spot that surrounds a periodic patch.
     grid : Grid
@@ -64,7 +65,10 @@ class Patches(NamedTuple):
     grid: object = None
 
     def to_dataframe(self):
-        """Return a pandas.DataFrame with a row for each spot, units in ``attrs["units"]``."""
+        """Return a pandas.DataFrame with a row for each spot.
+
+        Its ``attrs["units"]`` has the units.
+        """
         units = dict(zip(self._fields[2:7], ("mm2", "N", "N/mm2", "mm", "mm"), strict=True))
         columns = {name: getattr(self, name) for name in self._fields[1:7]}
         labels = {"label": np.arange(1, len(self.cells) + 1)}
@@ -90,8 +94,8 @@ class Patches(NamedTuple):
 class ContactFields:
     """Contact spots, distributions and attributes of solutions and results.
 
-    Subclasses have `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None if this rank
-    has all rows; and the numbers in `__repr__`.
+    Subclasses have the arrays `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, which are
+    None if this rank has all rows; and the numbers that `__repr__` shows.
     """
 
     def __repr__(self):
@@ -108,7 +112,7 @@ class ContactFields:
         return views.load().solution_html(self)
 
     def summary(self):
-        """Return the lines that app.solve prints. Collective."""
+        """Return the text that app.solve prints on a solution. Collective."""
         return views.load().summarize(self)
 
     def plot(self, name=None, ax=None):
@@ -119,10 +123,10 @@ class ContactFields:
         Parameters
         ----------
         name : str, optional
-            summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or one
-            panel: displacement, gap, section_x, section_y, residual.
+            summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or a
+            single panel: displacement, gap, section_x, section_y, residual.
         ax : matplotlib axes, optional
-            Draws one panel there: contact, pressure (the default), or one of those named last.
+            Axes for a single panel, which is contact, pressure (the default), or one of those named last.
 
         Returns
         -------
@@ -132,11 +136,14 @@ class ContactFields:
         return views.load().plot_solution(self, name, ax)
 
     def to_xarray(self):
-        """Return an xarray.Dataset of the fields (local rows), with units in ``attrs``."""
+        """Return an xarray.Dataset of the fields in the local rows.
+
+        The ``attrs`` of each field have its unit.
+        """
         return to_xarray(self)
 
     def __getattr__(self, name):
-        """Return an attribute by its name in file or `Solution`."""
+        """Return an attribute by its name in a file or in `Solution`."""
         # Unpickling asks for names before there are attributes.
         attributes = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
@@ -147,7 +154,10 @@ class ContactFields:
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
-        """Return fields, physical numbers and methods; all other numbers are in `attributes`."""
+        """Return names of fields, physical numbers and methods.
+
+        All other numbers are in `attributes` only.
+        """
         known = {name for name in self.attributes if name.removeprefix("analytic_") in QUANTITIES}
         return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
 
@@ -201,7 +211,7 @@ class ContactFields:
         return np.sort(cells)[::-1] * self.grid.cell_area
 
     def _connected_sets(self):
-        """Return labels and numbers of cells of contact spots. Collective."""
+        """Return labels of the cells, and sizes of the contact spots. Collective."""
         from app.halfspace.connected_sets import label_connected_sets
 
         return label_connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
@@ -212,9 +222,9 @@ class ContactFields:
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 
     def distribution(self, name, bins=100, logarithmic=False):
-        """Return the distribution of positive pressures in contact, or of positive gaps.
+        """Return the distribution of pressures or gaps. Collective.
 
-        Collective.
+        Pressures are those in contact, gaps those outside of it; only positive values count.
 
         Parameters
         ----------
@@ -222,12 +232,12 @@ class ContactFields:
             "pressure" or "gap".
         bins : int
         logarithmic : bool
-            Bins of equal ratio; else of equal width.
+            Bins have equal ratios of their edges; otherwise equal widths.
 
         Returns
         -------
         edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
-            From the smallest to the largest value; from half to twice a single value; empty without values.
+            Edges from the smallest to the largest value; from half to twice a single value; empty without values.
         density : ndarray, shape (bins,)
             Share of the counted cells per unit; its integral is 1.
 

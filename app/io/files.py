@@ -14,7 +14,7 @@ from pathlib import Path
 from app.base.errors import InputError, call_collectively
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
-_SAMPLES, _SAMPLE_BYTES = 64, 1 << 16
+_SAMPLES, _SAMPLE_BYTES = 64, 1 << 16  # of a large file, for its hash
 _HDF5_BLOCK_BYTES = 1 << 20  # growth of a file in memory
 _MAX_TEMPORARY_AGE = 86400  # s; older temporary files are left by killed runs
 
@@ -25,7 +25,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     Parameters
     ----------
     path : str or Path
-        An existing file will be replaced; a link's target is returned.
+        Name of the file. An existing file will be replaced; of a link the target's path is returned.
     inputs : iterable of str or Path
         Files that must not be replaced; missing ones are ignored.
     what : str
@@ -98,9 +98,9 @@ def hash_file(path):
 
 
 def hash_samples(path):
-    """Return size and hash of a file, or None.
+    """Return size and hash of a file, None without a file.
 
-    Above 4 MiB the hash is of evenly spaced samples.
+    Of a file above 4 MiB only evenly spaced samples are hashed.
     """
     path = Path(path)
     if not path.is_file():
@@ -146,9 +146,9 @@ def write_text(path, text):
 
 @contextmanager
 def atomic_hdf5(path):
-    """Yield an HDF5 file in memory and write it atomically.
+    """Yield an HDF5 file in memory; write it atomically after the block.
 
-    HDF5 cannot close a file on a full disk; system calls report the error.
+    HDF5 cannot close a file on a full disk. So system calls write the file, which report the error.
     """
     import h5py
 
@@ -163,7 +163,10 @@ def atomic_hdf5(path):
 
 
 def make_temporary_name(path):
-    """Return an unused name in the folder; remove outdated temporary files."""
+    """Return a temporary name in the folder of a path.
+
+    Temporary files older than a day, which killed runs left there, are removed.
+    """
     for outdated in path.parent.glob(".contact-*.tmp"):
         with suppress(OSError):  # another process may have removed it
             if time.time() - outdated.stat().st_mtime > _MAX_TEMPORARY_AGE:
@@ -178,7 +181,7 @@ def remove(path):
 
 
 def publish(temporary, path):
-    """Flush a file to disk, then rename it."""
+    """Flush a temporary file to disk, then rename it to `path`."""
     _sync(temporary)
     temporary.replace(path)
     _sync(temporary.parent)

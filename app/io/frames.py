@@ -1,4 +1,4 @@
-"""Tables for pandas and fields for xarray, which are optional."""
+"""Conversion to pandas and xarray, which are optional packages."""
 
 from importlib import import_module
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from app.base.quantities import QUANTITIES, unit_of
 
-_FIELD_UNITS = {"pressure": "N/mm2", "contact": "1"}  # of others mm
+_FIELD_UNITS = {"pressure": "N/mm2", "contact": "1"}  # all other fields are in mm
 _LONG_NAMES = {
     "pressure": "pressure p",
     "gap": "gap e",
@@ -32,7 +32,7 @@ def to_dataframe(columns, index=None, units=()):
     index : str, optional
         Column that numbers the rows.
     units : mapping of str to str
-        Of columns that are no quantities of `app.base.quantities`.
+        Units of columns that are not in `app.base.quantities`.
     """
     frame = _import("pandas", "to_dataframe()").DataFrame(dict(columns))
     known = {name: unit_of(name) for name in frame if name.removeprefix("analytic_") in QUANTITIES}
@@ -43,7 +43,7 @@ def to_dataframe(columns, index=None, units=()):
 def to_xarray(result):
     """Return an xarray.Dataset of the fields, with units in ``attrs``.
 
-    Numbers and texts are attributes of the Dataset. It has the local rows.
+    Numbers and texts are attributes of the Dataset. Fields have the local rows only.
     """
     xarray = _import("xarray", "to_xarray()")
     fields = {name: getattr(result, name) for name in _LONG_NAMES}

@@ -72,8 +72,8 @@ MAX_STEP_DEVIATION = 0.1  # of a cell: rounding of coordinates far from zero
 class Result(ContactFields):
     """Contents of a result file, as in the module's table.
 
-    Attributes of the file are attributes of the object: ``result.load`` is ``result.attributes["load"]``. The names
-    of a `Solution` work too (``message``, ``iterations``, ``rtol``).
+    Attributes of the file are attributes of the object, too: ``result.load`` is ``result.attributes["load"]``. So are
+    the names that a `Solution` has for some of them (``message``, ``iterations``, ``rtol``).
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Result(ContactFields):
     units : dict of str to str
         Unit of each dataset that has one.
     path : dict of str to ndarray, shape (steps,)
-        Table of a load path, else empty.
+        Table of a load path; empty for a single loading.
     """
 
     pressure: np.ndarray
@@ -125,7 +125,7 @@ class Result(ContactFields):
 def make_grid(x, y, attributes):
     """Make a `Grid` from cell centres [mm] and attributes of a result.
 
-    Attribute `cell_size` gives the size of a cell without neighbours.
+    Along a side of one cell its size is taken from the attribute `cell_size`.
     """
     from app.halfspace.grid import Grid
 
@@ -150,7 +150,7 @@ def read_result(path):
     Raises
     ------
     InputError
-        If it is missing or no result file; the message names what is wrong.
+        If the file is missing or no result file; the message names what is wrong.
     """
     with open_result(path) as file:
         check_is_result(file)
@@ -201,13 +201,13 @@ def open_result(path):
 
 
 def has_heights(path):
-    """Return True for a map of heights of app.convert."""
+    """Return whether a file is a map of heights, as app.convert writes."""
     with open_result(path) as file:
         return "heights" in file and not FIELDS.keys() & file.keys()
 
 
 def check_is_result(file):
-    """Raise InputError for an open file without fields of a result."""
+    """Raise InputError if an open file has no fields of a result."""
     if FIELDS.keys() & file.keys():
         return
     if "depth" in file and "line/von_mises" in file:
@@ -221,7 +221,10 @@ def check_is_result(file):
 
 
 def _read_columns(file, group, known=()):
-    """Return the columns of a group except the known ones."""
+    """Return the columns of a group except the known ones, by name.
+
+    InputError if they differ in length from each other or from the known ones.
+    """
     if group not in file:
         return {}
     names = list(file[group]) if isinstance(file[group], h5py.Group) else [""]
@@ -233,9 +236,9 @@ def _read_columns(file, group, known=()):
 
 
 def read_dataset(file, name, dtype=None):
-    """Read a numeric dataset; raise InputError for others.
+    """Read a numeric dataset; raise InputError for any other.
 
-    `dtype` defaults to the dataset's own.
+    Numbers are converted to `dtype`, by default the dataset's own.
     """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
@@ -264,7 +267,10 @@ def _are_centres(values):
 
 
 def read_attributes(file):
-    """Return attributes as Python objects; raise InputError on wrong types."""
+    """Return the attributes of a file as Python objects, by name.
+
+    InputError if one has a wrong type.
+    """
     attributes = {}
     for name, value in file.attrs.items():
         plain = attributes[name] = value.item() if isinstance(value, np.generic) else value

@@ -17,8 +17,8 @@ from app.io.files import atomic_hdf5, write_text
 def format_markdown(rows, columns=None, formats=None):
     """Return a Markdown table with aligned columns.
 
-    `columns` are the keys to show, by default all in order of appearance; `formats` maps columns to formats of their
-    floats, by default ``".6g"``.
+    `columns` are the keys to show, by default all in order of appearance. `formats` maps keys to the formats of their
+    floats; others have ``".6g"``.
 
     Examples
     --------
@@ -32,12 +32,15 @@ def format_markdown(rows, columns=None, formats=None):
 
 
 def format_text(rows, columns=None, formats=None):
-    """Return a table for a terminal; see `format_markdown`."""
+    """Return a table as text for a terminal; see `format_markdown`."""
     return _tabulate("simple", rows, columns, formats)
 
 
 def format_csv(rows, columns=None):
-    """Return a table as CSV with all digits; parameters as for `format_markdown`."""
+    """Return a table as CSV, with all digits of its numbers.
+
+    Parameters are those of `format_markdown`.
+    """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns or _list_keys(rows), extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
@@ -46,9 +49,10 @@ def format_csv(rows, columns=None):
 
 
 def write_table(path, rows, columns=None):
-    """Write a table atomically as ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``.
+    """Write a table atomically, in the format of its suffix.
 
-    HDF5 gets a dataset per key: int64, float64 with NaN for empty cells, or strings. ValueError for other suffixes.
+    This is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; ValueError for any other. An HDF5 file has a dataset for
+    each key: int64, float64 with NaN for empty cells, or strings.
     """
     path = Path(path)
     formatters = {".md": format_markdown, ".txt": format_text, ".csv": format_csv}

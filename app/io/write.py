@@ -37,9 +37,9 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     Parameters
     ----------
     path : str or Path
-        Ends in ``.h5`` or ``.hdf5``; an existing file is replaced.
+        Name of the file, ending in ``.h5`` or ``.hdf5``; an existing file is replaced.
     comm : mpi4py.MPI.Comm
-        Its ranks write by MPI-IO, or in turn if h5py has no MPI.
+        Ranks that share the fields. They write by MPI-IO, or in turn if h5py has no MPI.
     slabs : app.parallel.slabs.Slabs
         Distribution of the rows; ranks may have none.
     fields : mapping of str to array_like or ByRows, shape (slabs.local, nx)
@@ -56,7 +56,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     Raises
     ------
     InputError
-        If the type of an attribute, step or field, or `path`, is not allowed.
+        If `path` is not allowed, or the type of an attribute, a column of `steps` or a field.
     OSError
         If writing fails.
     """
@@ -80,7 +80,10 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
 
 
 def _plan(fields, x, y, attributes, history, steps):
-    """Check the user's data and return all that rank 0 writes."""
+    """Check the user's data; return types, axes, attributes and columns.
+
+    These are all that rank 0 writes; the fields themselves are left out.
+    """
     for name, value in attributes.items():
         value = np.asarray(value)
         if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
@@ -116,7 +119,7 @@ def _as_rows(field):
 
 
 def _lay_out(path, plan):
-    """Write all metadata and reserve space for the fields; rank 0 only."""
+    """Write metadata and columns, and reserve space for fields; rank 0 only."""
     early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     shape = plan["axes"]["y"].size, plan["axes"]["x"].size
@@ -178,9 +181,9 @@ def _write_rows(path, comm, slabs, rows):
 
 
 def _run_collectively(comm, step, only_root=False):
-    """Run a step; raise OSError on all ranks if it fails.
+    """Run a function; if it fails, raise OSError on all ranks. Collective.
 
-    Collective. Unlike `call_collectively` it catches all exceptions and names the rank.
+    Unlike `call_collectively` this catches exceptions of all types, and the message names the rank.
     """
     message = None
     try:

@@ -1,9 +1,9 @@
 """XDMF files, with which ParaView and other programs read result files.
 
 A result becomes a uniform grid with fields on cells; several results, such as the steps of a load path, become a time
-series. The XDMF file refers to HDF5 files of its own folder by name. The patch is a layer of cells below z = 0:
-ParaView's readers put a two-dimensional mesh (``2DCoRectMesh``) in the y-z plane, and only one reads fields on a
-layer without thickness.
+series. The XDMF file refers to HDF5 files of its own folder by name. The patch is written as a layer of cells below
+z = 0. ParaView's readers would put a two-dimensional mesh (``2DCoRectMesh``) in the y-z plane, and only one of them
+reads fields on a layer without thickness.
 """
 
 from pathlib import Path
@@ -17,14 +17,14 @@ from app.io.result import AXES, FIELDS, check_is_result, make_grid, open_result,
 
 
 def write_xdmf(results, path=None):
-    """Write the XDMF file of result files.
+    """Write an XDMF file that refers to result files.
 
     Parameters
     ----------
     results : sequence of str or Path
-        In one folder, in the order of time.
+        Result files in one folder, in the order of time.
     path : str or Path, optional
-        Default: that of the first result, with suffix ``.xdmf``.
+        Name of the XDMF file; default: that of the first result, with suffix ``.xdmf``.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def write_xdmf(results, path=None):
     Raises
     ------
     InputError
-        If a file is no result file or is in another folder.
+        If a file is no result file, or lies in another folder than the XDMF file.
     """
     results = [Path(result) for result in results]
     path = results[0].with_suffix(".xdmf") if path is None else Path(path)

@@ -11,23 +11,23 @@ from app.parameter_study.run import OUTCOME, WHERE_KNOWN
 
 # Exit statuses that --resume keeps. Refusals may depend on memory and packages, and crashes deserve another try.
 FINISHED = (0, 3)
-_OF_PROBLEM = ("rms_height", "rms_slope", "contact_modulus")  # equal at all steps of a load path
+_OF_PROBLEM = ("rms_height", "rms_slope", "contact_modulus")  # numbers that all steps of a load path share
 
 
 def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
-    """Perform the runs without an answer in the journal.
+    """Perform the runs that have no finished outcome in the journal.
 
     Parameters
     ----------
     runs : sequence of Run
-        Equal ones are performed once.
+        Runs of the study; equal ones are performed once.
     folder : Path
-        For their files; `keep` keeps the result files and repeats runs without one.
+        Folder of the runs' result files. With `keep` these files are kept, and finished runs without one are repeated.
     journal : Journal
     jobs, ranks : int
-        Simultaneous runs, and ranks of each.
+        Number of simultaneous runs, and number of ranks of each run.
     timeout : float, optional
-        Of each run [s].
+        Longest time of a run [s].
 
     Returns
     -------
@@ -86,10 +86,11 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
 
 
 def make_rows(runs, outcomes):
-    """Return labels and outcome of runs and load steps.
+    """Return the table's rows, with labels and outcomes of runs.
 
-    A column with the name of a varied option is called ``result_NAME``. What a load path prescribes comes first. Only
-    the last step of a path has numbers of the whole run, such as its work.
+    A load path has a row for each step; only that of the last step has numbers of the whole run, such as its work. A
+    column of the outcome is called ``result_NAME`` if NAME is a varied option. Quantities that load paths prescribe
+    come first.
     """
     labels = {name for run in runs for name in run.labels}
     finished = [(run, outcome) for run, outcome in zip(runs, outcomes, strict=True) if outcome is not None]

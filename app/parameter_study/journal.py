@@ -8,10 +8,11 @@ from app.base.errors import InputError
 
 
 class Journal:
-    """Outcomes in a locked file of JSON lines.
+    """Outcomes of runs or steps in a locked file of JSON lines.
 
-    With `resume` earlier outcomes are kept in `outcomes`, a mapping by key; else they are in `discarded`, and `add`
-    removes them when it is first called. InputError if the file cannot be written or is locked.
+    `outcomes` maps keys to outcomes. With `resume` it begins with those in the file. Otherwise these are in
+    `discarded`, and the first call of `add` removes them from the file. InputError if the file cannot be written or is
+    locked.
     """
 
     def __init__(self, path, resume=False):
@@ -38,7 +39,7 @@ class Journal:
         self._truncate = not resume
 
     def add(self, key, outcome):
-        """Record an outcome, flushed to the system; raise InputError on failure."""
+        """Record an outcome and flush it; raise InputError on failure."""
         try:
             if self._truncate:
                 self._file.truncate(0)

@@ -18,15 +18,16 @@ _OPEN_MPI = {
 }
 # A run without mpiexec needs no daemon of Open MPI. Its version 4 would remove a folder that all runs share.
 _SINGLE_RANK = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
-_POLL_INTERVAL = 0.5  # s, between looks at the stop event
+_POLL_INTERVAL = 0.5  # s, between checks of the stop event
 _KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 
 
 def run_command(command, timeout=None, stop=None):
     """Run a command; return exit status and standard error.
 
-    It has a process group of its own. TimeoutExpired after `timeout` [s], InterruptedError when the event `stop` is
-    set; the process has then ended. The status is minus the number of a signal that ended it.
+    The process has a process group of its own. After `timeout` [s] TimeoutExpired is raised, and InterruptedError when
+    the event `stop` is set; the process has been ended then. If a signal ended the process, the status is minus its
+    number.
     """
     environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
     environment |= _SINGLE_RANK if command[0] != "mpiexec" else {}
@@ -58,9 +59,9 @@ def run_command(command, timeout=None, stop=None):
 
 
 def perform(run, output, stop=None, ranks=1, timeout=None):
-    """Run a program and return its outcome.
+    """Run the program of a `Run` and return its outcome.
 
-    That is `exit_status`, `message` (warnings or error), and what ``run.collect(output)`` returns.
+    The outcome is a dict of `exit_status`, `message` (warnings or error), and what ``run.collect(output)`` returns.
     """
     command = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
     command += [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]

@@ -37,10 +37,11 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 
 
 def collect_result(path):
-    """Return the numbers of a result for a row.
+    """Return the numbers of a result file for a table's row.
 
-    They are those of `OUTCOME` and `reason`; a load path has its rows in `steps`. The fields give `largest_penetration`
-    [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
+    They are those of `OUTCOME` and `reason`; a load path has its rows in `steps`. Computed from the fields are
+    `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|) with
+    pressure p, gap e and undeformed distance h.
     """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
@@ -68,7 +69,7 @@ def _list_steps(table):
 
 @dataclass(frozen=True)
 class Run:
-    """A call of a program."""
+    """Call of a program: its options, files and labels in a table."""
 
     files: tuple[str, ...] = ()  # option files
     options: Mapping[str, str] = field(
@@ -86,9 +87,10 @@ class Run:
         return words
 
     def inputs(self):
-        """Return names of possible input files.
+        """Return the names of possible input files.
 
-        Among them are PETSc's start files, and what these and its variables name. Some may not exist.
+        Among them are PETSc's start files, and the files that these or PETSc's environment variables name. Some may not
+        exist.
         """
         home = Path(os.environ.get("HOME", "."), ".petscrc")
         files = [str(home), ".petscrc", "petscrc", *self.files]
@@ -108,7 +110,7 @@ def _petsc_variables():
 
 
 def _find_named_files(option_files, texts):
-    """Return the existing files that options name."""
+    """Return the existing files that are named in option files and texts."""
     named, texts, unread = [], list(texts), list(option_files)
     while texts or unread:
         if not texts:

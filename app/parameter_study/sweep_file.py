@@ -12,8 +12,8 @@ from app.base.errors import InputError, format_yaml_error
 from app.options.option_table import find_option_file, number
 from app.parameter_study.run import Run
 
-LEFT_OUT = "~"
-MAX_RUNS = 100_000  # before `exclude`
+LEFT_OUT = "~"  # value that leaves an option out
+MAX_RUNS = 100_000  # combinations before `exclude` removes some
 _KEYS = ("description", "option_files", "options", "zip", "exclude")
 _RESERVED = {
     "output": "each run has its own",
@@ -34,10 +34,10 @@ class _Loader(yaml.BaseLoader):
 
 
 def read_sweep(path):
-    """Return a run for each combination of a sweep file.
+    """Return a `Run` for each combination of values in a sweep file.
 
-    The last list varies fastest. Labels are the varied options. InputError if the file cannot be read or its contents
-    are not allowed.
+    The last list varies fastest. The labels of a run are its varied options. InputError if the file cannot be read or
+    its contents are not allowed.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -51,9 +51,9 @@ def read_sweep(path):
 
 
 def _combine(content):
-    """Return a run for each combination of the axes.
+    """Return a `Run` for each combination of the axes.
 
-    An axis is a list of alternatives: labels, option files, options.
+    An axis is a list of alternatives, each a tuple of labels, option files and options.
     """
     _check_mapping(content, "the file", _KEYS)
     files = _check_list(content.get("option_files") or [], "option_files")
@@ -110,7 +110,7 @@ def _option_axis(lists, label):
 
 
 def _read_exclusion(entry, seen):
-    """Return option -> values of an entry of ``exclude``."""
+    """Return an entry of ``exclude`` as a mapping of options to values."""
     for name in _check_mapping(entry, "exclude"):
         if name not in seen:
             raise InputError(f"exclude: {name} is not among the options")

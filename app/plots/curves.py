@@ -24,14 +24,14 @@ from app.problems.statistics import radial_spectrum
 from app.problems.surfaces.moments import Moments, add_polynomial
 
 _SMOOTH = "hertz", "sphere", "cylinder", "roller", "cone", "punch"  # problems without roughness of their own
-_BINS_PER_DECADE = 8
+_BINS_PER_DECADE = 8  # of a logarithmic axis
 MIN_STRESS_VARIATION = 1e-9  # relative to the largest stress; below, the stress is uniform
 _SECTION_ASPECT = 0.6, 0.7  # smallest and largest height over width
 
 
 @with_style
 def distribution_figure(result):
-    """Draw densities of pressure and gap, and sizes of contact spots."""
+    """Draw the distributions of pressure, gap and size of contact spots."""
     areas = result.contact_patches()
     panels = 3 if len(areas) > 1 else 2
     figure = new_figure(4.85 * panels, 4.6, make_title(result))
@@ -47,7 +47,7 @@ def distribution_figure(result):
 
 
 def _draw_density(axes, values, label, unit):
-    """Draw a probability density with logarithmic bins."""
+    """Draw the probability density of positive values, in logarithmic bins."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
     if not values.size:
         annotate_empty(axes, "no values")
@@ -69,7 +69,7 @@ def _draw_density(axes, values, label, unit):
 
 
 def _draw_patches(axes, patches):
-    """Draw the number of contact spots of at least each area."""
+    """Draw how many contact spots have at least a given area."""
     unit = choose_length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
     sizes, counts = np.unique(patches, return_counts=True)
@@ -83,8 +83,8 @@ def _draw_patches(axes, patches):
 def extract_roughness(result):
     """Return the undeformed distance without its smooth part [mm].
 
-    The smooth part of a free patch is the best paraboloid. None with holes, with fewer than 8 cells along x or y, or
-    without roughness.
+    The smooth part is the best paraboloid on a free patch, the mean on a periodic one. Returns None if the patch has
+    holes or fewer than 8 cells along x or y, or if there is no roughness.
     """
     h = result.undeformed_distance
     if min(h.shape) < 8 or not np.isfinite(h).all():
@@ -98,9 +98,9 @@ def extract_roughness(result):
 
 @with_style
 def spectrum_figure(result):
-    """Draw the roughness spectrum with its cut-offs.
+    """Draw the spectrum of the roughness, with roll-off and cut-off.
 
-    On a free patch the best paraboloid is subtracted and a Hann window applied. None without roughness.
+    On a free patch the best paraboloid is subtracted and a Hann window applied. Returns None without roughness.
     """
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
@@ -134,9 +134,10 @@ def spectrum_figure(result):
 
 
 def draw_spectrum(axes, surface, grid, label):
-    """Draw the radial spectrum of a roughness [mm].
+    """Draw the radial power spectrum of heights `surface` [mm].
 
-    Return wave numbers, densities [mm4] and the length `Unit` of wave numbers; None with fewer than three points.
+    Returns wave numbers, densities [mm4] and the `Unit` of length of the wave numbers. Draws nothing and returns None
+    if there are fewer than three points.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     unit = choose_length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
@@ -154,8 +155,8 @@ def draw_spectrum(axes, surface, grid, label):
 def stress_figure(along, grid, depths, section, line, hottest, heading):
     """Draw stresses on a section and along a vertical line.
 
-    `along` is "x" or "y"; `depths` [mm] begin with 0; `section` has shape (6, depths, nx or ny), `line` (6, depths)
-    [N/mm2]; `hottest` is a StressMaximum.
+    The section goes `along` "x" or "y". `depths` [mm] begin with 0. `section`, of shape (6, depths, nx or ny), and
+    `line`, (6, depths), have the stress components [N/mm2]. `hottest`, a StressMaximum, is the place to mark.
     """
     figure = new_figure(13.5, 5.2, heading)
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})

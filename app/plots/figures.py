@@ -33,7 +33,7 @@ PROBLEMS = {
     "given": "Contact problem",
 }
 
-MIN_RATIO = 1.0001  # of values that are shown as different
+MIN_RATIO = 1.0001  # of two values that are shown as different
 _MAX_RESIDUAL = 1e200  # axes overflow beyond
 _PRESCRIBED = {
     "load": ("loads", "N"),
@@ -44,7 +44,7 @@ _PRESCRIBED = {
 
 
 def make_title(result, path=False):
-    """Return problem, grid and load, or the range of its load path."""
+    """Return a title: problem, grid, and load or range of loads."""
     ny, nx = result.pressure.shape
     values = result.attributes
     problem = values.get("problem", "contact problem")
@@ -65,7 +65,7 @@ def make_title(result, path=False):
 
 
 def format_load(value):
-    """Return a load with four digits or as a whole number."""
+    """Return a load as text: four digits, or a whole number."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
@@ -104,7 +104,10 @@ def deformation_figure(result):
 
 @with_style
 def section_figure(result, reference=None):
-    """Draw sections of pressure and gap through `hottest_cell`."""
+    """Draw pressure and gap along x and y through the `hottest_cell`.
+
+    That is the cell of the highest pressure. A `reference` pressure is drawn instead of the gap.
+    """
     figure = new_figure(7.4, 7.2, make_title(result))
     for axes, along in zip(figure.subplots(2, 1), "xy", strict=True):
         draw_section(axes, result, along, *hottest_cell(result), reference)
@@ -113,7 +116,7 @@ def section_figure(result, reference=None):
 
 @with_style
 def history_figure(result):
-    """Draw residuals, contact cells and changed cells."""
+    """Draw residual, contact cells and changed cells of each iteration."""
     figure = new_figure(7.0, 6.6, make_title(result))
     upper, lower = figure.subplots(2, 1, sharex=True)
     draw_residual(upper, result)
@@ -138,9 +141,9 @@ def summary_figure(result, reference=None):
 
 
 def hottest_cell(result):
-    """Return row and column of the highest pressure.
+    """Return row and column of the cell of highest pressure.
 
-    Of several, to rounding, it is the one in the middle.
+    If several cells have it, up to rounding, it is the one in their middle.
     """
     pressure = finite_pressure(result.pressure)
     cells = np.argwhere(pressure >= pressure.max() / MIN_RATIO)
@@ -148,7 +151,10 @@ def hottest_cell(result):
 
 
 def draw_section(axes, result, along, row, column, reference):
-    """Draw a section of the pressure, with gap or reference pressure."""
+    """Draw the pressure along a row or column of cells.
+
+    The gap is drawn with it, or instead the pressure of a `reference` solution.
+    """
     unit = choose_length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
         line, across = row, f"y = {result.y[row] * unit.per_mm:.3g}"
@@ -185,7 +191,7 @@ def draw_section(axes, result, along, row, column, reference):
 
 
 def _draw_gap(axes, sides, gap, ends):
-    """Draw the gap downwards from the top, clear of the pressure."""
+    """Draw the gap from the top downwards, above the pressure."""
     shown = gap[(sides[1:] > ends[0]) & (sides[:-1] < ends[1])]
     highest = float(np.nanmax(shown, initial=0.0))
     if not 0 < highest < np.inf:
@@ -242,13 +248,13 @@ def _draw_cells(axes, result):
 
 
 def _find_grids(level):
-    """Return a slice of the history for each grid."""
+    """Return the slice of the history for each grid."""
     cuts = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), level.size]
     return [slice(first, last) for first, last in pairwise(cuts) if last > first]
 
 
 def _mark_grids(axes, result, label=False):
-    """Shade every other grid and name all grids."""
+    """Shade the iterations on every other grid; label all grids if asked."""
     level = result.history["level"]
     parts = _find_grids(level)
     axes.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))

@@ -13,7 +13,7 @@ from app.plots.style import BLUE, DASHED, GREY, ORANGE, PALE, annotate_empty, ne
 
 _TAIL = 1e-3  # share of the heights at each end that may lie outside the colour scale
 _MAX_TAIL_RANGE = 1.5  # range up to a tail's end over the range without tails; beyond, the tail is cut
-_BINS = 20, 100  # smallest and largest number
+_BINS = 20, 100  # smallest and largest number of bins of the distribution
 _MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 
 
@@ -21,8 +21,8 @@ _MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 def surface_figure(surface):
     """Draw heights, middle profiles, distribution and radial spectrum.
 
-    The surface has a spacing; its heights are drawn about their best plane. Missing points are grey; with them there is
-    no spectrum.
+    The surface must have a spacing. Its best plane is subtracted. Missing points are grey, and there is no spectrum if
+    there are any.
     """
     canvas, shown, limits, extend, unit = _prepare(surface)
     grid, heights = canvas.grid, canvas.result.undeformed_distance
@@ -45,7 +45,10 @@ def surface_figure(surface):
 
 
 def _prepare(surface):
-    """Return canvas, heights in their unit, limits, ends to extend, and unit."""
+    """Return canvas, scaled heights, colour limits, `extend`, and unit.
+
+    `extend` names the ends of the colour bar beyond which heights lie; the unit is that of the scaled heights.
+    """
     heights = surface.heights_about_plane()
     low, high, extend = _find_limits(heights)
     unit = choose_length_unit(max(-low, high))
@@ -61,13 +64,13 @@ def _draw_map(axes, canvas, shown, limits, extend, unit):
 
 
 def draw_heights(axes, surface):
-    """Draw a map of the heights on given axes."""
+    """Draw a map of a surface's heights on given axes."""
     _draw_map(axes, *_prepare(surface))
 
 
 @with_style
 def heights_figure(surface):
-    """Draw a map of the heights."""
+    """Return a figure with a map of a surface's heights."""
     canvas, *shown = _prepare(surface)
     figure = new_figure(*canvas.size)
     _draw_map(figure.subplots(), canvas, *shown)
@@ -75,7 +78,7 @@ def heights_figure(surface):
 
 
 def _title(surface, grid):
-    """Return file, points and cells, and on a second line the numbers."""
+    """Return a title with file, points and cells, then roughness numbers."""
     name = Path(surface.file.partition(":/")[0]).name
     unit = choose_length_unit(max(grid.dx, grid.dy))
     cell = " × ".join(f"{side * unit.per_mm:.4g}" for side in (grid.dx, grid.dy))
@@ -92,9 +95,9 @@ def _title(surface, grid):
 
 
 def _find_limits(heights):
-    """Return the range of the colour scale and the ends to extend.
+    """Return the colour scale's range, and `extend` of its bar.
 
-    A spike must not leave all others in one colour.
+    Few heights far outside, such as spikes, are left out: otherwise all others would have one colour.
     """
     known = heights[np.isfinite(heights)]
     lowest, highest = float(known.min()), float(known.max())
@@ -121,7 +124,7 @@ def _draw_profile(axes, canvas, heights, along, unit):
 
 
 def _draw_distribution(axes, values, limits, unit):
-    """Draw the density of heights and its normal fit."""
+    """Draw the probability density of heights, and its normal fit."""
     axes.set(xlabel=f"height z  [{unit.name}]", ylabel=f"probability density  [1/{unit.name}]")
     sq = values.std()
     if not sq > 0:

@@ -39,9 +39,9 @@ _ERRORS = {
 
 
 class Path(NamedTuple):
-    """Columns of a path, its name and pressure scale.
+    """Load path to draw: its columns, name and pressure scale.
 
-    `scale` is E* times rms slope of nominally flat bodies [N/mm2], else NaN.
+    `scale` is E* times the rms slope of nominally flat bodies [N/mm2]; NaN for other bodies.
     """
 
     columns: dict
@@ -49,7 +49,10 @@ class Path(NamedTuple):
     scale: float = np.nan
 
     def select(self, *names, above=0.0):
-        """Return columns at the steps where all exceed a number, or None."""
+        """Return columns at the steps where all of them exceed a number.
+
+        None if a column is missing, or there is no such step.
+        """
         if any(name not in self.columns for name in names):
             return None
         values = np.array([np.asarray(self.columns[name], float) for name in names])
@@ -58,18 +61,18 @@ class Path(NamedTuple):
 
     @property
     def relative(self):
-        """1 / (E* h'rms) [mm2/N], NaN without `scale`."""
+        """1 / (E* times rms slope) [mm2/N], NaN without `scale`."""
         return 1 / self.scale if self.scale > 0 else np.nan
 
 
 def get_path(result, name=""):
-    """Return the path of a result, or None."""
+    """Return the load path of a result, or None."""
     columns = getattr(result, "path", None)
     return make_path(columns, name) if columns else None
 
 
 def make_path(columns, name):
-    """Make a path with its scale from Persson's fractions."""
+    """Make a `Path`; its scale follows from Persson's contact fractions."""
     path = Path(columns, name)
     theory = path.select("persson_fraction", "mean_pressure")
     if theory is None:
@@ -81,10 +84,11 @@ def make_path(columns, name):
 
 @with_style
 def path_figure(paths, heading=""):
-    """Draw four panels of load paths.
+    """Draw load paths in four panels.
 
-    Nominally flat rough bodies: contact fraction, kappa, mean gap and stiffness against pressure, with the theories of
-    Persson and of Bush, Gibson and Thomas. Other bodies: load, pressure, area and stiffness.
+    For nominally flat rough bodies they show contact fraction, kappa (contact fraction over relative pressure), mean
+    gap and stiffness against pressure, with the theories of Persson and of Bush, Gibson and Thomas. For other bodies
+    they show load, pressure, area and stiffness.
     """
     rough = all(
         np.isfinite(path.relative) and path.select("mean_pressure", "contact_fraction") is not None
@@ -100,9 +104,10 @@ def path_figure(paths, heading=""):
 
 
 def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
-    """Draw a column against another for all paths; return False without values.
+    """Draw column `y` against column `x` for all paths.
 
-    On a logarithmic axis only positive values are drawn.
+    `scale` returns the factors of both for a path; `logs` says which axes are logarithmic. If one of them is, only
+    positive values are drawn. Returns False if there are no values.
     """
     above = 0.0 if any(logs) else -np.inf
     for number, path in enumerate(paths):
@@ -122,9 +127,10 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
 
 
 def _draw_band(axes, path, names, name, scale, number):
-    """Draw the estimated error of a drawn column.
+    """Draw a column's estimated error as a band about a curve.
 
-    There is no band where the error is 1, that is where the number does not converge.
+    `names` are the columns of the curve, `name` the one with the error. There is no band where the relative error is 1,
+    which marks a number that does not converge with the grid.
     """
     reference, error = _ERRORS.get(name, (name, f"{name}_error"))
     reference = reference if reference in path.columns else name
@@ -148,7 +154,7 @@ def _draw_band(axes, path, names, name, scale, number):
 
 
 def _draw_analytic(axes, paths, x, y, per_mm=1.0):
-    """Draw the analytic solutions of smooth bodies."""
+    """Draw the analytic solutions of smooth bodies, column y against x."""
     label = "analytic"
     for path in paths:
         exact = path.select(f"analytic_{x}", f"analytic_{y}")
@@ -213,7 +219,7 @@ def _draw_gap(axes, paths):
 
 
 def _draw_stiffness(rough, axes, paths):
-    """Draw exact stiffnesses, or those by differences of steps."""
+    """Draw the exact stiffness, or that from differences between steps."""
     names, shown = [], []
     for path in paths:
         if path.select("load", "stiffness") is None:
@@ -266,7 +272,7 @@ _SMOOTH = (
 
 
 def read_csv(path):
-    """Return the columns of a table of app.sweep or a load path."""
+    """Return columns of texts from a table of app.sweep or a load path."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
             rows = list(csv.DictReader(file, strict=True))
@@ -284,7 +290,7 @@ def read_csv(path):
 
 
 def parse_numbers(texts):
-    """Convert texts to numbers, pairs to their first one."""
+    """Convert texts to numbers, pairs to their first number, others to NaN."""
 
     def value(text):
         try:
@@ -296,5 +302,5 @@ def parse_numbers(texts):
 
 
 def get_csv_path(columns, name=""):
-    """Return the path of a table without ``exit_status``."""
+    """Return the `Path` of a load path's table, from `read_csv`."""
     return make_path({key: parse_numbers(texts) for key, texts in columns.items()}, name)

@@ -126,7 +126,10 @@ class Canvas:
     def draw_field(
         self, axes, field, colours, label, extend="neither", hide_zero=False, ticks=None, **options
     ):
-        """Draw a field with its colour bar; `ticks` replaces the bar's ticks."""
+        """Draw a field of the cells with its colour bar.
+
+        With `hide_zero` zero is white. `ticks`, if given, are the ticks of the colour bar.
+        """
         self._draw_outside(axes)
         pixels, b = block_mean(np.where(self.outside, np.nan, field), MAX_PIXELS)
         if hide_zero:
@@ -182,7 +185,10 @@ class Canvas:
         self._draw_patch(axes)
 
     def draw_length(self, axes, field, colours, label):
-        """Draw lengths [mm] in a suitable unit, named by ``{}``."""
+        """Draw a field of lengths [mm] in a suitable unit.
+
+        The unit replaces ``{}`` in the label.
+        """
         known = field[np.isfinite(field) & ~self.outside]
         largest, rounding = float(np.abs(known).max(initial=0.0)), estimate_rounding(self.result)
         unit, limits = choose_length_unit(largest if largest > rounding else 0.0), {}
@@ -211,7 +217,7 @@ def cell_edges(grid, along):
 
 
 def estimate_rounding(result):
-    """Estimate the rounding error of the lengths of a result [mm]."""
+    """Estimate the rounding error of a result's distances and gaps [mm]."""
     values, grid = result.attributes, result.grid
     size, modulus = max(grid.nx * grid.dx, grid.ny * grid.dy), values.get("contact_modulus") or np.inf
     displacement = finite_pressure(result.pressure).max() / modulus * size
@@ -227,7 +233,7 @@ def finite_pressure(pressure):
 def block_mean(field, limit):
     """Average b x b cells to at most `limit` blocks per side.
 
-    NaN cells are left out; a block of NaN cells is NaN. Return the means and the smallest possible b.
+    b is as small as possible. NaN cells are left out; a block of NaN cells is NaN. Returns the means and b.
     """
     b = -(-max(field.shape) // limit)
     if b == 1:
@@ -241,7 +247,7 @@ def block_mean(field, limit):
 
 
 def block_max(field, b):
-    """Return the largest values of blocks of b x b cells."""
+    """Return the largest value in each block of b x b cells."""
     return field if b == 1 else _reduce_blocks(np.maximum, field, b)
 
 

@@ -1,4 +1,4 @@
-"""Figures of a result by name."""
+"""Choice of the figures of a result by their names."""
 
 import math
 import sys
@@ -16,9 +16,9 @@ from app.reference.hertz import EllipticHertz
 
 
 def analytic_reference(result):
-    """Return the Hertz contact of a result, or None for other contacts.
+    """Return Hertz's solution for a result, or None for other contacts.
 
-    InputError if a number of the Hertz contact is missing.
+    InputError if an attribute that it needs is missing.
     """
     values = result.attributes
     if (
@@ -59,7 +59,7 @@ PICTURES = {
 
 
 def pictures_of(result, names):
-    """Yield name and figure of the available figures of a result."""
+    """Yield name and figure of those named figures that a result has."""
     reference = analytic_reference(result)
     for name in names:
         if figure := PICTURES[name](result, reference):
@@ -100,13 +100,13 @@ def plot(result, name="summary", axes=None):
     ----------
     result : Result
     name : str
-        One of `PICTURES` or `PANELS`; of the latter with axes.
+        A name in `PICTURES` or `PANELS`; in `PANELS` if axes are given.
     axes : matplotlib axes, optional
 
     Returns
     -------
     figure, axes
-        The axes of several panels are a list.
+        For a picture of several panels the second is a list.
     """
     allowed = [*PANELS] if axes is not None else dict.fromkeys((*PICTURES, *PANELS))
     if name not in allowed:
@@ -122,7 +122,7 @@ def plot(result, name="summary", axes=None):
 
 @with_style
 def spots_figure(patches):
-    """Draw a map of `Patches`."""
+    """Draw a map of contact spots, given as `Patches`."""
     contact = patches.labels > 0
     shown = SimpleNamespace(
         grid=patches.grid,

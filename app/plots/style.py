@@ -62,7 +62,10 @@ _uses_pyplot = ContextVar("_uses_pyplot", default=False)
 
 @contextmanager
 def interactive():
-    """Let pyplot own new figures, so that notebooks and `pyplot.show` show them."""
+    """Let pyplot own new figures of the block.
+
+    So notebooks and `pyplot.show` show them.
+    """
     token = _uses_pyplot.set(True)
     try:
         yield
@@ -71,7 +74,7 @@ def interactive():
 
 
 def new_figure(width, height, title=None):
-    """Return an empty figure [inch]."""
+    """Return an empty figure of a width and height [inch]."""
     if _uses_pyplot.get():
         from matplotlib import pyplot
 
@@ -85,7 +88,7 @@ def new_figure(width, height, title=None):
 
 
 def series_style(number):
-    """Return the style of a line, unique for the first twelve numbers."""
+    """Return the style of line `number`; the first twelve styles differ."""
     cycle, index = divmod(number, len(SERIES))
     colour, marker, line = SERIES[index]
     face = "white" if cycle % 2 else colour
@@ -95,7 +98,10 @@ def series_style(number):
 
 
 def set_log_axes(axes, names="xy"):
-    """Make axes logarithmic; label 2 and 5 between few powers of ten."""
+    """Make axes logarithmic.
+
+    If an axis has few powers of ten, 2 and 5 times these are labelled, too.
+    """
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = getattr(axes, f"{name}axis")
@@ -107,13 +113,13 @@ def set_log_axes(axes, names="xy"):
 
 
 def annotate_empty(axes, reason):
-    """Write the reason into an empty panel."""
+    """Write into an empty panel why there is nothing to draw."""
     axes.text(0.5, 0.5, reason, ha="center", va="center", transform=axes.transAxes)
     axes.set(xticks=[], yticks=[])
 
 
 def save_figure(figure, path, dpi=200):
-    """Write a figure in the format of its suffix."""
+    """Write a figure atomically, in the format of the path's suffix."""
     with atomic_file(path) as temporary:
         write_figure(figure, temporary, path.suffix.lstrip("."), dpi)
 

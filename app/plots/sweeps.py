@@ -1,4 +1,4 @@
-"""Figure of the table of a parameter study."""
+"""Figure of a parameter study, drawn from its table."""
 
 import re
 
@@ -11,7 +11,7 @@ from app.plots.load_curves import parse_numbers
 from app.plots.style import LEGEND_RIGHT, new_figure, series_style, set_log_axes, with_style
 
 _PHYSICS = "approach", "contact_fraction", "contact_area", "max_pressure", "mean_gap", "stiffness", "load"
-_WORK = {  # and labels
+_WORK = {  # columns of the solver's work and accuracy, with their labels
     "operator_applications": "operator applications",
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
@@ -42,11 +42,12 @@ def find_unit(option):
 
 @with_style
 def sweep_figure(columns, heading="", x=None, y=()):
-    """Draw a parameter study or load path that varies.
+    """Draw columns `y` of a study or load path against `x`.
 
-    `columns` are from `read_csv`. `x` is by default the option with most numbers, else with most names, and the load
-    of load paths. Names are ticks, and points over them are not connected. `y` are by default the physical quantities
-    that vary and are not prescribed; also work if solver options vary. InputError if a column has no numbers.
+    `columns` are from `read_csv`. `x` is by default the load of load paths, otherwise the option with the most
+    different numbers, or else with the most names. Names become ticks, and points over them are not connected. `y` are
+    by default the physical quantities that vary and are not prescribed, and the solver's work if its options vary.
+    Returns None if nothing varies. InputError if a column has no numbers.
     """
     names = list(columns)
     varied = names[: names.index("exit_status")] if "exit_status" in names else []
@@ -95,7 +96,10 @@ def _finite(texts):
 
 
 def _choose_columns(columns, varied, x):
-    """Return columns that vary independently of others."""
+    """Return columns to draw: those that vary and are not proportional.
+
+    One that is proportional to a varied option or to another chosen column would show nothing new.
+    """
     names = {name: f"result_{name}" if name in varied else name for name in (*_PHYSICS, *_WORK)}
     chosen = {}
     for name, column in names.items():
@@ -126,7 +130,7 @@ def _option_label(option):
 
 
 def _in_units(values, name, varied):
-    """Return values and axis label of a column."""
+    """Return a column's values, lengths in a suitable unit, and axis label."""
     if name in varied:
         return values, _option_label(name)
     name = name.removeprefix("result_")
@@ -138,7 +142,10 @@ def _in_units(values, name, varied):
 
 
 def _label(others, key):
-    """Return the values of a line, with the names of several options."""
+    """Return a line's label: the values of the options that vary.
+
+    The options are named if there are several.
+    """
     parts = [
         value if len(others) == 1 or name == "option_files" else f"{name} {value}"
         for name, value in zip(others, key, strict=True)
@@ -148,7 +155,7 @@ def _label(others, key):
 
 
 def _draw(axes, x, y, groups, names):
-    """Draw a line for each group of rows."""
+    """Draw a line for each group of rows, or points above `names`."""
     for number, (label, rows) in enumerate(list(groups.items())[:_MAX_SERIES]):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
         valid = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
