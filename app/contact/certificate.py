@@ -20,18 +20,20 @@ changes the gap e to any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inver
 
     f(p) + q.Aq / 2 = p.g + w.Bw / 2 <= p.g + w.w / (2 smallest eigenvalue),
 
-which is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of second order in the error, so it is better
-near the solution. No eigenvalue is smaller than ``2 / (E* |q|)``, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``, of the shortest
-wave: constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times that.
+with the smallest eigenvalue of A. This is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of
+second order in the error, so it is better near the solution. In place of the smallest eigenvalue we use ``2 /
+(E* |q|)`` of the shortest wave, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``. No eigenvalue is smaller: constant
+pressures on cells displace their centres by 1.17 (long cells) to 1.4 times as much as this wave.
 
-*Periodic patch.* A has entries of both signs, and no pressure lifts all cells alike. But every field without mean is
-the displacement of some pressure, so any gap ``g >= 0`` with the mean of e is that of a dual feasible q:
-``A q = u + w`` with B the inverse on fields without mean. The equation above costs one product with B, or none by
-``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2 is least for ``g = max(e - p / B_II, 0)``: the gap where
-there is one, nothing on C. A factor on g corrects the mean; a constant does if the factor would exceed 2. Near first
-touch the factor is 1 up to rounding, so its difference from 1 and w are kept apart from g. Cells where contact is
-impossible may have any gap: the mean one, or what the factor needs. B is that of the iteration; the error of w.Bw in
-single precision is added. The norm is a seminorm: a constant pressure does not count.
+*Periodic patch.* A has entries of both signs, and no pressure lifts all cells alike. But every field without
+mean is the displacement of some pressure, so any ``g >= 0`` with the mean of e is the gap of a dual feasible
+q: ``A q = u + w``. Here B is the inverse on fields without mean. The equation above costs one product with B,
+or none by ``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2 is least for ``g = max(e - p / B_II,
+0)``, which is the gap where there is one, and 0 on C. Multiplying g by a factor corrects the mean; if the
+factor would exceed 2, a constant is added, too. Near first touch the factor is 1 up to rounding, so its
+difference from 1, and w, are kept apart from g. In inadmissible cells any g is allowed: it is the mean gap,
+or larger to keep the factor below 2. If B is in single precision, the error of w.Bw is added. The norm is a
+seminorm: a constant pressure does not count.
 
 *Prescribed load.* Both bounds hold if p has the load: f at the approach found and f under the load differ by
 a constant.
@@ -155,7 +157,8 @@ def _prove(state, enough, work):
 def _lift_penetrations(state, most, energy, penetrates):
     """Return the least duality gap with penetrating cells lifted. Collective.
 
-    `most` is the largest factor t (see the module), `penetrates` a mask of rows.
+    It is the first way of the module docstring, on a free patch. `most` is the largest t, `energy` is p.u, and
+    `penetrates` marks the rows with penetration.
     """
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u
     loops.lift(state.distance.b, state.depth, state.u, state.admissible, most, penetrates, sums)
@@ -173,7 +176,7 @@ def _lift_penetrations(state, most, energy, penetrates):
 
 
 def _close_gap(state, energy, enough, work):
-    """Return duality gap, p.Ap and rounding error, if periodic. Collective.
+    """Return duality gap, p.Ap and rounding error on a periodic patch. Collective.
 
     The duality gap is ``p.g + w.Bw / 2``, ``w = g - e`` (see the module). The product with B is left out if
     ``w.Bw <= ||B|| w.w`` bounds the error by `enough`. p.Ap of a flat patch is at least its rounding error.

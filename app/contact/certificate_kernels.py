@@ -120,10 +120,10 @@ _NO_CONTACT = (0.0,) * 8  # result of `_survey_row` without pressure and overlap
 def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sums):
     """Update maxima and sums of gaps and pressures.
 
-    `largest` gets the maxima of -e / u, -e, |h|, -p, |p e| and p, `sums` the sums of u u, p u, p e, p g, w w
-    and p p. Here g = max(e - p times the smallest eigenvalue, 0) and w = g - e. h and e are zero in
-    inadmissible cells. Rows without pressure and penetration, most rows, are only scanned. ``penetrates[j]``
-    is set if e < 0 in row j. -e / u is computed if `lifts`.
+    `largest` gets the maxima of -e / u, -e, |h|, violation of p >= 0, |p e| and p, `sums` the sums of u u, p
+    u, p e, p g, w w and p p. Here g = max(e - p times the smallest eigenvalue, 0) and w = g - e. h and e are
+    zero in inadmissible cells. Rows without pressure and penetration, most rows, are only scanned.
+    ``penetrates[j]`` is set if e < 0 in row j. -e / u is computed if `lifts`.
     """
     for j in range(b.shape[0]):
         penetration, deepest, highest, u_squares = _scan_row(b[j], depth, u[j], p[j], admissible[j])

@@ -89,8 +89,8 @@ class UndeformedDistance:
     def on_levels(cls, operators, shapes, reference, comm):
         """Make the distances of all levels of a hierarchy, with two reductions.
 
-        Collective over `comm`, all ranks that need the norms. `operators` and `shapes` have one item for each
-        level.
+        Collective over `comm`, all ranks that need the statistics. `operators` and `shapes` have one item for
+        each level.
         """
         levels = [cls(*of, reference, measured=False) for of in zip(operators, shapes, strict=True)]
         _measure(levels, comm)

@@ -37,7 +37,7 @@ class GridNumbers(NamedTuple):
 
 
 class GridErrors(NamedTuple):
-    """Estimated relative errors; NaN if unknown."""
+    """Estimated relative discretisation errors; NaN if unknown."""
 
     load_error: float = float("nan")  # of a prescribed load: 0
     approach_error: float = float("nan")  # of the approach beyond first touch; of a prescribed one: 0
@@ -108,8 +108,8 @@ def estimate_errors(grids, touching, prescribed):
 def _error(values, pairs, scatter=0.0):
     """Estimate the relative error of the first value, at most 1.
 
-    `values` are those of the grids from fine to coarse; `pairs` of them are compared. If the finest two
-    differ by at most `scatter`, nothing is extrapolated.
+    `values` are those of the grids from fine to coarse. The first `pairs` differences of neighbours count. If
+    the finest two differ by at most `scatter`, nothing is extrapolated.
     """
     if not values[0]:
         return float("nan")

@@ -37,7 +37,10 @@ class GridSequence:
             yield number
 
     def stopping_test(self, stop):
-        """Return the stopping test of this grid."""
+        """Return the stopping test of the current grid.
+
+        `stop` is that of the target grid.
+        """
         return stop if self.at_target else stop.for_coarse_grid()
 
     def record(self, outcome, depth):

@@ -101,7 +101,7 @@ class Loading:
         """Record the final depth on a grid [mm]."""
 
     def predict(self, depth):
-        """Predict the depth on the next finer grid [mm]."""
+        """Predict the depth on the next finer grid from that on this one [mm]."""
         return depth
 
     def begin(self, state):

@@ -245,7 +245,7 @@ class ContactState:
         self.bounds.project(self.p, self.admissible, self.values)
 
     def tension(self):
-        """Return the tension on C over the total pressure. Collective.
+        """Return the sum of tension on C over that of pressure. Collective.
 
         A release would remove this share. It is infinite if there is tension without pressure.
         """
