@@ -1,7 +1,7 @@
 """Elastic contact by full multigrid.
 
-Public names of the package. The module behind a name is imported when the name is first used, so that a command can
-start PETSc with its own options before.
+This module has the public names of the package. The module that defines a name is imported at the first use of the
+name, so that a command can start PETSc with its own options first.
 """
 
 from functools import partial

@@ -110,7 +110,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Check that `size` bytes are free; the message calls their use `what`."""
+    """Check that `size` bytes are free; `what` names what needs them."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())
@@ -174,6 +174,6 @@ def _lines(path):
 
 
 def _size(size, other):
-    """Format a number of bytes, distinct from the other number of bytes."""
+    """Format a number of bytes, distinctly from another number of bytes."""
     unit, name = (2**30, "GiB") if size >= 2**29 else (2**20, "MiB")
     return f"{format_distinct(size / unit, other / unit)} {name}"

@@ -1,7 +1,7 @@
 """Start MPI; on a single host without its search for networks.
 
-``from app.base.mpi import MPI`` starts MPI unless another package has started it (`app.base.packages` treats these).
-The module itself can be imported without mpi4py.
+``from app.base.mpi import MPI`` starts MPI, unless another package such as h5py has started it. The module itself can
+be imported without mpi4py.
 """
 
 import os

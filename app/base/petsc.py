@@ -1,4 +1,4 @@
-"""Functions that petsc4py 3.18 lacks, and help with differences of releases.
+"""Functions that petsc4py 3.18 lacks, and workarounds for newer releases.
 
 ``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide differences between releases of petsc4py.
 """

@@ -86,7 +86,7 @@ class Grid:
     def from_domain(cls, nx, ny, domain, periodic=False):
         """Divide a patch ``(x0, x1, y0, y1)`` into cells.
 
-        `periodic`: see `validate_symbol`. Raises InputError for invalid numbers.
+        `periodic` is True, False or one of `SYMBOLS`. Raises InputError for invalid numbers.
         """
         nx, ny = _cells(nx, ny)
         try:
@@ -123,7 +123,7 @@ class Grid:
         return self.x0 + (np.arange(self.nx) + 0.5) * self.dx
 
     def y(self, rows=slice(None)):
-        """Return cell centres in y of some rows [mm]."""
+        """Return cell centres in y [mm], by default of all rows."""
         return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
 
     def refine(self):

@@ -92,9 +92,9 @@ def _lattice_sum(aspect):
 
 
 def _within(radius, step_y, step_x, reach=0.0):
-    """Yield lattice points (j, i) >= 0 within a radius.
+    """Yield the lattice points (j, i) near the origin.
 
-    Their distance from some point that is up to `reach` steps from the origin is at most the radius.
+    Both indices are 0 or more. The points are at most `radius` away from a point within `reach` steps of the origin.
     """
     for j in range(int(radius / step_y + reach) + 1):
         for i in range(int(radius / step_x + reach) + 1):

@@ -14,7 +14,7 @@ from app.base.usage import usage
 class Material:
     """Combined elastic constants of the two bodies (Sec. 2.2).
 
-    The constructor takes keywords only. Young's moduli go into `isotropic` or `pair`.
+    The constructor takes keywords only. `isotropic` and `pair` make a material from Young's moduli.
 
     Parameters
     ----------

@@ -170,7 +170,7 @@ class InfluenceOperator(MatMethods):
         return fields
 
     def invalidate_exact_product(self):
-        """Free the result that an `exact_product` of a larger grid has stored."""
+        """Invalidate the stored result of an `exact_product` of a larger grid."""
         forget = getattr(vars(self).get("exact_product"), "forget", None)
         if forget is not None:
             forget()

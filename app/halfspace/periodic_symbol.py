@@ -1,15 +1,15 @@
 """Influence matrix of a periodic patch, diagonal in Fourier space.
 
-A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The eigenvalue of the matrix
-depends on the meaning of a cell's value; ``Grid.periodic`` chooses:
+A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The symbol, the eigenvalues
+lambda(q) of the matrix, depends on the meaning of a cell's value. ``Grid.periodic`` chooses one of two symbols:
 
-- ``spectral``: values of waves at the cell centres (collocation, as in tamaas, ASPHER and ContactMechanics).
-  ``lambda(q) = 2 / (E* |q|)`` for all waves on the grid.
-- ``love``: constant pressures on cells, (2.4), of the patch and all its images. The matrix of the free patch tends to
-  this one when the images are far away. The two symbols differ by O(cell).
+- ``spectral``: the pressure is a sum of waves, with the given values at the cell centres (collocation, as in tamaas,
+  ASPHER and ContactMechanics). ``lambda(q) = 2 / (E* |q|)`` for all waves on the grid.
+- ``love``: the pressure is constant on each cell, as in (2.4), of the patch and all its images. If the images are far
+  away, the matrix is nearly that of the free patch.
 
-``lambda(0) = 0``: displacements are relative to their mean, because a mean pressure would displace the half-space
-without bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
+The two symbols differ by O(cell size). In both ``lambda(0) = 0``: displacements are relative to their mean, because a
+mean pressure would displace the half-space without bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
 """
 
 from functools import lru_cache
@@ -21,14 +21,17 @@ from app.halfspace import events
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.grid import row_blocks
 
-# Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one is zero outside its cell, and
-# a wider one leaves only the wave itself.
+# Widths of the Gaussians of `_line_sums`, in sides of a cell. A narrower Gaussian is zero outside its cell, and a wider
+# one leaves only the wave itself, both up to rounding.
 _MIN_WIDTH, _MAX_WIDTH = 0.04, 2.0
 _POINTS = 12  # Quadrature points per panel; the error is below rounding.
 
 
 def wave_numbers(grid, columns, rows):
-    """Return wave numbers of frequencies in x and in y [1/mm]."""
+    """Return the wave numbers of frequencies [1/mm], in x and in y.
+
+    `columns` and `rows` are the frequencies in x and y: numbers of waves on the patch.
+    """
     return (2 * np.pi * np.asarray(index) / (n * d) for index, n, d in
             ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy)))  # fmt: skip
 
@@ -36,8 +39,9 @@ def wave_numbers(grid, columns, rows):
 def influence_symbol(grid, compliance, columns, rows):
     """Return eigenvalues of the periodic influence matrix.
 
-    They are for frequencies `columns` in x, 0 to nx // 2, and `rows` in y, 0 to ny // 2 (for ``love`` also floats), and
-    a compliance (1 - nu) / (pi G) [mm2/N]: shape (columns, rows) [mm / (N/mm2)], zero at frequency (0, 0).
+    `columns` are frequencies in x, from 0 to nx // 2, and `rows` frequencies in y, from 0 to ny // 2; for ``love`` also
+    floats. `compliance` is (1 - nu) / (pi G) [mm2/N]. The shape is (columns, rows), the unit mm / (N/mm2). The
+    eigenvalue at frequency (0, 0) is zero.
     """
     symbol = {"spectral": _spectral, "love": _love}[grid.periodic]
     with events.coeffs:
@@ -51,11 +55,12 @@ def _spectral(grid, columns, rows):
 
 
 def _love(grid, columns, rows):
-    """Return the transform of (2.4) with all images.
+    """Return the symbol ``love``, divided by 2 pi times the compliance.
 
-    Divided by 2 pi it is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves with equal values at the
-    cell centres. Here ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a
-    product of sums in x and in y. From two cells on, only the wave itself is left, whose integral is known.
+    The symbol is the Fourier transform of the displacement (2.4) by a cell and all its images. The result is the sum of
+    ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves q that have equal values at the cell centres. Here
+    ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a product of sums in
+    x and in y. For s of more than two cells only the longest of the waves matters, whose integral is known.
     """
     lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
     x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))
@@ -77,10 +82,11 @@ def _love(grid, columns, rows):
 
 @lru_cache(maxsize=64)
 def _quadrature(short, long):
-    """Return lengths s and weights up to `_MAX_WIDTH` long sides.
+    """Return nodes and weights of the integral over lengths s.
 
-    The weights include the factor 2 / sqrt(pi). Each panel of Gauss's quadrature is at most twice as long as the one
-    before. The first has one point, because there the integrand is 1 to rounding.
+    The integral is from 0 to `_MAX_WIDTH` times the long side of a cell. The weights include the factor 2 / sqrt(pi).
+    Each panel of Gauss's quadrature is at most twice as long as the panel before. The first panel has one node, because
+    the integrand is 1 there, up to rounding.
     """
     first, last = _MIN_WIDTH * short, _MAX_WIDTH * long
     panels = int(np.ceil(np.log2(last / first)))
@@ -92,10 +98,11 @@ def _quadrature(short, long):
 
 
 def _line_sums(phases, lengths):
-    """Sum ``sinc(q / 2) exp(-lengths^2 q^2)`` over aliased waves, shape (phases, lengths).
+    """Return sums of ``sinc(q / 2) exp(-s^2 q^2)`` over aliased waves q.
 
-    The waves have equal values at the centres of cells of side 1. Their phase from cell to cell is from 0 to pi. For
-    short lengths the same function is summed in x: a Gaussian integrated over neighbouring cells.
+    Aliased waves have equal values at the centres of cells of side 1. `phases` are their phases from cell to cell, from
+    0 to pi, and `lengths` the lengths s; the shape is (phases, lengths). For short lengths the sum is computed in x
+    instead, as a sum over neighbouring cells of a Gaussian integrated over the cell.
     """
     sums, short = np.zeros((phases.size, lengths.size)), lengths < 0.5
     long = ~short & (lengths * phases.min(initial=np.pi) < 6.5)  # For longer ones every term is 0.
@@ -109,9 +116,9 @@ def _line_sums(phases, lengths):
 
 
 def periodic_quadrant(grid, compliance):
-    """Return coefficients at offsets up to half a period.
+    """Return periodic influence coefficients at offsets up to half a period.
 
-    The inverse transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
+    They are the inverse transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
     """
     symbol = influence_symbol(grid, compliance, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     in_y = transform_even(symbol, grid.ny)
@@ -119,5 +126,8 @@ def periodic_quadrant(grid, compliance):
 
 
 def fold_offsets(offsets, n):
-    """Return the equivalent offsets up to half a period of n."""
+    """Return equivalent offsets up to half of the period n.
+
+    An even periodic function has equal values at equivalent offsets.
+    """
     return np.minimum(offsets % n, -offsets % n)

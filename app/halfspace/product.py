@@ -91,11 +91,11 @@ class BoxProduct(EvenMultiplier):
 
 
 class PeriodicProduct(EvenMultiplier):
-    """Product u = A p on a periodic patch, without padding.
+    """Product with A on a periodic patch, without padding.
 
     Collective over the layout's ranks.
 
-    ``symbol(columns, rows)`` returns eigenvalues of A, see `EvenMultiplier.set_spectrum`.
+    ``symbol(columns, rows)`` returns the eigenvalues of A; see `EvenMultiplier.set_spectrum`.
     """
 
     def __init__(self, symbol, shape, layout=SERIAL):
@@ -139,7 +139,7 @@ class ScreenedProduct(EvenMultiplier):
 
 
 class DenseProduct:
-    """Product by a stored matrix, for small grids."""
+    """Product with A as a stored matrix, for small grids."""
 
     largest = 256
 
@@ -148,7 +148,10 @@ class DenseProduct:
         self.count = 0
 
     def apply(self, p, out, mask=None):
-        """Compute out = A p, or C A C p with a mask."""
+        """Multiply by A, or with a mask by C A C.
+
+        C is the restriction to the mask.
+        """
         self.count += 1
         if mask is None:
             out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)

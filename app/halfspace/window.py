@@ -1,8 +1,8 @@
-"""Windows of a grid, and the transfer of fields.
+"""Windows of a grid, and the transfer of fields to windows.
 
 A window is a rectangle of cells, used as a grid. Pressure outside the contact area is zero, and the displacement there
-does not matter during the iteration. So all work can be done on a window around the contact area. Only the final
-verification needs the cells outside.
+does not matter during the iteration. So the iteration can work on a window around the contact area. Only the final
+verification needs the cells outside the window.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,10 @@ from app.parallel.reductions import minimum_over, nonzero_span
 
 @dataclass(frozen=True)
 class Window:
-    """Rectangle of cells, from row y0 to before y1, likewise columns."""
+    """Rectangle of cells of a grid.
+
+    It has the rows y0 to y1 - 1 and the columns x0 to x1 - 1.
+    """
 
     y0: int
     y1: int
@@ -30,17 +33,23 @@ class Window:
         return (self.y1 - self.y0) * (self.x1 - self.x0)
 
     def grid(self, whole):
-        """Return these cells of the grid `whole` as a grid."""
+        """Return this window of the grid `whole` as a grid."""
         x0, y0 = whole.x0 + self.x0 * whole.dx, whole.y0 + self.y0 * whole.dy
         return Grid(self.x1 - self.x0, self.y1 - self.y0, whole.dx, whole.dy, x0, y0)
 
     def refine(self, factors, grid):
-        """Return the children of these cells on the finer `grid`."""
+        """Return the window of the children of these cells.
+
+        `factors` are the coarsening factors (fy, fx), `grid` is the finer grid.
+        """
         fy, fx = factors
         return Window(self.y0 * fy, min(self.y1 * fy, grid.ny), self.x0 * fx, min(self.x1 * fx, grid.nx))
 
     def coarsen(self, factors):
-        """Return the coarse cells that have children here."""
+        """Return the window of the coarse cells with children in this window.
+
+        `factors` are the coarsening factors (fy, fx).
+        """
         fy, fx = factors
         return Window(self.y0 // fy, -(-self.y1 // fy), self.x0 // fx, -(-self.x1 // fx))
 
@@ -51,7 +60,7 @@ class Window:
         )
 
     def relative_to(self, other):
-        """Return the same cells, counted from the first of `other`."""
+        """Return the same window, counted from the first cell of `other`."""
         return Window(self.y0 - other.y0, self.y1 - other.y0, self.x0 - other.x0, self.x1 - other.x0)
 
 
@@ -63,16 +72,17 @@ def whole_window(grid):
 def bounding_boxes(masks, slabs, comm):
     """Return windows around the cells of each mask. Collective.
 
-    Masks without cells have None. There is one reduction over `comm`, the ranks that share the rows.
+    The window of a mask without cells is None. All masks take one reduction over `comm`, the ranks that share the rows.
     """
     minima = minimum_over(comm, [local_bounds(mask, slabs) for mask in masks])
     return [window_from_bounds(bounds) for bounds in minima]
 
 
 def local_bounds(mask, slabs):
-    """Return first row and column of a mask, and minus the last.
+    """Return the bounds of a mask on this rank, for `window_from_bounds`.
 
-    They are infinite if it has no cells here.
+    They are the first row and column, then minus the last row and column, counted on the whole grid. All are infinite
+    if the mask has no cells on this rank.
     """
     first = slabs.rows.start
     y0, y1, x0, x1 = _extent(mask)
@@ -80,14 +90,17 @@ def local_bounds(mask, slabs):
 
 
 def window_from_bounds(minima):
-    """Return the window from minima of `local_bounds` over the ranks, or None."""
+    """Return the window from the minima of `local_bounds` over all ranks.
+
+    It is None if the mask has no cells.
+    """
     y0, x0, y1, x1 = minima
     return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
 
 
 @njit()
 def _extent(mask):
-    """Return first and end rows and columns of a mask."""
+    """Return first and end row, first and end column of a mask."""
     y0, y1, x0, x1 = 0, 0, mask.shape[1], 0
     for j in range(mask.shape[0]):
         first, last = nonzero_span(mask[j])
@@ -98,9 +111,9 @@ def _extent(mask):
 
 
 class Scatter:
-    """Transfer of fields between a grid and a window.
+    """Transfer of fields between a grid and a window of it.
 
-    `outer` and `inner` are the slabs of the grid and of the window; `comm` has all ranks.
+    `outer` and `inner` are the slabs of the grid and of the window; `comm` has all ranks that own rows of either.
     """
 
     def __init__(self, window, outer, inner, comm):
@@ -115,7 +128,10 @@ class Scatter:
         self._place = slice(first, first + self._reverse.rows), self._columns
 
     def forward(self, field, out=None):
-        """Return a copy of a field on the window. Collective."""
+        """Copy a field to the window. Collective.
+
+        Return the field on the window, which is `out` if this is given.
+        """
         part = self._forward(field[:, self._columns], out)
         if out is None:
             return part.copy() if self._forward.unchanged else part
@@ -124,9 +140,9 @@ class Scatter:
         return out
 
     def reverse(self, part, field, storage=None):
-        """Copy a field on the window into a field. Collective.
+        """Copy `part`, a field on the window, into a field. Collective.
 
-        `storage`: bytes for the rows on their way.
+        `storage` is an array of bytes for the received rows, by default a new one.
         """
         rows, columns = self._reverse.rows, part.shape[1]
         out = None if storage is None else storage[: rows * columns * part.itemsize].view(part.dtype)

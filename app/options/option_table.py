@@ -216,7 +216,8 @@ def format_options(texts):
 def find_similar_name(name, known):
     """Return the known name that a misspelt name may mean, or None.
 
-    It differs by few letters, or is the same quantity. None is also returned for a known name.
+    The known name differs by few letters, or is another name of the same quantity. None is also returned if `name` is
+    known.
 
     Examples
     --------

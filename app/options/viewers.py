@@ -1,7 +1,7 @@
 """Checks of viewers in PETSc's options.
 
-A viewer says where and how PETSc prints an object: ``KIND:FILE:FORMAT``.
-PETSc itself checks a viewer only when it prints something, and aborts the program at some mistakes.
+A viewer says where and how PETSc prints an object: ``KIND:FILE:FORMAT``. PETSc itself checks a viewer only when it
+prints something, and aborts the program at some mistakes.
 """
 
 import os

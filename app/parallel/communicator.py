@@ -34,7 +34,7 @@ class Traffic:
         return self.since(Traffic())
 
     def count(self, messages, size):
-        """Add some messages of `size` bytes in total to the counts."""
+        """Count messages that have `size` bytes in total."""
         self.messages += messages
         self.message_bytes += size
         log_messages(messages, size)

@@ -100,7 +100,7 @@ class Fetch:
 def _overlaps(low, high, first, last):
     """Yield index, start and end of each overlap with an interval.
 
-    The arrays `low` and `high` are the ends of many intervals; ``[first, last)`` is the one that they may overlap.
+    The arrays `low` and `high` are starts and ends of many intervals; each may overlap the interval [first, last).
     """
     low, high = np.maximum(low, first), np.minimum(high, last)
     for index in np.flatnonzero(low < high):

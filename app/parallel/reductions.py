@@ -63,7 +63,7 @@ def add_masked(row, mask, out):
 
 @njit_reassoc
 def stencil_sum(above, here, below, i, x, y, diagonal):
-    """Return a stencil's sum over the eight neighbours of cell i.
+    """Return the weighted sum of the eight neighbours of cell i.
 
     `x`, `y` and `diagonal` are the weights of the neighbours. The three rows have a ghost cell on either side.
     """

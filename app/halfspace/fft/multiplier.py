@@ -1,6 +1,7 @@
 """Multiplication by a real even function in Fourier space.
 
-It has the transforms only; u = A p is in `app.halfspace.product`, whose products are subclasses with the kernel A.
+This module has the transforms. The products u = A p with the influence matrix A are subclasses of `EvenMultiplier`, in
+`app.halfspace.product`.
 
 Fields are padded with zeros to the periods ``Ny x Nx``. The transform convention is numpy's (forward
 ``exp(-2 pi i k x)``, unscaled). The factor ``1 / (Nx Ny)`` of the inverse is included in the spectrum.
@@ -61,9 +62,10 @@ class _Sequences:
         self.execute = self._fftw.execute
 
     def plans(self, few):
-        """Return plans for all sequences, and for the first `few`.
+        """Return forward and backward plans for two numbers of sequences.
 
-        Each of both is a forward and a backward plan. If `few` is 0, it means all sequences.
+        The first two plans are for all sequences. The other two are for the first `few` sequences, or for all if `few`
+        is 0.
         """
         for count in (self._count, few or self._count):
             if count not in self._plans:
@@ -285,7 +287,9 @@ class EvenMultiplier:
         self.apply(p, out, scale=self._inverse_scale)
 
     def apply(self, p, out, mask=None, rows=None, scale=0.0):
-        """Compute out = A p, or C A C p. Collective.
+        """Multiply a field by A, or by C A C. Collective.
+
+        A is the convolution of this multiplier, and C the restriction to the mask.
 
         Parameters
         ----------

@@ -62,7 +62,7 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
 
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
-    """Convolve `rows.work` in place, by its spectrum of this number."""
+    """Convolve ``rows.work`` with the kernel of spectrum `number`, in place."""
     start = uintp(rows.starts[number])
     execute(rows.execute, rows.part_plans[number, 0])
     for k in range(uintp(rows.lengths[number] // 2 + 1)):

@@ -65,7 +65,7 @@ class PeriodicStress:
         yield 1j * p * ny * s * odd_y
 
     def plane(self, depth):
-        """Return components on a horizontal plane, shape (6, ny, nx)."""
+        """Return stress components on a horizontal plane, shape (6, ny, nx)."""
         return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
 
     def _phase_y(self, y):
@@ -74,7 +74,7 @@ class PeriodicStress:
         return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth wave has a real phase
 
     def row(self, depth, y):
-        """Return components along x, shape (6, nx)."""
+        """Return stress components on a line along x, shape (6, nx)."""
         phase, nx = self._phase_y(y), self.grid.nx
         return np.stack([scipy.fft.irfft(phase @ w, nx, norm="forward") for w in self._waves(depth)])
 
@@ -84,7 +84,7 @@ class PeriodicStress:
         return multiplicity * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
 
     def point(self, depth, x, y):
-        """Return components at a point, shape (6,)."""
+        """Return stress components at a point, shape (6,)."""
         in_x, in_y = self._phase_x(x), self._phase_y(y)
         return np.array([(in_y @ w @ in_x).real for w in self._waves(depth)])
 
@@ -103,7 +103,7 @@ class FreeStress:
         self.extent = nx * grid.dx, ny * grid.dy
 
     def plane(self, depth):
-        """Return components on a horizontal plane, shape (6, ny, nx)."""
+        """Return stress components on a horizontal plane, shape (6, ny, nx)."""
         grid, (rows, columns) = self.grid, self._loaded.shape
         # Offsets of the cells of the patch from the loaded cells.
         lengths = grid.ny + rows - 1, grid.nx + columns - 1
@@ -123,7 +123,7 @@ class FreeStress:
         return out
 
     def row(self, depth, y):
-        """Return components along x, shape (6, nx)."""
+        """Return stress components on a line along x, shape (6, nx)."""
         grid, loaded = self.grid, self._loaded.shape[1]
         count = grid.nx + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
@@ -141,7 +141,7 @@ class FreeStress:
         return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
 
     def point(self, depth, x, y):
-        """Return components at a point, shape (6,)."""
+        """Return stress components at a point, shape (6,)."""
         x, y = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
         corners = np.empty((6, y.size, x.size))
         _corners(x, y, depth, self.nu, corners)
@@ -171,7 +171,7 @@ class _Mirror:
         self.edges = int(self._index.max()) + 1
 
     def edge(self, step):
-        """Return the positive edges [mm]."""
+        """Return the positive edges of cells of side `step` [mm]."""
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):
