@@ -47,7 +47,8 @@ def _release_row(p, contact, released):
 def release(p, contact, released, change):
     """Remove tensile cells from C.
 
-    Marks them as released and returns their number. The change of p is added to `change`, unless that has no rows.
+    Marks these cells in `released` and returns their number. The change of p is added to `change`, unless
+    that has no rows.
     """
     count = 0
     for j in range(p.shape[0]):

@@ -1,6 +1,6 @@
 """Compiled loops of `app.contact.certificate`.
 
-Arrays are as in `app.contact.kernels`. In inadmissible cells e counts as zero.
+Arrays are as in `app.contact.kernels`. In inadmissible cells the gap e counts as zero.
 """
 
 import math

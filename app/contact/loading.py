@@ -101,7 +101,7 @@ class Loading:
         """Record the final depth on a grid [mm]."""
 
     def predict(self, depth):
-        """Predict the depth on the next finer grid from that on this one [mm]."""
+        """Predict the next finer grid's depth from this grid's [mm]."""
         return depth
 
     def begin(self, state):

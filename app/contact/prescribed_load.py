@@ -62,7 +62,7 @@ class PrescribedLoad(Loading):
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
     def restore_prescribed(self, measures):
-        """Restore a load that was met up to rounding; see `Loading.restore_prescribed`."""
+        """Restore the load if met up to rounding; see `Loading.restore_prescribed`."""
         if not isclose(measures.load, self.load, rel_tol=LOAD_ROUNDING):
             return measures
         in_contact = self.load / measures.contact_area if measures.contact_area else 0.0

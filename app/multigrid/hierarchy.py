@@ -82,8 +82,8 @@ def _make_coarser(target, grids, sizes, ranks):
 def get_coarser_levels(operator):
     """Get or make the operators of coarser grids, finest first. Collective.
 
-    An operator without a hierarchy keeps the new operators. They are on the same ranks; those of small grids
-    are on one.
+    New operators are kept by `operator`, if it has no hierarchy. They are on all of its ranks, or on one rank
+    if their grid is small.
     """
     if operator.coarser_levels is None:
         grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
@@ -232,7 +232,7 @@ class Hierarchy:
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Add a window's new products to the work; also those on coarser levels."""
+        """Add new products in a window, and on its coarser levels, to the work."""
         for level in (operator, *(operator.coarser_levels or ())):
             products = level.equivalent_products
             self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))

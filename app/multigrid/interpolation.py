@@ -28,8 +28,8 @@ def _interpolate_inner(row, fine):
 def interpolate_bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
     """Compute fine[j, i] from coarse rows a[j], b[j] and columns c[i], d[i].
 
-    `weight_y` and `weight_x` are those of a and c; b and d have the rest to 1. `halved`: each coarse column
-    has two fine ones. `row` is work space of a coarse row.
+    Row a[j] has the weight weight_y[j] and column c[i] weight_x[i]; b[j] and d[i] have one minus these.
+    `halved`: each coarse column has two fine ones. `row` is work space of a coarse row.
     """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):

@@ -162,7 +162,10 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Add the values of coarse cells to their children in C_h. Collective."""
+        """Add the values of coarse cells to their children in C_h. Collective.
+
+        C_h is the contact set of the fine grid.
+        """
         parents, skipped = self._fetch_parents(coarse), self.fine.slabs.rows.start % self.fy
         row = np.empty(fine.shape[1])
         _add_copies(parents, self.fine.mask, fine, skipped, self.fy, self.fx, row)  # Sec. 4.2, 5, formula 3
@@ -213,7 +216,7 @@ class Transfer:
     def restriction_mat(self, comm):
         """Make the Mat of the restriction between contact sets. Collective.
 
-        It is the transpose (fine x coarse) if this PETSc restricts by the transpose.
+        It is the transpose (fine x coarse) if the release of PETSc multiplies by the transpose to restrict.
         """
         sides = (self.fine, self.coarse) if restricts_by_transpose() else (self.coarse, self.fine)
         return _transfer_mat(_Restriction(self), *sides, comm)
@@ -301,7 +304,7 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Mat context of the restriction from C_h to C_H."""
+    """Mat context of the restriction between fine and coarse contact set."""
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -315,7 +318,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Mat context of the copy prolongation P from C_H to C_h."""
+    """Mat context of the copy prolongation P between contact sets."""
 
     def __init__(self, transfer):
         self.transfer = transfer

@@ -61,7 +61,7 @@ def format_entry(value):
 def pair_entries(name, ours):
     """Return the entries of a table, the paper's values paired with ours.
 
-    `name` is that of the table; `ours` maps grid sizes to rows.
+    `name` is the name of the table; `ours` maps grid sizes to rows.
     """
     paired = []
     for size, row in ours.items():

@@ -94,7 +94,7 @@ def of_anything(quick):
 
 
 def _ratios(kind, things, true, bounds, large):
-    """Return the figures of the largest and smallest error over bound.
+    """Return the figures of largest and smallest ratio of error to bound.
 
     The largest must be at most 1. Among errors above `large`, the smallest must be at least `_MIN_RATIO`.
     """

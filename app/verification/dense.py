@@ -25,9 +25,9 @@ _PATIENCE = 3  # block pivots without fewer wrong cells before single pivots
 
 
 def solve_by_lemke(matrix, h):
-    """Solve the LCP by Lemke's pivoting, without rounding.
+    """Solve a linear complementarity problem by Lemke's pivoting, without rounding.
 
-    The LCP is ``h + A p >= 0, p >= 0, p (h + A p) = 0``.
+    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``.
 
     Parameters
     ----------
