@@ -64,19 +64,19 @@ from app.parallel.reductions import sums_and_minima
 _event = PETSc.Log.Event("ContactCertify")
 _LIFTS = 12  # trial values of t
 _NEGLIGIBLE_BOUND = 1e-5  # error bound below which a product is spent only if a smaller one is needed
-_ROUNDING_FACTOR = 4.0  # on the expected rounding error of a product
-_TRANSFORM_ERROR = 50.0  # units of the precision of B: relative error of the largest possible w.Bw
-_LOAD_RTOL = 1e-6  # relative error of a prescribed load that is allowed
+_ROUNDING_FACTOR = 4.0  # factor on the expected rounding error of a product
+_TRANSFORM_ERROR = 50.0  # error of w.Bw over its largest possible value, in units of the precision of B
+_LOAD_RTOL = 1e-6  # allowed relative error of a prescribed load
 
 
 @dataclass(frozen=True)
 class Certificate:
     """Proved error bound of a pressure; the same on all ranks."""
 
-    duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: float  # of ||p - p*||_A / ||p||_A; infinite without pressure, or if p or load is not allowed
+    duality_gap: float  # f(p) + q.Aq / 2, times the cell area [N mm]
+    error_bound: float  # of ||p - p*||_A / ||p||_A; infinite without pressure, or if p or load is invalid
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
-    smallest_pressure: float  # pressure in an inadmissible cell counts as negative [N/mm2]
+    smallest_pressure: float  # least pressure; that of an inadmissible cell counts as negative [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
     def under(self, prescribed, load):
@@ -90,7 +90,7 @@ class Certificate:
         return replace(self, error_bound=np.inf)
 
 
-_certificates = WeakKeyDictionary()  # of states: the key of `estimate` and the Certificate
+_certificates = WeakKeyDictionary()  # key of `estimate` and Certificate, by state
 
 
 def certify(state, wanted=np.inf):

@@ -17,11 +17,11 @@ class ContactMoments(NamedTuple):
 
     pressure_centre_x: float  # sum(p x) / sum(p) [mm]
     pressure_centre_y: float
-    moment_x: float  # of the pressure about the axes through the origin: integral of p y [N mm]
-    moment_y: float  # integral of -p x
-    semi_axis_major: float  # of the ellipse with the second moments of the contact set [mm]
+    moment_x: float  # moment of the pressure about the x axis: integral of p y [N mm]
+    moment_y: float  # about the y axis: integral of -p x
+    semi_axis_major: float  # semi-axis of the ellipse with the second moments of the contact set [mm]
     semi_axis_minor: float
-    major_axis_angle: float  # from the x axis, above -90 to 90 [degree]
+    major_axis_angle: float  # angle from the x axis, above -90 and at most 90 [degree]
 
 
 _NOWHERE = ContactMoments(*[float("nan")] * 7)

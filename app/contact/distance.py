@@ -12,17 +12,17 @@ from app.halfspace.operator import wrap_vec
 from app.halfspace.window import local_bounds, window_from_bounds
 from app.parallel.reductions import sum_over, sums_and_minima
 
-_ROUNDING_ULPS = 4  # units in the last place
-_MEAN_GAP_ROUNDING = 1e-15  # of the mean distance: least mean gap below full contact
-_MIN_SEARCHED_GAP = 1e-10  # of the mean distance: least mean gap in the search for a load
+_ROUNDING_ULPS = 4  # rounding error of an approach, in units in the last place
+_MEAN_GAP_ROUNDING = 1e-15  # least mean gap below full contact, over the mean distance
+_MIN_SEARCHED_GAP = 1e-10  # least mean gap in the search for a load, over the mean distance
 
 
 class Statistics(NamedTuple):
     """Statistics of h, which give its norm at any approach."""
 
     cells: int  # number of admissible cells
-    mean: float  # of the undeformed distance at depth 0 over these cells [mm]
-    squares_about_mean: float  # of its differences from the mean, summed [mm2]
+    mean: float  # mean undeformed distance of these cells at depth 0 [mm]
+    squares_about_mean: float  # sum of squared differences from the mean [mm2]
     mean_rest: float  # rounding error of the mean [mm]
 
 

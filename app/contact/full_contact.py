@@ -16,9 +16,10 @@ from app.contact.state import Update
 from app.parallel.reductions import minimum_over
 
 FULL_CONTACT = "contact everywhere"
-_ROUNDING = 1e-12  # residual that is rounding, over the displacement of a cell by the highest pressure
-_PROBED_LEVELS = 2  # levels between the target and the grid that is tried first
-_MAX_PRESSURE_FRACTION = 0.5  # of the pressure for full contact there: below it full contact is unlikely
+_ROUNDING = 1e-12  # residual by rounding, over the displacement of a cell by the highest pressure
+_PROBED_LEVELS = 2  # number of levels by which the grid tried first is coarser than the target
+# Full contact is unlikely at a pressure below this share of that for full contact on a coarser grid.
+_MAX_PRESSURE_FRACTION = 0.5
 
 
 class FullContact:

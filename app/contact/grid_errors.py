@@ -32,15 +32,15 @@ class GridNumbers(NamedTuple):
     load: float  # [N]
     depth: float  # approach from the reference of the undeformed distance [mm]
     max_pressure: float  # [N/mm2]
-    contact_area: float  # of cells with pressure [mm2]; just captured cells have none, and may leave again
+    contact_area: float  # area of cells with pressure [mm2]; captured cells without it may leave again
     cell_area: float = 0.0  # [mm2]
 
 
 class GridErrors(NamedTuple):
     """Estimated relative discretisation errors; NaN if unknown."""
 
-    load_error: float = float("nan")  # of a prescribed load: 0
-    approach_error: float = float("nan")  # of the approach beyond first touch; of a prescribed one: 0
+    load_error: float = float("nan")  # 0 for a prescribed load
+    approach_error: float = float("nan")  # error of the approach beyond first touch; 0 if prescribed
     max_pressure_error: float = float("nan")
     contact_area_error: float = float("nan")
 
@@ -63,8 +63,8 @@ class GridErrors(NamedTuple):
 
 UNKNOWN = GridErrors()
 _MAX_PAIRS = 3  # pairs of grids that are compared
-_FEW_GRIDS_FACTOR = 1.5  # on the differences, if there are fewer grids
-_MAX_RATIO = 10 / 11  # of neighbouring differences in a series, which then sums to ten times the last one
+_FEW_GRIDS_FACTOR = 1.5  # factor on the differences, if there are fewer grids
+_MAX_RATIO = 10 / 11  # largest ratio of differences in a series, whose sum is ten times the last one then
 
 
 def compute_grid_numbers(state, comm, load=None, depth=None):

@@ -123,9 +123,9 @@ class Outcome(NamedTuple):
     reason: str
     iterations: int = 0
     residual: float = 0.0  # ||r|| / ||h||, of the stopping test
-    discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
+    discretisation_error: float = float("nan")  # relative rms error of the pressure, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
-    fallbacks: int = 0  # grids, including coarser ones, that needed the safeguard or the root search
+    fallbacks: int = 0  # number of grids that needed the safeguard or the root search, coarser ones included
     to_rounding: bool = False  # the residual is as small as rounding allows
 
     def require_bound(self, bound, allowed):

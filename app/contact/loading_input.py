@@ -12,7 +12,7 @@ from app.options.option_table import LARGEST
 
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 _FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of full contact
-_ROUNDING_ULPS = 4  # units in the last place: rounding error of numbers that users compute
+_ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
 
 
 def make_loading(grid, distance, **given):

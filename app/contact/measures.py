@@ -26,20 +26,20 @@ class ContactMeasures(NamedTuple):
     load: float  # [N]
     max_pressure: float  # [N/mm2]
     mean_pressure: float  # load over the area of the patch [N/mm2]
-    mean_gap: float  # of e = h + u over the admissible cells [mm]
+    mean_gap: float  # mean of e = h + u over the admissible cells [mm]
     contact_cells: int
     contact_area: float  # [mm2]
     mean_contact_pressure: float  # load over the contact area [N/mm2]; 0 without contact
     perimeter: float  # length of the faces between contact and no contact [mm]
     contact_fraction: float  # contact cells over admissible cells
-    contact_fraction_corrected: float  # minus `PER_FACE` of a cell for each face of the perimeter
+    contact_fraction_corrected: float  # the same minus `PER_FACE` of a cell for each face of the perimeter
 
 
 class ShapeRoughness(NamedTuple):
     """Roughness of the undeformed distance."""
 
-    rms_height: float  # about the mean, over the admissible cells [mm]
-    rms_slope: float  # of the length of the gradient; NaN if no two admissible cells are neighbours
+    rms_height: float  # standard deviation of the height over the admissible cells [mm]
+    rms_slope: float  # rms length of the gradient; NaN if no two admissible cells are neighbours
     steps_at_sides: tuple  # rms steps between cells across the sides, if periodic, and next to them [mm]
 
 

@@ -17,13 +17,13 @@ from app.contact.history import Outcome
 from app.contact.loading import Loading, PrescribedApproach
 from app.contact.stopping import BELOW_ROUNDING
 
-MIN_SECANT_STEP = 3.0  # rms residuals: least step of the approach that gives a secant slope
+MIN_SECANT_STEP = 3.0  # least step of the approach that gives a secant slope, over the rms residual
 MAX_SLOPE_RATIO = 3.0  # factor by which the slope may change in one step
-MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the least stiffness there can be
-MIN_MEAN_SLOPE_FRACTION = 0.9  # of the mean slope since first touch: least secant slope that is used
+MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the lower bound of the stiffness
+MIN_MEAN_SLOPE_FRACTION = 0.9  # least secant slope that is used, over the mean slope since first touch
 LOAD_ROUNDING = 1e-12  # relative difference of a load that has been met
-LOAD_RESIDUAL_FRACTION = 0.25  # of the rms residual: error of the approach that the residual explains
-_MAX_SECANTS = 2  # before scipy.optimize is imported, which takes as long as a small solve
+LOAD_RESIDUAL_FRACTION = 0.25  # error of the approach that the residual explains, over the rms residual
+_MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which takes as long as a small solve
 
 
 class _SearchOver(Exception):

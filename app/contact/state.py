@@ -39,7 +39,7 @@ class Update(NamedTuple):
     residual: float  # ||h + u||_2 over the new set [mm]
     h_on_contact: float = float("nan")  # ||h||_2 over the new set [mm]
     load: float = float("nan")  # [N]
-    approach: float = float("nan")  # [mm]; NaN: that of the state
+    approach: float = float("nan")  # [mm]; if NaN, the approach is that of the state
     moves: float = float("inf")  # approximate norm of the change of u by the update [mm]; infinite: unknown
 
     @property
@@ -62,7 +62,7 @@ class Gaps(NamedTuple):
     squares: float  # sum of (h + u)^2 [mm2]
     total: float  # sum of h + u [mm]
     h: float = float("nan")  # ||h||_2 [mm]
-    load: float = float("nan")  # of all cells of the grid [N]
+    load: float = float("nan")  # load of all cells of the grid [N]
 
     @property
     def residual(self):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-ROUNDING_RESIDUAL = 1e-13  # of ||h|| on C: residual that rounding of displacements leaves
+ROUNDING_RESIDUAL = 1e-13  # residual that rounding of displacements leaves, over ||h|| on C
 BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choose a larger one"
 
 
@@ -12,7 +12,7 @@ class StoppingTest:
 
     rtol: float = 1e-6
     max_it: int = 100
-    final: bool = True  # on the target grid
+    final: bool = True  # True on the target grid
 
     def allowed(self, state):
         """Return the allowed norm of the residual, rtol ||h|| [mm]."""

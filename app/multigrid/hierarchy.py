@@ -21,8 +21,8 @@ from app.parallel.rank_groups import RankGroups
 from app.problems.problem import evaluate_shape
 
 _COMPARED_ROWS = 0.08, 0.37, 0.79  # positions of the rows that ranks compare, over the number of rows
-MAX_DIRECT_CELLS = 1024  # of a grid whose matrix is stored and factorised
-_MIN_WINDOWED_CELLS = 64 * 64  # of a grid; on smaller ones a window saves no time
+MAX_DIRECT_CELLS = 1024  # largest number of cells of a grid whose matrix is stored and factorised
+_MIN_WINDOWED_CELLS = 64 * 64  # number of cells of a grid up to which windows save no time
 
 
 def check_memory(comm, grid, settings):

@@ -22,7 +22,10 @@ def reason_names(reasons):
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
-_MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}  # in place of -pc_type mg
+_MULTIGRID = {
+    "pc_type": "python",
+    "pc_python_type": "app.multigrid.ContactMG",
+}  # options that replace -pc_type mg
 # PCs that need the triangles of a matrix, or parts that cannot be set by options
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "eisenstat")
 

@@ -1,6 +1,6 @@
 """Cache of linear solvers between solves, for small grids and the target."""
 
-MAX_CACHED_CELLS = 256 * 256  # of grids and windows whose solvers stay between solves
+MAX_CACHED_CELLS = 256 * 256  # largest number of cells of a grid or window whose solver is kept
 
 
 def is_large(grid):

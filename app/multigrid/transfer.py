@@ -23,7 +23,7 @@ from app.multigrid.interpolation import (
 from app.parallel.fetch import Fetch
 from app.parallel.reductions import add_masked, add_row, copy_row
 
-_OVERLAP_ROUNDING = 1e-9  # of a cell: least overlap above rounding
+_OVERLAP_ROUNDING = 1e-9  # least overlap above rounding, over a cell
 
 
 class Transfer:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from app.io.table import format_markdown, format_text
 from app.paper.tables import HEADINGS, PAPER
 
-# Least noticeable differences: in iterations or cycles; relative, in work or error; in the convergence factor.
+# Least noticeable differences: of iterations or cycles, of work or error (relative), and of the convergence factor.
 NOTICEABLE_ITERATIONS, NOTICEABLE_FRACTION, NOTICEABLE_FACTOR = 2, 0.1, 0.03
 _MAX_LISTED = 5  # Largest number of differences that are listed one by one.
 _STUDY_HEADINGS = {"cg_iterations": "CG iterations", "contact": "contact share"}

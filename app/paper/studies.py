@@ -7,9 +7,9 @@ import numpy as np
 from app.paper.item import CASES, Item, solver_run
 from app.paper.tables import counts, inexact_counts
 
-SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # The tables use 7.
+SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # Seeds of the surfaces; the tables use 7.
 SEED_SIZES = (64, 256)
-INEXACT = (5, 4, 3, 2)  # CG iterations
+INEXACT = (5, 4, 3, 2)  # numbers of CG iterations
 
 
 def quantiles(values):

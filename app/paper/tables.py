@@ -13,8 +13,8 @@ OMEGAS = ("0.8", "1.0", "1.1")
 CG_ITERATIONS = (20, 15, 10, 5, 4)
 CYCLES = ("V11", "V10", "V01")
 HEADINGS = {"V11": "V(1,1)", "V10": "V(1,0)", "V01": "V(0,1)", "norm_cg": "active set + CG"}
-# The C0 system alone: one active set iteration whose KSP repeats the cycle. The test over the unknowns of that system
-# is the relative tolerance of the KSP.
+# Options to solve the first contact set's system only: one active set iteration whose KSP repeats the cycle. The
+# relative tolerance of the KSP is the test over the unknowns of that system.
 _C0_SYSTEM = {
     "lcp_max_it": 1, "ksp_type": "richardson", "ksp_norm_type": "unpreconditioned", "ksp_rtol": 1e-6,
     "ksp_atol": 0, "ksp_max_it": 100, "pc_type": "mg",

@@ -21,7 +21,7 @@ from scipy.linalg import lu_factor, lu_solve
 from app.halfspace.influence import dense_matrix
 from app.halfspace.periodic_symbol import fold_offsets, influence_symbol
 
-_PATIENCE = 3  # block pivots without fewer wrong cells before single pivots
+_PATIENCE = 3  # number of block pivots without fewer wrong cells, before single pivots
 
 
 def solve_by_lemke(matrix, h):

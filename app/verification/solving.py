@@ -11,8 +11,8 @@ from app.halfspace.material import Material
 from app.options.method import list_methods
 from app.problems.contact_problem import ContactProblem
 
-UNIT = Material.combined(1 / np.pi, 0.0)  # compliance 1
-PATCHES = "", "spectral", "love"  # free, and periodic with either symbol
+UNIT = Material.combined(1 / np.pi, 0.0)  # material with compliance 1
+PATCHES = "", "spectral", "love"  # kinds of patches: free, and periodic with either symbol
 
 
 def solved(problem, method=None, comm=None, start=None, options=None, **loading):
