@@ -156,6 +156,6 @@ def warn_caller(message, category=RuntimeWarning):
 
 
 def warn_notes(notes):
-    """Issue a NoteWarning for each note on rank 0."""
+    """Issue a NoteWarning for each note, only on rank 0."""
     for note in notes if is_first_rank() else ():
         warn_caller(note, NoteWarning)

@@ -38,7 +38,7 @@ class MissingPackageFinder:
 
 
 class CompiledPackageFinder:
-    """First import finder: it checks compiled packages against this numpy."""
+    """First import finder: it reports compiled packages that do not fit numpy."""
 
     _loading = False  # a package's own imports are part of its import
 

@@ -213,8 +213,9 @@ class unwrap_errors:
 def restricts_by_transpose():
     """Return whether MatRestrict multiplies by the transpose of a square matrix.
 
-    Releases of PETSc differ in this. The sizes of a rectangular matrix decide it in all of them. But if every rank has
-    a copy of a coarse grid, its vectors may be as long as those of the next finer grid.
+    Releases of PETSc differ in this. For a rectangular matrix, all releases choose the matrix or its transpose by the
+    sizes of the vectors. But vectors of a coarse grid that every rank has a copy of may be as long as those of the next
+    finer grid.
     """
     mat = PETSc.Mat().createDense((2, 2), comm=PETSc.COMM_SELF)
     mat.setUp()

@@ -22,7 +22,7 @@ import numpy as np
 from app.base.errors import InputError, format_exact
 from app.base.usage import usage
 
-SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
+SYMBOLS = ("spectral", "love")  # names of the influence matrices of a periodic patch
 
 
 def validate_symbol(periodic):
@@ -175,7 +175,7 @@ def plan_grids(grid, coarsest=4, target_only=False):
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
         if coarser.periodic and coarser.n == 1:
-            break  # its A is zero
+            break  # A of a single periodic cell is zero
         grids.append(coarser)
     return grids
 

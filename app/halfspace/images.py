@@ -27,7 +27,8 @@ from app.parallel.reductions import add_masked, add_row, njit_reassoc
 _ERFC_RANGE = 6.2  # erfc(6.2) is below rounding.
 _TERMS = 16  # even Chebyshev polynomials per direction for a square box
 _GAUSS = legendre.leggauss(4)
-_HALF_WIDTH = 0.52  # of the interval of the polynomials, in periods: half a period and half a cell more
+# Half of the interval of the polynomials, in periods. The margin above 1/2 is more than half a cell.
+_HALF_WIDTH = 0.52
 
 
 class Box:
@@ -66,8 +67,8 @@ class Box:
 def _lattice_sum(aspect):
     """Return Chebyshev coefficients [y, x] of a lattice sum.
 
-    The sum is that of 1/rho, less its mean, over the points of a lattice except the origin; rho is the distance from a
-    lattice point. The steps of the lattice are 1 in x and `aspect` in y.
+    It is a function of the position: the sum of 1/rho over all lattice points except the origin, less its mean. Here
+    rho is the distance of the position from the lattice point. The lattice has the steps 1 in x and `aspect` in y.
     """
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
     in_y, in_x = map(chebyshev_nodes, counts)
@@ -180,7 +181,7 @@ class ImageCorrection:
         first, last = (slabs.rows.start, slabs.rows.stop) if slabs.local else (0, 0)
         self._first = first // steps[0]
         rows = (last - 1) // steps[0] + width - self._first if slabs.local else 0
-        self._offset = first - self._first * steps[0]  # of the first row from the first node
+        self._offset = first - self._first * steps[0]  # offset of the first row from the first node
         self._nodes = np.zeros((rows, self._cells * steps[1]), dtype)  # A whole number of steps in x.
         self._row = np.empty(nx, dtype)
 

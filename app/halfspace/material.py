@@ -61,7 +61,7 @@ class Material:
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
-        """Make the material from G and nu of the pair."""
+        """Make the material from the pair's shear modulus and Poisson's ratio."""
         return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
 
     @classmethod
@@ -115,7 +115,7 @@ class Material:
 
     @classmethod
     def from_contact_modulus(cls, contact_modulus):
-        """Make the material from E* alone [N/mm2].
+        """Make the material from the contact modulus E* alone [N/mm2].
 
         Examples
         --------

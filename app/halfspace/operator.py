@@ -263,11 +263,11 @@ class InfluenceOperator(MatMethods):
         self._free("exact_product", multipliers=False)
 
     def free(self):
-        """Free all products, preconditioners and sweeps."""
+        """Free all products, preconditioners and tables of sweeps."""
         self._free(*_PRODUCTS, "relaxation")
 
     def _free(self, *made, multipliers=True):
-        """Free attributes by their names; their products stay counted."""
+        """Free attributes by their names, but keep the counts of work."""
         before = self.equivalent_products
         for name in made:
             vars(self).pop(name, None)
@@ -301,7 +301,7 @@ class InfluenceOperator(MatMethods):
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = (a C A C + s I) x."""
+        """Multiply by the Mat: y = (a C A C + s I) x."""
         self.products += 1
         a, s = scale_and_shift(mat)
         with y as out:

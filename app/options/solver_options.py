@@ -94,7 +94,7 @@ class SolverOptions:
             self._is_inserted = False
 
     def insert_for_good(self, others):
-        """Insert the options without removing them, for PETSc's list of options.
+        """Insert the options without removing them, for PETSc's logs.
 
         `others` are options that the program itself has read; they count as used.
         """

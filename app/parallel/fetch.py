@@ -24,7 +24,7 @@ class Fetch:
         self._sources, self._targets = (
             {},
             {},
-        )  # By rank: slices of the rows here to send, of the rows wanted to fill.
+        )  # By rank: slices of rows to send; slices of the wanted rows to fill.
         self.rows = 0  # number of rows that this rank wants
         for first, last in want:
             if self._comm is None:

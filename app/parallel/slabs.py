@@ -26,7 +26,7 @@ class Slabs:
         self.starts = tuple(int(start) for start in starts)
         self.size, self.rank, self.ny = len(self.starts) - 1, rank, self.starts[-1]
         first, last = self.bounds(max(self.size, rank + 1))
-        self.rows = slice(int(first[rank]), int(last[rank]))  # of this rank
+        self.rows = slice(int(first[rank]), int(last[rank]))  # rows of this rank
 
     @classmethod
     def over(cls, comm, ny):

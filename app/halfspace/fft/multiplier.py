@@ -187,7 +187,7 @@ class EvenMultiplier:
         """
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
-        slabs = Slabs.over(self.comm, rows)  # of the kernel, not of the fields
+        slabs = Slabs.over(self.comm, rows)  # rows of the kernel, not of the fields
         groups = [
             ColumnGroup(group.edges[0], group.edges[-1], slabs.size, slabs.rank, slabs.counts)
             for group in self._groups

@@ -204,9 +204,9 @@ def _divide(column, factor, scale):
 
 @njit()
 def _any_active(p, mask, rows, start, stop):
-    """Return whether any row from `start` on is not zero.
+    """Return whether any row from `start` to before `stop` is nonzero.
 
-    The rows end before `stop`. This is decided by `rows` if it is given, else by the mask if it is given, else by p.
+    `rows` says this if it is given, else the mask if it is given, else p.
     """
     if rows.size:
         return rows[start:stop].any()

@@ -83,9 +83,10 @@ class GaussSeidel:
     def sweep(self, r, mask, omega, d, backward=False):
         """Solve ``(D / omega + L_C) d = r`` on C. Collective.
 
-        A backward sweep begins with the last cell, and has ``L_C^T`` instead of ``L_C``. The `mask` is the contact set
-        C. The output `d` is zero outside C, and the defect `r` is ignored there. All arrays have the shape (local rows,
-        nx); otherwise ValueError is raised. With `omega` = 1 the sweep is undamped.
+        D is the diagonal of A, and L_C its strictly lower part on the contact set C, the `mask`. A backward sweep
+        begins with the last cell, and has ``L_C^T`` instead of ``L_C``. The output `d` is zero outside C, and the
+        defect `r` is ignored there. All arrays have the shape (local rows, nx); otherwise ValueError is raised. With
+        `omega` = 1 the sweep is undamped.
         """
         shape = self.slabs.local, self.shape[1]
         if not r.shape == mask.shape == d.shape == shape:
@@ -112,7 +113,7 @@ class GaussSeidel:
                 tables.stored[m] = 0
             elif self._solves:
                 defect, solution = messages.fields(m) if messages else (r[leaf], correction[leaf])
-                both = filled[m * tiles : (m + 2) * tiles]  # of this leaf and the one before
+                both = filled[m * tiles : (m + 2) * tiles]  # tiles of the leaf before and of this leaf
                 fields = defect, mask[leaf], solution
                 self._solve(m, affected[m], both, *fields, column, omega, backward, messages)
             if not self._solves and tables.stored.size:
@@ -233,4 +234,4 @@ class GaussSeidel:
 
 
 def _flops(length):
-    return 2.5 * length * np.log2(length)  # of a real transform
+    return 2.5 * length * np.log2(length)  # operations of a real transform

@@ -9,7 +9,7 @@ from app.base.mpi import MPI
 from app.halfspace.fft.lengths import fast_length, transform_length
 
 _MAX_UNBLENDED_COLUMNS = 128  # with fewer columns a longer period gains nothing
-_BLEND_MARGIN = 0.1  # of the columns, added to the least period for the blend
+_BLEND_MARGIN = 0.1  # share of the columns that is added to the least period for the blend
 _BLOCK_ROWS = 32
 
 
@@ -44,7 +44,7 @@ class KernelInX:
         self.frequencies = self.length // 2 + 1
         rounding = np.finfo(float).eps / 2
         steps = np.cumsum(np.kaiser(max(self.length - 2 * nx + 2, 1), -np.log(rounding)))
-        self._share = 1 - steps[: max(self.frequencies - nx, 0)] / steps[-1]  # of K, from offset nx on
+        self._share = 1 - steps[: max(self.frequencies - nx, 0)] / steps[-1]  # share of K, from offset nx on
 
         size, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         self._lags = [ny * q // size for q in range(size + 1)]

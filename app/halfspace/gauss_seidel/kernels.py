@@ -16,7 +16,7 @@ from app.parallel.reductions import add_row, copy_row, njit_reassoc, nonzero_spa
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others in one loop
 MIN_RUN = 160  # cells of a row from which transforms are faster than scalar products
-_WIDTH = 2 * LANES  # of a chunk, as reals
+_WIDTH = 2 * LANES  # real numbers in a chunk
 _1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets of the rows of a tile
 
 
@@ -143,7 +143,7 @@ def solve_row(rows, count, weight):
 
 @njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
-    """Add the effect of four rows w on four later rows y."""
+    """Add the effect of four solved rows w on later rows y."""
     # y[t] += sum_s kernel[k + t - s + 3] w[b + s]
     for index in range(width):
         f = uintp(index)
@@ -325,10 +325,10 @@ def _add(rows, cells, start):
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
     """Add the effect of `sources` leaves on `targets` leaves.
 
-    The sources are the leaves just before leaf `end`, the targets those just after it. The leaves `w` have the shape
-    (leaves, chunks, rows, LANES); chunks `first` to `last` - 1 are computed. `far` has the transforms in y of the
-    kernel at lags from one leaf on, shape (>= last, LANES, length / 2 + 1). `fftw`, `forward` and `backward` are the
-    addresses of FFTW's ``execute`` and of plans between the work arrays `cells` and `spectrum`.
+    Leaves are blocks of rows. The sources are the leaves just before leaf `end`, the targets those just after it. The
+    leaves `w` have the shape (leaves, chunks, rows, LANES); chunks `first` to `last` - 1 are computed. `far` has the
+    transforms in y of the kernel at lags from one leaf on, shape (>= last, LANES, length / 2 + 1). `fftw`, `forward`
+    and `backward` are the addresses of FFTW's ``execute`` and of plans between the work arrays `cells` and `spectrum`.
     """
     rows, lanes = w.shape[2:]
     batch, length = cells.shape

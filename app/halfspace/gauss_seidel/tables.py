@@ -99,7 +99,7 @@ class SweepTables:
         segment = -(-nx // (1 << levels))
         lengths = [transform_length(segment << level) for level in range(levels)]
         spectra = [rfft(first_row[:n], n) / n for n in lengths]
-        if nx >= MIN_RUN:  # of whole runs
+        if nx >= MIN_RUN:  # lengths for whole runs
             runs = [n << k for k in range(nx.bit_length()) for n in (256, 384) if n << k >= 2 * MIN_RUN]
             lengths += runs[: np.searchsorted(runs, 2 * nx) + 1]
         starts = np.cumsum([0] + [n // 2 + 1 for n in lengths])

@@ -174,7 +174,7 @@ class SubsurfaceStress:
         return [self._refine(*pair, depths) for pair in zip(measures, peaks, strict=True)]
 
     def _refine(self, measure, peaks, depths):
-        """Search in depth for a measure's maximum, below the highest peaks."""
+        """Find the maximum of a measure in depth, below the highest peaks."""
         from scipy.optimize import minimize_scalar
 
         stresses = {}
