@@ -13,9 +13,9 @@ from app.problems.default_patch import END_MARGIN, MARGIN, default_patch
 from app.problems.problem import Problem
 from app.problems.shapes import Shape
 
-PROBE_CELLS = 64  # per side of the grids on which the contact is sought
+PROBE_CELLS = 64  # per side of the small grids on which the contact is computed
 MIN_PROBE_WIDTH = 20  # cells across the contact that give its size
-MAX_GROWTH = 4.0  # of a side that the contact reaches, from probe to probe
+MAX_GROWTH = 4.0  # factor of the patch's side from grid to grid, if the contact reaches that side
 MAX_PROBES = 16
 _UNIT_PATCH = (-1.0, 1.0, -1.0, 1.0)  # where a gap without a theory is first probed [mm]
 
@@ -24,21 +24,21 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
     """Return a grid around the contact of smooth bodies.
 
     The contact is computed on small grids, usually one or two. The sides of the patch are 1.5 times the extent of the
-    contact. If the contact fills the bodies' length, they are 8/7 of it. Every rank works for itself.
+    contact, or 8/7 of the bodies' length if the contact fills that. Every rank computes the whole contact for itself.
 
     Parameters
     ----------
     gap : Problem, shape, or callable
-        As of `ContactProblem`, but no array.
+        The `gap` of `ContactProblem`, except an array.
     material : Material
     cells : int or (int, int)
         nx, ny of the grid.
     patch : (float, float, float, float), optional
-        x0, x1, y0, y1 to begin with; default: by the shape's theory, or 2 mm about the origin [mm].
+        x0, x1, y0, y1 of the first small grid [mm]; default: by the shape's theory, or 2 mm wide about the origin.
     approach : float, optional
-        Either this [mm] or the load.
+        Approach of the bodies [mm]; give this or the load.
     load : float, optional
-        [N]
+        Total force [N].
 
     Raises
     ------
@@ -82,7 +82,10 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
 
 
 def _probe(problem, loading):
-    """Return contact set or nearest cells, admissible cells, and whether there is contact."""
+    """Return contact set, admissible cells, and whether there is contact.
+
+    Without contact the first are the cells of the smallest distance.
+    """
     shape = problem.shape_on(problem.grid)
     if not np.isfinite(shape).any():
         raise InputError("fit_grid: contact is impossible in all cells (NaN) of the patch to begin with")
@@ -93,9 +96,10 @@ def _probe(problem, loading):
 
 
 def _fit_side(contact, possible):
-    """Return ends of the next patch along a side, in cells, and whether they fit.
+    """Return the next patch's ends along a side, and whether they fit.
 
-    Parameters are masks of the cells along the side.
+    The ends are counted in cells. `contact` and `possible` are masks of the cells along the side: those in contact, and
+    those where contact is possible.
     """
     n, cells, admissible = len(contact), np.flatnonzero(contact), np.flatnonzero(possible)
     first, last = int(cells[0]), int(cells[-1]) + 1

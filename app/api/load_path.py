@@ -175,11 +175,17 @@ class LoadPath:
         return columns
 
     def plot(self):
-        """Draw the curves of the finished steps; return figure and axes."""
+        """Draw load, pressure, area and the like of the finished steps.
+
+        Returns figure and axes.
+        """
         return views.load().plot_path(self)
 
     def to_dataframe(self):
-        """Return `table` as a pandas.DataFrame by step, with units in ``attrs["units"]``."""
+        """Return `table` as a pandas.DataFrame with an index of steps.
+
+        Its ``attrs["units"]`` has the units.
+        """
         return to_dataframe(self.table, "step")
 
     def _repr_html_(self):
@@ -237,7 +243,7 @@ def _as_rows(rows, kind, numbers):
 
 
 def check_one_kind(loadings):
-    """Check that the loadings of a path are of one kind."""
+    """Return the loadings of a path, if they are of one kind."""
     if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
         raise InputError(f"path: must be by exactly one of {', '.join(LOADINGS)}, a number for each step")
     return loadings

@@ -26,7 +26,7 @@ MAX_CELLS = 4096**2
 
 
 class Refinement(NamedTuple):
-    """Result of `refine`."""
+    """Result of `refine`: the last solution, its errors, and all grids."""
 
     solution: Solution  # on the finest grid
     errors: GridErrors  # on the finest grid
@@ -47,7 +47,10 @@ class Refinement(NamedTuple):
         return self.solution.plot(name, ax)
 
     def to_dataframe(self):
-        """Return `rows` as a pandas.DataFrame, with units in ``attrs["units"]``."""
+        """Return `rows` as a pandas.DataFrame.
+
+        Its ``attrs["units"]`` has the units.
+        """
         return to_dataframe({name: [row[name] for row in self.rows] for name in self.rows[0]})
 
 

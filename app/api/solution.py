@@ -150,7 +150,7 @@ class Solution(ContactFields):
 
     @property
     def undeformed_distance(self):
-        """Distance h at the approach, shape (rows, nx) [mm]."""
+        """Undeformed distance h at the approach, shape (rows, nx) [mm]."""
         return self.distance()
 
     @property
@@ -175,7 +175,7 @@ class Solution(ContactFields):
 
     @property
     def attributes(self):
-        """Numbers and texts for the root of a result file."""
+        """Numbers and texts that a result file has as root attributes."""
         from app import __version__
 
         numbers = [field.name for field in fields(self) if field.type in (bool, int, float, str)]

@@ -170,7 +170,7 @@ class ContactSolver:
         return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
 
     def _set_up(self):
-        """Make grids, operators and solvers."""
+        """Make grids, operators and solvers for the settings."""
         settings, grid, compliance = self.settings, self.problem.grid, self.problem.material.compliance
         self._largest = None  # influence coefficient [mm3/N], needed for single precision
         if settings.single:
@@ -356,8 +356,8 @@ class ContactSolver:
         Returns
         -------
         float
-            [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver does not
-            converge.
+            Stiffness [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver
+            does not converge.
         """
         self._check_open()
         self._strategy.check(solution, "solution")

@@ -33,14 +33,14 @@ def contact_stiffness(hierarchy, distance, contact):
     ----------
     hierarchy : Hierarchy
     distance : UndeformedDistance
-        On the target grid.
+        Undeformed distance on the target grid.
     contact : ndarray of bool, shape (local rows, nx)
 
     Returns
     -------
     float
-        [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver does not
-        converge.
+        Stiffness [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver
+        does not converge.
     """
     operator, grid = hierarchy.target, hierarchy.target.grid
     state = contact_state(operator, distance)

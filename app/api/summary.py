@@ -11,9 +11,9 @@ _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 
 
 def summary(facts, grid, output=None):
-    """Return the summary of a solution.
+    """Return the text that app.solve prints on a solution.
 
-    `facts` are the root attributes of the result file; `output` is its name.
+    `facts` are the root attributes of the result file; `output` is the file's name.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
     lines = [f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})"]
@@ -79,7 +79,7 @@ def _describe_material(facts):
 
 
 def _describe_contact(facts, grid):
-    """Return contact area, number of contact spots, and theories of rough surfaces."""
+    """Return a line with contact area, contact spots and theories."""
     cells, fraction = facts["contact_cells"], facts["contact_fraction"]
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:
@@ -97,7 +97,7 @@ def _describe_contact(facts, grid):
 
 
 def _describe_pressure(facts, grid):
-    """Return mean pressure, contact ellipse and stiffness."""
+    """Return lines with mean pressure, contact ellipse and stiffness."""
     lines = []
     if facts["contact_cells"]:
         lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
@@ -114,7 +114,7 @@ def _describe_pressure(facts, grid):
 
 
 def _describe_accuracy(facts):
-    """Return deviations from analytic solutions and grid errors."""
+    """Return lines with deviations from theory, and grid errors."""
     lines, deviations, errors = [], [], []
     labels = {"semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
     for name in ANALYTIC:
@@ -140,7 +140,7 @@ def format_grids(rows):
 
 
 def refinement_table(refined, until):
-    """Return a table of the grids of a refinement."""
+    """Return the table of a refinement's grids, and its success."""
     state = "is below" if refined.reached else "is NOT below"
     return f"{format_grids(refined.rows)}the largest of the errors {state} {format_exact(until)}"
 

@@ -1,4 +1,4 @@
-"""Pictures and small tables of solutions, paths, surfaces and stresses, as in notebooks."""
+"""Pictures and small tables of solutions and other objects, for notebooks."""
 
 import base64
 import html
@@ -27,7 +27,7 @@ def as_result(solution):
     Raises
     ------
     InputError
-        If it has the rows of one rank only.
+        If the solution has the rows of one rank only.
     """
     if isinstance(solution, Result):
         return solution
@@ -42,13 +42,13 @@ def as_result(solution):
 
 
 def summarize(solution):
-    """Return the lines that app.solve prints."""
+    """Return the text that app.solve prints on a solution or result."""
     facts = solution.attributes
     return summary(facts if "contact_patches" in facts else facts | solution.count_patches(), solution.grid)
 
 
 def plot_solution(solution, name=None, axes=None):
-    """Draw a solution or result; see `app.plots.pictures.plot`."""
+    """Draw a picture of a solution; see `app.plots.pictures.plot`."""
     default = "summary" if axes is None else "pressure"
     return pictures.plot(as_result(solution), name or default, axes)
 
@@ -66,7 +66,10 @@ def plot_path(path):
 
 
 def plot_surface(surface, axes=None):
-    """Draw heights, profiles, distribution and spectrum, or the heights alone on given axes."""
+    """Draw heights, profiles, distribution and spectrum of a surface.
+
+    On given axes only the heights are drawn.
+    """
     if axes is not None:
         heights.draw_heights(axes, surface)
         return axes.figure, axes
@@ -74,7 +77,10 @@ def plot_surface(surface, axes=None):
 
 
 def plot_stress(below, along="x"):
-    """Draw the stress on a section and on a line through the largest von Mises stress."""
+    """Draw the stress below a contact: a section and a vertical line.
+
+    Both go through the largest von Mises stress; the section is `along` x or y.
+    """
     if along not in ("x", "y"):
         raise InputError(f"plot along {along!r}: must be x or y")
     stresses, grid = survey(below, along=along), below.grid
@@ -85,7 +91,7 @@ def plot_stress(below, along="x"):
 
 
 def _as_html(heading, table, figure=None, lines=()):
-    """Return a heading, a table, lines, and a picture."""
+    """Return HTML of a heading, a table, notes (`lines`), and a picture."""
     parts = [f"<b>{html.escape(heading)}</b>", table]
     parts += [f"<p style='margin:2px'>note: {html.escape(line)}</p>" for line in lines]
     text = f"<div style='max-width:36em'>{''.join(parts)}</div>"
@@ -120,14 +126,14 @@ def _rows_table(columns):
 
 
 def _format_columns(columns, names):
-    """Return columns by label and unit, with numbers of four digits."""
+    """Return columns as texts of four digits, by label with unit."""
     units = {name: unit_of(name) for name in names}
     labels = {name: label_of(name) + (f" [{unit}]" if unit != "1" else "") for name, unit in units.items()}
     return {labels[name]: [f"{value:.4g}" for value in columns[name]] for name in names}
 
 
 def solution_html(solution):
-    """Return numbers, notes and the pressure of a solution or result."""
+    """Return HTML with numbers, notes and the pressure of a solution."""
     grid = solution.grid
     names = (*_ROWS, *_PERIODIC_ROWS) if grid.periodic else _ROWS
     whole = solution.pressure.shape == grid.shape
@@ -140,7 +146,7 @@ def solution_html(solution):
 
 
 def path_html(path):
-    """Return the table of a load path, with its curves."""
+    """Return HTML with the table of a load path and its curves."""
     heading = f"Load path, {len(path.rows)} of {len(path)} steps done"
     if not path.rows:
         return _as_html(heading, "")
@@ -150,7 +156,7 @@ def path_html(path):
 
 
 def refinement_html(refined):
-    """Return the table of the grids, with the pressure on the finest."""
+    """Return HTML with a refinement's grids and the pressure on the finest."""
     solution = refined.solution
     columns = {name: [row[name] for row in refined.rows] for name in refined.rows[0]}
     names = "load", "approach", "max_pressure", "contact_area"
@@ -167,7 +173,7 @@ def refinement_html(refined):
 
 
 def surface_html(surface):
-    """Return what is known of a measured surface, with its picture."""
+    """Return HTML with numbers of a measured surface and its picture."""
     ny, nx = surface.shape
     rows = [("file", surface.file), ("points", f"{nx} x {ny}"), ("level", surface.level)]
     if surface.spacing:
@@ -183,7 +189,7 @@ def surface_html(surface):
 
 
 def patches_html(patches):
-    """Return the table of the contact spots, with a map of them."""
+    """Return HTML with a table of contact spots and their map."""
     columns = {"patch": [*range(1, len(patches.cells) + 1)], "cells": patches.cells}
     names = "area", "load", "max_pressure", "centre_x", "centre_y"
     units = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}

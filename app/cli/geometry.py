@@ -1,4 +1,4 @@
-"""Problems from options."""
+"""Options of geometry and material, and the problem they define."""
 
 import numpy as np
 
@@ -175,7 +175,7 @@ def _make_material(options):
 
 
 def _read_symbol(options):
-    """Return the name of the periodic symbol, empty for a free patch."""
+    """Return the name of a periodic patch's symbol, empty if free."""
     if options["periodic"]:
         return options["periodic_symbol"]
     if options.given("periodic_symbol"):
@@ -184,7 +184,7 @@ def _read_symbol(options):
 
 
 def _make_shape(name, options, material):
-    """Make the base shape of a problem."""
+    """Make the base shape of a problem, such as a sphere."""
     from app.problems import shapes
     from app.problems.gap_file import GapFile
 

@@ -66,7 +66,7 @@ class PathRequest:
                 check_output_path(file, protected)
 
     def step_file(self, step):
-        """Return the result file of a step (from 1)."""
+        """Return the path of a step's result file; steps begin with 1."""
         return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
 
 
@@ -74,7 +74,8 @@ def run_path(request, solver, stiffness, save):
     """Solve all steps of a path. Collective.
 
     ``save(solution, file)`` writes the result of a step. Returns the LoadPath, with the merged `notes` of all steps,
-    the last Solution, and a context manager that removes the checkpoint at its end: the last result is written inside.
+    the last Solution, and a context manager. The caller writes the last result in that context, which then removes the
+    checkpoint.
     """
     from tqdm import tqdm
 
@@ -202,7 +203,7 @@ def hash_inputs(request, solver):
 
 
 def _show_step(row, bar, kind):
-    """Show a step in the progress bar or output."""
+    """Show a step's numbers in the progress bar, or print them."""
     units = {name: f" {unit_of(name)}".removesuffix(" 1") for name in (kind, *_SHOWN)}
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in units.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
@@ -230,7 +231,7 @@ def format_steps(steps, count):
 
 
 def load_path_summary(path, request):
-    """Return a summary of a load path."""
+    """Return a line on a load path: steps, failures, work and table."""
     failed = [row["step"] for row in path.rows if not row["converged"]]
     state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
     table = f"; table in {request.csv}" if request.csv else ""

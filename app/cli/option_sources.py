@@ -141,7 +141,7 @@ def startup_args(argv):
 def parse_options(argv):
     """Read all sources of options after PETSc's start.
 
-    InputError, with the name of the source, if one cannot be read. `argv` begins with the program's name.
+    InputError names the source that cannot be read. `argv` begins with the program's name.
     """
     from petsc4py import PETSc
 

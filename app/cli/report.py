@@ -80,7 +80,7 @@ def typeset(text):
 
 
 def format_attribute(value):
-    """Return an attribute as text with six digits."""
+    """Return an attribute as text, its numbers with six digits."""
     if isinstance(value, str):
         return value
     return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))

@@ -1,13 +1,16 @@
-"""Compile all loops before they are needed: ``contact-solve --warm-up``."""
+"""Compilation of all loops by numba before they are needed.
+
+The command is ``contact-solve --warm-up``.
+"""
 
 import warnings
 
-METHODS = "fast", "primal", "norm", "fmg_v11"  # have all loops together
-_LARGE = 640  # cells in x and y; large grids have other products
+METHODS = "fast", "primal", "norm", "fmg_v11"  # method files that together use all loops
+_LARGE = 640  # cells in x and y of a grid that is large enough for the products of large grids
 
 
 def compile_loops(methods=METHODS):
-    """Solve a small problem by each method. Collective."""
+    """Compile all loops, by solving a problem with each method. Collective."""
     from app.api.solver import solve
     from app.halfspace.grid import Grid
     from app.halfspace.material import Material

@@ -162,7 +162,7 @@ class ContactFields:
         return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
 
     def patches(self):
-        """Return cells, area, load and centre of each contact spot. Collective.
+        """Return number of cells, area, load and centre of contact spots. Collective.
 
         Returns
         -------
@@ -206,7 +206,7 @@ class ContactFields:
         )
 
     def contact_patches(self):
-        """Return the areas of the contact spots [mm2]. Collective."""
+        """Return the areas of the contact spots, largest first [mm2]. Collective."""
         _, cells = self._connected_sets()
         return np.sort(cells)[::-1] * self.grid.cell_area
 
@@ -217,7 +217,7 @@ class ContactFields:
         return label_connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
 
     def count_patches(self):
-        """Return number of contact spots and largest area. Collective."""
+        """Return number and largest area of contact spots, as attributes. Collective."""
         areas = self.contact_patches()
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 

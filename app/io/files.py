@@ -114,7 +114,7 @@ def hash_samples(path):
 
 
 def _follow_link(path):
-    """Return the absolute path, or the target of a symbolic link."""
+    """Return the absolute path of a file, or a link's target."""
     with suppress(RuntimeError):  # Python before 3.13 raises it for circular links
         target = path.resolve() if path.is_symlink() else path.absolute()
         if not target.is_symlink():
@@ -175,7 +175,7 @@ def make_temporary_name(path):
 
 
 def remove(path):
-    """Remove a file if that is possible."""
+    """Remove a file; ignore errors."""
     with suppress(OSError):
         path.unlink()
 

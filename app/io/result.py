@@ -113,12 +113,12 @@ class Result(ContactFields):
 
     @property
     def notes(self):
-        """Texts on what needs a second look."""
+        """Doubts about units, grid or theory for the user, one text each."""
         return tuple(self.attributes.get("notes", "").splitlines())
 
     @property
     def grid(self):
-        """`Grid` of the result."""
+        """`Grid` of the result's cells."""
         return make_grid(self.x, self.y, self.attributes)
 
 
@@ -180,7 +180,7 @@ def read_result(path):
 
 @contextmanager
 def open_result(path):
-    """Open a result file; raise InputError if it cannot be read."""
+    """Open a result file for the block; InputError if it is unreadable."""
     try:
         path = Path(path)
     except TypeError:

@@ -19,7 +19,10 @@ _METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets
 
 @dataclass(frozen=True)
 class ByRows:
-    """A field computed when it is written: ``values(slice of rows) -> ndarray``."""
+    """Field whose rows are computed when they are written.
+
+    ``values(slice of rows)`` returns an ndarray.
+    """
 
     shape: tuple
     dtype: np.dtype

@@ -57,7 +57,7 @@ def write_xdmf(results, path=None):
 
 
 def _read_grid(result):
-    """Return load [N] and XML element of a result."""
+    """Return a result file's load [N], and its grid as XML element."""
     with open_result(result) as file:
         check_is_result(file)
         x, y = (read_dataset(file, name) for name in AXES)

@@ -59,7 +59,7 @@ def collect_result(path):
 
 
 def _list_steps(table):
-    """Return the rows of a load path with the columns of `OUTCOME`."""
+    """Return a load path's table as rows, with the columns of `OUTCOME`."""
     table = {ATTRIBUTE_NAMES.get(name, name): column.tolist() for name, column in table.items()}
     table["converged"] = [bool(solved) for solved in table.get("converged", ())]
     names = [name for name in table if name in ("step", *OUTCOME) and len(table[name])]
@@ -80,7 +80,7 @@ class Run:
     collect: Callable = collect_result  # path of the output -> mapping of JSON types
 
     def arguments(self):
-        """Return the command line, without ``-output``."""
+        """Return the words of the command line, without ``-output``."""
         words = [word for file in self.files for word in ("-options_file", str(file))]
         for name, value in self.options.items():
             words += [f"-{name}", str(value)] if str(value) else [f"-{name}"]
@@ -98,7 +98,10 @@ class Run:
         return [*files, *values, *_find_named_files(files, _petsc_variables())]
 
     def key(self, ranks=1):
-        """Return a hash of options, files, program and number of ranks."""
+        """Return a hash that identifies the run in a journal.
+
+        It depends on options, contents of input files, program and number of ranks.
+        """
         files = [_hash_if_file(file) for file in self.inputs()]
         program = [self.module, self.collect.__qualname__, _hash_program()]
         facts = [program, self.arguments(), files, ranks, _petsc_variables()]

@@ -84,7 +84,7 @@ def _combine(content):
 
 
 def _file_axis(entry):
-    """Return the axis of one or several option files."""
+    """Return the axis of an entry of ``option_files``, one or several files."""
     entries = entry if isinstance(entry, list) else [entry]
     names = [find_option_file(_check_scalar(name, "option_files")) for name in entries]
     if not names:
@@ -153,7 +153,7 @@ def _check_list(value, where):
 
 
 def _list_values(value, where):
-    """Return a list of texts; inner lists become one text with commas."""
+    """Return values as texts; an inner list becomes one with commas."""
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(f"{where}: the list is empty")
@@ -183,7 +183,7 @@ def _read_values(name, values, seen):
 
 
 def _parse_number(value):
-    """Convert a text to a number if possible."""
+    """Return a text's number, or the text itself if it is none."""
     for kind in (int, float):
         try:
             return number(value, kind)

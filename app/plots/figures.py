@@ -78,7 +78,7 @@ def _map_figure(result, draw):
 
 @with_style
 def contact_figure(result):
-    """Draw contact spots and inadmissible cells."""
+    """Draw a map of contact spots and cells where contact is impossible."""
     return _map_figure(result, Canvas.draw_contact)
 
 

@@ -167,7 +167,10 @@ _RELATIVE = "p / (E* h′rms)"
 
 
 def _draw_shares(axes, paths, value):
-    """Draw ``value(x, contact fraction)`` against x = p / (E* h'rms)."""
+    """Draw a function of the contact fraction, ``value(x, fraction)``.
+
+    x is the mean pressure over E* times the rms slope. Two theories are drawn, too.
+    """
     pressures = []
     for number, path in enumerate(paths):
         p, fraction = path.select("mean_pressure", "contact_fraction")
@@ -272,7 +275,10 @@ _SMOOTH = (
 
 
 def read_csv(path):
-    """Return columns of texts from a table of app.sweep or a load path."""
+    """Return the columns of a table as texts.
+
+    The table is from app.sweep or of a load path.
+    """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
             rows = list(csv.DictReader(file, strict=True))

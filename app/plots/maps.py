@@ -31,7 +31,7 @@ PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00
 
 
 class Canvas:
-    """Layout of the map of a result.
+    """Layout of maps of a result, which draws its fields on axes.
 
     `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are those of the map [inch]. `low` is True if the colour
     bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows the contact only, if
@@ -73,7 +73,7 @@ class Canvas:
         return np.isnan(self.result.undeformed_distance[self.view])
 
     def _draw_patch(self, axes):
-        """Draw the whole patch in an inset if the map shows a part of it."""
+        """Draw the patch in an inset if the map shows a part."""
         whole = self.result.grid
         if self.grid.n == whole.n:
             return
@@ -85,7 +85,7 @@ class Canvas:
         draw_inset(axes, (self.width, self.height), contact, patch, view)
 
     def _draw_image(self, axes, pixels, b, **options):
-        """Draw an image of blocks of b x b cells."""
+        """Draw an image whose pixels are blocks of b x b cells."""
         x0, x1, y0, y1 = self.extent
         name, (across, up) = self.unit.name, "xy"
         right = x0 + pixels.shape[1] * b * self.grid.dx * self.unit.per_mm
@@ -117,7 +117,7 @@ class Canvas:
         return image
 
     def _draw_outside(self, axes):
-        """Colour inadmissible cells grey; return True if any exist."""
+        """Draw inadmissible cells in grey; return whether there are any."""
         if self.outside.any():
             pixels, b = block_mean(np.where(self.outside, 1.0, np.nan), MAX_PIXELS)
             self._draw_image(axes, pixels, b, cmap=ListedColormap([GREY]))
@@ -226,7 +226,7 @@ def estimate_rounding(result):
 
 
 def finite_pressure(pressure):
-    """Replace negative and non-finite pressures by zero."""
+    """Return pressures with negative and non-finite ones set to zero."""
     return np.where(np.isfinite(pressure) & (pressure > 0), pressure, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The part of a patch that a map shows: contact that is small in its patch is enlarged."""
+"""View of a map, in which small contacts are enlarged."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ _MIN_TITLED_SIDE = 0.5  # of an inset with a title [inch]
 
 
 def find_view(result):
-    """Return slices of rows and columns around the contact, or of the whole patch."""
+    """Return slices of rows and columns that a map shows.
+
+    They are those around the contact, or of the whole patch if the contact is not small or the patch is periodic.
+    """
     contact = np.asarray(result.contact) == 1
     whole = slice(0, contact.shape[0]), slice(0, contact.shape[1])
     if not contact.any() or result.grid.periodic:
@@ -28,9 +31,10 @@ def find_view(result):
 
 
 def draw_inset(axes, size, contact, patch, view):
-    """Draw the patch and the view in the corner with least contact.
+    """Draw an inset of the patch with the view's outline.
 
-    `size` is width and height of the map [inch], `contact` that of the view; `patch` and `view` are x0, x1, y0, y1.
+    It lies in the corner with the least contact. `size` is width and height of the map [inch], `contact` the mask of
+    the view's cells; `patch` and `view` are x0, x1, y0, y1.
     """
     side = max(_SIDE * min(size), _MIN_SIDE)
     width, height = side / size[0], side / size[1]

@@ -16,7 +16,7 @@ from app.problems.shapes import Plane
 
 
 def is_measured(surface):
-    """Return whether a surface was measured."""
+    """Return whether a surface was measured, and so read from a file."""
     return getattr(surface, "measured", False)
 
 

@@ -44,7 +44,7 @@ class Problem:
 
     @property
     def periodic(self):
-        """Name of a periodic patch's symbol, empty on a free patch."""
+        """Name of the Fourier symbol of a periodic patch, empty if free."""
         return self.grid.periodic
 
     @property
@@ -59,7 +59,7 @@ class Problem:
         return other
 
     def reference(self, approach):
-        """Return the analytic solution at an approach, or None."""
+        """Return the analytic solution at an approach, None if unknown."""
         return None
 
     def describe(self):

@@ -34,7 +34,8 @@ def _check_pair(name, pair, needed, above=-np.inf):
 def _product(left, right):
     """Return a matrix product with reproducible rounding.
 
-    The rounding of BLAS depends on the shape. Here each term is one rounded product, added in order.
+    The rounding of BLAS depends on the shape of the matrices. Here the terms of an entry are rounded and added in
+    order.
     """
     product = np.zeros((left.shape[0], right.shape[1]))
     step = max(1, BLOCK // max(1, right.shape[1]))

@@ -18,14 +18,15 @@ CROWNS = ("none", "log", "arc")
 class Roller(Shape):
     """A roller lying along y, with its middle at the origin.
 
-    Contact is impossible on the chamfers and past the ends. The crown refers to the length between the chamfers.
+    Contact is impossible on the chamfers and past the ends. The crown is the drop of the surface along the length
+    between the chamfers.
 
     Parameters
     ----------
     radius : float
         Radius in the middle; of two rollers the relative one, 1/R = 1/R1 + 1/R2 [mm].
     length : float
-        Over the chamfers [mm].
+        Length with the chamfers [mm].
     crown : str, callable or array_like, shape (n, 2)
         "none"; "log", the profile of `app.reference.line.LineContact`, whose pressure is nearly uniform along the
         roller at the design load; "arc"; a function z(y), the drop of the surface; or a table of y and z, linear
@@ -33,11 +34,11 @@ class Roller(Shape):
     end_chamfer : float
         Axial length of the chamfer at each end [mm].
     design_load : float, optional
-        Of the "log" crown [N].
+        Load of the "log" crown with nearly uniform pressure [N].
     contact_modulus : float, optional
-        Of the "log" crown, `Material.contact_modulus` [N/mm2].
+        E* for the "log" crown, `Material.contact_modulus` [N/mm2].
     crown_radius : float, optional
-        Of the "arc" crown [mm].
+        Radius of the "arc" crown [mm].
 
     Examples
     --------
@@ -99,12 +100,12 @@ class Roller(Shape):
         return self.length / 2 - self.end_chamfer
 
     def line_contact(self, contact_modulus, approach=None, load=None):
-        """Return the line contact without a crown, see `LineContact`."""
+        """Return the roller's contact as a `LineContact`, without its crown."""
         numbers = self.radius, 2 * self.half_length, contact_modulus
         return LineContact.from_approach(*numbers, approach) if load is None else LineContact(*numbers, load)
 
     def drop(self, y):
-        """Return the drop of the crown [mm]; NaN past the ends."""
+        """Return the crown's drop at y [mm]; NaN past the ends."""
         y = np.asarray(y, dtype=float)
         inside = np.where(np.abs(y) <= self.half_length, y, np.nan)
         if callable(self.crown):
@@ -124,7 +125,7 @@ class Roller(Shape):
         return x**2 / (2 * self.radius) + self.drop(y)
 
     def check_grid(self, grid):
-        """Raise for a strip, or without cells under it."""
+        """Raise for a one-cell strip, or without cells under the roller."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.half_length).any():
             raise InputError(
@@ -132,7 +133,7 @@ class Roller(Shape):
             )
 
     def describe(self):
-        """See `Shape.describe`."""
+        """Return sizes and crown by option names, for the result file."""
         facts = {"roller_radius": self.radius, "roller_length": self.length}
         table = not (isinstance(self.crown, str) or callable(self.crown))
         facts["roller_crown"] = self.crown if isinstance(self.crown, str) else "profile"

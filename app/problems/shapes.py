@@ -240,7 +240,10 @@ class FlatPunch(Shape):
 
 
 def check_strip(grid):
-    """Raise InputError for a free patch one cell wide."""
+    """Raise InputError for a free patch one cell wide.
+
+    It is no line contact, as users may expect.
+    """
     if min(grid.nx, grid.ny) == 1 and not grid.periodic:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: a patch one cell wide is a strip pressed on that width only, no line contact; "

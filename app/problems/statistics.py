@@ -1,7 +1,8 @@
 """Statistics of heights: moments, slopes, power spectrum, normal plot.
 
 Heights are taken about their mean. The Fourier transform of heights z on n_y x n_x cells is
-``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)``, so that
+``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)`` with l_x, l_y the
+sides of the patch, so that
 ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
 """
 
@@ -142,7 +143,10 @@ def radial_spectrum(height, dx, dy, window=False):
 
 
 def normal_plot(height):
-    """Return the `NormalPlot` of at least 2 heights [mm], Fig. 12(d)."""
+    """Return the `NormalPlot` of at least 2 heights [mm].
+
+    The paper draws it in Fig. 12(d).
+    """
     height = np.sort(_check_finite(height), axis=None)
     if height.size < 2:
         raise InputError("a normal plot needs at least 2 heights")

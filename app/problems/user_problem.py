@@ -36,7 +36,9 @@ _LIBRARY_FILES = re.compile(
 
 
 def load(name):
-    """Import the function or class ``package.module.Name`` or ``path/to/file.py:Name``.
+    """Import a user's function or class by its name.
+
+    The name is ``package.module.Name`` or ``path/to/file.py:Name``.
 
     Every rank imports for itself. Modules are also searched in the current folder.
     """

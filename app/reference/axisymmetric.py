@@ -23,7 +23,7 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def b(self):
-        """Radius of the contact area [mm]."""
+        """Semi-axis along y, the same radius as `a` [mm]."""
         return self.a
 
     @property
@@ -105,7 +105,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
     @property
     def max_pressure(self):
-        """Infinite (at the rim); 0 without contact."""
+        """Infinite, at the edge of the punch; 0 without contact."""
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
@@ -145,7 +145,7 @@ class Cone(AxisymmetricContact):
 
     @property
     def max_pressure(self):
-        """Infinite (at the tip); 0 without contact."""
+        """Infinite, at the tip of the cone; 0 without contact."""
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):

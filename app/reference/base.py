@@ -65,12 +65,18 @@ class NormalContact(ABC):
 
     @classmethod
     def from_approach(cls, *parameters, **named):
-        """Return the contact for the geometry, E* and ``approach`` [mm]."""
+        """Return the contact at an approach.
+
+        Parameters are those of the geometry, E* and ``approach`` [mm].
+        """
         return cls(*parameters, **named)
 
     @classmethod
     def from_load(cls, *parameters, **named):
-        """Return the contact for the geometry, E* and ``load`` [N]."""
+        """Return the contact under a load.
+
+        Parameters are those of the geometry, E* and ``load`` [N].
+        """
         names = [f.name for f in fields(cls) if f.name != "approach"]
         values = dict(zip([*names, "load"], parameters, strict=False)) | named
         load = values.pop("load")
@@ -94,7 +100,7 @@ class NormalContact(ABC):
 
     @property
     def mean_pressure(self):
-        """Load over contact area [N/mm2]."""
+        """Load over the contact area [N/mm2]; 0 without contact."""
         return self.load / (math.pi * self.a) / self.b if self.a else 0.0
 
     def _radius2(self, x, y):

@@ -24,7 +24,7 @@ _STEPS = 60  # of the fixed-point iteration for the half-width
 
 @dataclass(frozen=True)
 class LineContact:
-    """Cylinder with a uniform load along its length.
+    """Contact of a cylinder with a uniform load along its length.
 
     Examples
     --------

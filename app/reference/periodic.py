@@ -136,7 +136,7 @@ class Westergaard(WavyContact):
 
     @property
     def approach(self):
-        """Approach [mm], for displacements of mean 0; 0 without contact."""
+        """Approach [mm] if displacements have mean 0; 0 without contact."""
         return self.amplitude - self.mean_gap
 
     def _sines(self, x, y):
@@ -166,7 +166,7 @@ class Westergaard(WavyContact):
         return 2 * self.amplitude * (t * root - s**2 * np.arcsinh(root / s))
 
     def displacement(self, x, y):
-        """Return the displacement u, of mean 0 [mm]."""
+        """Return the displacement u of both surfaces, whose mean is 0 [mm]."""
         return self.gap(x, y) - self.undeformed_distance(x, y) + self.approach
 
 

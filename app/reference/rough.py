@@ -1,6 +1,6 @@
 """Theories of the contact fraction of rough surfaces.
 
-p' is the mean pressure over E* times the rms slope.
+The relative pressure p' is the mean pressure over E* times the rms slope.
 """
 
 import numpy as np

@@ -47,12 +47,12 @@ class StoredArray:
             )
 
     def __getstate__(self):
-        """Replace a dataset, which cannot be pickled, by its array."""
+        """Return the state with any HDF5 dataset read into an array."""
         return {**self.__dict__, "_array": np.asarray(self._array)}
 
     @property
     def shape(self):
-        """Shape (ny, nx)."""
+        """Shape (ny, nx) of the array."""
         return tuple(self._array.shape)
 
     def rows(self, rows=slice(None)):

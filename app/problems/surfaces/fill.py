@@ -1,4 +1,4 @@
-"""Missing points of a height map, filled harmonically."""
+"""Filling of missing points of a height map, by harmonic functions."""
 
 import numpy as np
 import scipy.sparse as sparse

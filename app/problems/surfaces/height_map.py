@@ -86,7 +86,7 @@ class HeightMap(StoredArray):
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
     def crop(self, crop):
-        """Crop the map in place."""
+        """Crop the map in place; `crop` is that of `read_surface`."""
         i0, i1, j0, j1 = self.check_crop(crop)
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
@@ -184,7 +184,7 @@ def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
 
 
 def _check_esri(where, shape, nrows, ncols):
-    """Raise if the lines of an ESRI grid are not its rows."""
+    """Raise if an ESRI grid has other rows than its head states."""
     try:
         if shape == (float(nrows), float(ncols)):
             return

@@ -192,11 +192,11 @@ class Surface:
 
     @property
     def _about(self):
-        """Words for the reference of the rms height."""
+        """Words that say about which surface the rms height is taken."""
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
-        """Raise if a grid does not fit the surface."""
+        """Raise if a grid has other cells or another period."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -285,7 +285,7 @@ class Surface:
         return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
 
     def describe(self):
-        """Return how it was read, by option names, for the result file."""
+        """Return how the file was read, by option names, for result files."""
         names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
         facts = {f"surface_{name}": getattr(self, name) for name in names}
         facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}

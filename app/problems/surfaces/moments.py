@@ -91,7 +91,7 @@ class Moments:
 
     @property
     def rounding(self):
-        """Height below which differences may be rounding only [mm]."""
+        """Difference of heights below which it may be rounding only [mm]."""
         low, high = np.nanmin(self._in_rows[0]), np.nanmax(self._in_rows[1])
         return float(np.dot(ROUNDING, (high - low, max(high, -low))))
 

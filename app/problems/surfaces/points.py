@@ -1,4 +1,4 @@
-"""Points x, y, z on a lattice; line scans."""
+"""Lists in place of maps: points on a lattice, and line scans."""
 
 import numpy as np
 

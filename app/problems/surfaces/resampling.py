@@ -52,7 +52,7 @@ class ResampledSurface:
         return self.surface.grid(None if self.spacing else extent, grid.periodic)
 
     def check_grid(self, grid):
-        """Raise if a patch is larger than the surface."""
+        """Raise if a grid's patch is larger than the surface."""
         sides, own = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, self.own_grid(grid)))
         if np.any(sides > own * (1 + ROUNDING)):
             raise InputError(
@@ -69,7 +69,7 @@ class ResampledSurface:
         return self.surface.cell(self.own_grid(grid))
 
     def rms_slope(self, grid):
-        """Return the rms slope in the file, see `Surface.rms_slope`."""
+        """Return the rms slope between the file's cells, see `Surface.rms_slope`."""
         return self.surface.rms_slope(self.own_grid(grid))
 
     def understood(self, grid):
@@ -100,7 +100,7 @@ class ResampledSurface:
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
 
     def describe(self):
-        """Return how it was read, by option names, for the result file."""
+        """Return how the file was read, by option names, for result files."""
         return {**self.surface.describe(), "surface_resample": 1}
 
     def __repr__(self):

@@ -62,9 +62,10 @@ def is_row(line):
 
 
 def read_table(lines, skip=0, heights=False):
-    """Return the rows of a table.
+    """Return the numbers of a table as a 2-D array.
 
-    For heights, entries like ``***``, empty ones, and the number in a skipped line ``NODATA_value`` are NaN.
+    The first `skip` lines are left out. For `heights`, entries like ``***``, empty ones, and the number in a skipped
+    line ``NODATA_value`` are NaN.
     Raises UnknownText if there are words at the head only, ValueError if a line holds something else, is of another
     length, or could be read in two ways.
 
@@ -117,7 +118,10 @@ def read_table(lines, skip=0, heights=False):
 
 
 def _check_head(numbers, texts, heights):
-    """Raise if a table begins below lines of words."""
+    """Raise if words precede the first row of numbers.
+
+    The message says how many lines to skip.
+    """
     first = next((k for k, text in enumerate(texts) if _first_word(text, heights) is None), None)
     if not first:
         return
@@ -164,7 +168,10 @@ def _unquote(lines):
 
 
 def _first_word(line, heights):
-    """Return the first entry that no layout makes a number, or None."""
+    """Return the first entry that is no number in any layout.
+
+    None if there is no such entry.
+    """
     if _NUMBER_CHARACTERS.issuperset(line):
         return None
     for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
@@ -202,7 +209,7 @@ def _find_layout(lines):
 
 
 def _check_commas_separate(lines):
-    """Raise if every second comma may begin decimals."""
+    """Raise if every second comma may begin decimals instead of separating."""
     rows = [line.rstrip(",").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
         return
