@@ -41,7 +41,7 @@ def _pressure_row(p, contact):
 
 @njit()
 def sum_pressure(p, contact):
-    """Return sum and maximum of p, and the number of loaded cells."""
+    """Return sum and maximum of p, and the number of loaded cells of C."""
     total, highest, cells = 0.0, 0.0, 0  # in C with p > 0
     for j in range(p.shape[0]):
         row = _pressure_row(p[j], contact[j])

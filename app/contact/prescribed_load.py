@@ -273,7 +273,7 @@ class PrescribedLoad(Loading):
 
 
 def _root(function, low, high, xtol):
-    """Return the zero of an increasing function between two arguments."""
+    """Return the zero of an increasing function between `low` and `high`."""
     for _ in range(_MAX_SECANTS):
         a, b = function(low), function(high)
         middle = low - a * (high - low) / (b - a)

@@ -256,9 +256,8 @@ class ContactState:
     def release_tensile(self, some=None, change=_NO_FIELD):
         """Remove the tensile cells from C (4.a), so that p >= 0 (2.9).
 
-        Collective if `some` is None. Otherwise `some` is true if any rank has tensile cells. Returns the
-        number of released cells on all ranks, or `some`. The change of p is added to `change`, shape (local
-        rows, nx) [N/mm2].
+        `some` is true if any rank has tensile cells. If it is None, the call is collective and counts them.
+        Returns this number, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
         """
         released = self.bounds.release(self.values, self.contact, self._released, change)
         released = int(self.sum([released])[0]) if some is None else some

@@ -20,7 +20,7 @@ class Limits:
     seeds: int = 10
 
     def sizes(self, *sizes):
-        """Return those of some grid sizes that are within the limit."""
+        """Return the given grid sizes that are within the limit."""
         return [n for n in sizes if n <= self.largest]
 
 

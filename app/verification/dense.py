@@ -1,8 +1,8 @@
 """Exact solutions of small contact problems by pivoting on the dense matrix.
 
-They share only the influence matrix A with the solvers under test. `solve_by_lemke` is exact, in rational
-numbers, for a few cells. `DenseProblem` finds the contact set by block principal pivoting, and refines
-pressures in extended precision.
+The solutions share only the influence matrix A with the solvers under test. `solve_by_lemke` is exact, in
+rational numbers, for a few cells. `DenseProblem` finds the contact set by block principal pivoting, and
+refines pressures in extended precision.
 
 References
 ----------
