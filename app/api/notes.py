@@ -134,7 +134,7 @@ def note_doubtful_moduli(material):
 
 
 def note_filled_points(surface, state):
-    """Return a note on load carried by filled points. Collective."""
+    """Return a note on load carried by filled points, or None. Collective."""
     share = surface.filled_on(state.grid, state.operator.slabs.rows)
     if share is None:
         return None
@@ -162,13 +162,13 @@ def _touches_boundary(state, contact_cells):
 
 
 class NoteWarnings:
-    """Warnings of one solver: each kind of notes once."""
+    """Python warnings about the notes of one solver, once for each kind."""
 
     def __init__(self):
         self._issued = set()  # notes without their numbers
 
     def issue(self, problem, notes):
-        """Warn of notes that are new, and that `read_surface` has not issued."""
+        """Warn of notes of a new kind, unless `read_surface` has done so."""
         known = {note for part in getattr(problem, "surfaces", ()) for note in getattr(part, "warned", ())}
         for note in notes:
             kind = _NUMBER.sub("", note)

@@ -65,13 +65,15 @@ class Solution(ContactFields):
         the approach beyond first touch. NaN except for the default methods with nested iteration; see
         `app.contact.grid_errors`.
     fallbacks : int
-        Grids on which the safeguard, or the root search for a load, took over.
+        Number of grids on which the safeguard, or the root search for a load, took over.
     certificate : Certificate
+        Proved error bound of the pressure.
     history : dict of str to list
         Columns with an entry for each active set iteration.
     problem : dict
-        Description of the problem.
+        Names and values that describe the problem.
     options : str
+        Options of the solver, as on a command line.
     notes : tuple of str
         Doubts about units, grid or theory, see `app.api.notes`.
     solve_seconds, setup_seconds : float
@@ -79,6 +81,7 @@ class Solution(ContactFields):
         Messages of rank 0, which has a part of every grid.
     grid : Grid
     slabs : Slabs
+        Distribution of the rows over the ranks.
     comm : mpi4py communicator
     stiffness : float or None
         dF/d(approach) [N/mm]; None unless requested, see `ContactSolver.path`.

@@ -11,9 +11,9 @@ _SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
 
 
 def stress(solution, poisson_ratio=None, body=None):
-    """Return the stress in a body below a solution.
+    """Return the stress in a body, from the pressure of a solution.
 
-    For a solution on several ranks call it on one, with ``solution.gather()``.
+    If the solution is on several ranks, call this function on one of them, with ``solution.gather()``.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def stress(solution, poisson_ratio=None, body=None):
     poisson_ratio : float, optional
         Poisson's ratio of the body; default: that of the problem.
     body : int, optional
-        1 or 2, if the problem has both; default: the first that is not rigid.
+        Number of the body, 1 or 2, if the problem states both materials; default: the first that is not rigid.
 
     Returns
     -------

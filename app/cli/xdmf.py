@@ -1,8 +1,8 @@
 """Write an XDMF file for ParaView.
 
 Run ``python -m app.xdmf RESULT.h5 [MORE.h5 ...] [-o SERIES.xdmf]`` on one rank. Default output: name of the first
-result with ``.xdmf``. Several results of one folder, such as the steps of a load path, become a series; its times are
-the loads if they rise, else 0, 1, 2. Exit status 0, or 2 after an error.
+result with ``.xdmf``. Several results of one folder, such as the steps of a load path, become a time series. Its times
+are the loads if these rise from result to result, otherwise 0, 1, 2, ... Exit status 0, or 2 after an error.
 """
 
 from pathlib import Path

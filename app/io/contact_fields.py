@@ -232,12 +232,13 @@ class ContactFields:
             "pressure" or "gap".
         bins : int
         logarithmic : bool
-            Bins have equal ratios of their edges; otherwise equal widths.
+            Whether bins have equal ratios of their edges, instead of equal widths.
 
         Returns
         -------
         edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
-            Edges from the smallest to the largest value; from half to twice a single value; empty without values.
+            Edges of the bins, from the smallest to the largest value. If all values are equal, from half to twice the
+            value; empty without values.
         density : ndarray, shape (bins,)
             Share of the counted cells per unit; its integral is 1.
 

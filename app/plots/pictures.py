@@ -138,7 +138,10 @@ def spots_figure(patches):
 
 
 def _prepare_notebook():
-    """Register the inline backend of IPython, which some versions do too late for the first figure."""
+    """Register the inline backend of IPython.
+
+    Some versions of IPython register it too late for the first figure.
+    """
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is not None and "inline" in matplotlib.get_backend():
         from matplotlib_inline.backend_inline import configure_inline_support
@@ -148,7 +151,10 @@ def _prepare_notebook():
 
 
 def show(draw, name):
-    """Call a function that draws a figure, for a notebook; return figure and axes."""
+    """Draw a figure for a notebook by ``draw()``; return figure and axes.
+
+    `name` is needed for the message if there is nothing to draw.
+    """
     _prepare_notebook()
     with interactive():
         figure = with_style(draw)()

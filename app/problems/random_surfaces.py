@@ -200,7 +200,7 @@ class SelfAffineSurface(_Function):
     """Isotropic self-affine surface: waves with random phases.
 
     ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
-    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum (see References)
+    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum (see References), which is
 
     - q^(-2-2H) from the roll-off wavelength to the shortest one,
     - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
@@ -218,7 +218,7 @@ class SelfAffineSurface(_Function):
     period : tuple of float
         l_x, l_y: sides of the period [mm].
     seed : int
-        0 or more.
+        Seed of the random phases, 0 or more.
     rms_height, rms_slope : float
         Root mean square over the period of the height [mm] or of the gradient's length; exactly one of them.
     origin : tuple of float

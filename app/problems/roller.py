@@ -29,16 +29,16 @@ class Roller(Shape):
         Length with the chamfers [mm].
     crown : str, callable or array_like, shape (n, 2)
         "none"; "log", the profile of `app.reference.line.LineContact`, whose pressure is nearly uniform along the
-        roller at the design load; "arc"; a function z(y), the drop of the surface; or a table of y and z, linear
-        between its rows and the same on both sides if all y are at least 0 [mm].
+        roller at the design load; "arc", a parabola; a function z(y), the drop of the surface; or a table of y and z,
+        linear between its rows and the same on both sides if all y are at least 0 [mm].
     end_chamfer : float
         Axial length of the chamfer at each end [mm].
     design_load : float, optional
-        Load of the "log" crown with nearly uniform pressure [N].
+        Load at which the pressure under the "log" crown is nearly uniform [N].
     contact_modulus : float, optional
         E* for the "log" crown, `Material.contact_modulus` [N/mm2].
     crown_radius : float, optional
-        Radius of the "arc" crown [mm].
+        Radius of the "arc" crown in the middle [mm].
 
     Examples
     --------

@@ -60,9 +60,9 @@ class Plane(Shape):
 @usage("Paraboloid(10, 20), radii of curvature [mm], of a ball Sphere(10)")
 @dataclass(frozen=True)
 class Paraboloid(Shape):
-    """A paraboloid of relative radii rx, ry [mm] (Sec. 5.1).
+    """A paraboloid of relative radii of curvature rx, ry [mm].
 
-    The undeformed distance is x^2/(2 rx) + y^2/(2 ry). The contact is Hertz's ellipse.
+    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), as in the paper's Sec. 5.1. The contact is Hertz's ellipse.
 
     Examples
     --------
@@ -211,9 +211,9 @@ class Cone(Shape):
 
 @dataclass(frozen=True)
 class FlatPunch(Shape):
-    """A rigid circular punch with a flat end (Sec. 5.2).
+    """A rigid circular punch with a flat end, of a `diameter` [mm].
 
-    `diameter` is in mm. The centre is the origin. Contact is impossible outside of the punch.
+    It is that of the paper's Sec. 5.2. The centre is the origin. Contact is impossible outside of the punch.
     """
 
     diameter: float

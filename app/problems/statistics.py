@@ -52,7 +52,7 @@ class RadialSpectrum:
     wave_number : ndarray, shape (rings,), [1/mm]
         Mean of ``|q| = 2 pi / wavelength`` in the ring.
     density : ndarray, shape (rings,), [mm^4]
-        Mean of C(q) in the ring.
+        Mean of the power spectral density C(q) in the ring.
     count : ndarray of int, shape (rings,)
         Number of wave vectors in the ring.
     """

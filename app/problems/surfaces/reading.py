@@ -1,7 +1,7 @@
 """Reading of measured surfaces.
 
 Heights are read in runs of rows. Each rank keeps its own rows only. Each rank computes level and missing points from
-all heights, in the same order, so that they are the same on any number of ranks.
+all heights, in the same order, so that these are the same on any number of ranks.
 """
 
 from dataclasses import replace

@@ -140,7 +140,10 @@ def _check_head(numbers, texts, heights):
 
 
 def _check_blocks(numbers, columns):
-    """Raise if gaps divide the rows into blocks of equal size."""
+    """Raise if other lines divide the rows into blocks of equal size.
+
+    These may be several maps.
+    """
     starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
     rows = np.diff(starts, append=len(numbers))
     if columns != 3 and len(rows) > 1 and rows[0] > 1 and (rows == rows[0]).all():
