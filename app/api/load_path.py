@@ -34,8 +34,8 @@ COLUMNS = (
 class LoadPath:
     """Iterator over the solutions of a load path. Collective.
 
-    Each step is solved when the iteration comes to it. It can be iterated over once, as solutions are not stored; after
-    an interruption, such as Ctrl-C, the next iteration resumes. A pickled path has only the table.
+    Each step is solved when the iteration comes to it. A path can be iterated over once, as solutions are not stored;
+    after an interruption, such as Ctrl-C, the next iteration resumes. A pickled path has only the table.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class LoadPath:
         return columns
 
     def plot(self):
-        """Draw load, pressure, area and the like of the finished steps.
+        """Draw the curves of the finished steps, such as load against approach.
 
         Returns figure and axes.
         """

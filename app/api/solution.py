@@ -197,7 +197,7 @@ class Solution(ContactFields):
         }
 
     def gather(self, root=0):
-        """Collect all rows on one rank. Collective.
+        """Collect all rows of the solution on the rank `root`. Collective.
 
         Returns
         -------
@@ -286,7 +286,7 @@ class Solution(ContactFields):
 
 
 def fingerprint(start):
-    """Return numbers that are equal on all ranks for the same Solution."""
+    """Return numbers by which ranks compare the Solutions they start from."""
     if not isinstance(start, Solution):
         return type(start).__name__
     return start.load, start.approach, start.max_pressure, start.contact_cells

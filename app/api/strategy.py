@@ -33,7 +33,7 @@ from app.multigrid.solver_cache import SolverCache
 
 
 class Strategy:
-    """Base class of strategies. Collective.
+    """Base class of strategies, which run a method's iteration. Collective.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class Strategy:
             check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
-        """Return a state for a loading that starts from another's solution."""
+        """Return the start state for a loading, from another loading's solution."""
         state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
         state.values[...] = start.pressure
         state.project()  # the solution may be of a problem with other holes

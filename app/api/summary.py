@@ -140,7 +140,7 @@ def format_grids(rows):
 
 
 def refinement_table(refined, until):
-    """Return the table of a refinement's grids, and its success."""
+    """Return a refinement's grids as a table, and whether `until` is reached."""
     state = "is below" if refined.reached else "is NOT below"
     return f"{format_grids(refined.rows)}the largest of the errors {state} {format_exact(until)}"
 

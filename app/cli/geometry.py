@@ -110,7 +110,7 @@ _SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS
 
 
 def make_problem(options, texts, comm):
-    """Make the problem of the options.
+    """Make the problem that the options define.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def run_path(request, solver, stiffness, save):
 
 
 def merge_notes(notes):
-    """Return the notes of all steps, each after the steps that have it.
+    """Return the notes of all steps, each with the steps it concerns.
 
     Notes that differ only in numbers are merged into one, with ranges of the numbers.
     """

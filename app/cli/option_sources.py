@@ -261,7 +261,7 @@ def _check_fp_trap(texts):
 
 
 def _check_read_at_end(petsc_options):
-    """Raise InputError for options at which PETSc's end would fail."""
+    """Raise InputError for options that would make PETSc's shutdown fail."""
     for viewer in re.split(",(?=:)", petsc_options.get("log_view", "")):
         check_viewer("log_view", viewer)
     for name in petsc_options.keys() & set(_OUTPUT_FILES):

@@ -137,7 +137,7 @@ def make_grid(x, y, attributes):
 
 
 def read_result(path):
-    """Read a result file with the whole grid.
+    """Read a result file, the whole grid on this rank.
 
     Parameters
     ----------

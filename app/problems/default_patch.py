@@ -22,7 +22,7 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
     ----------
     shape : app.problems.shapes.Shape
     contact_modulus : float
-        [N/mm2]
+        E* [N/mm2].
     approach : float, optional
         Approach of the bodies [mm]; give this or the load. A flat punch needs neither.
     load : float, optional

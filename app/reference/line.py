@@ -26,6 +26,8 @@ _STEPS = 60  # of the fixed-point iteration for the half-width
 class LineContact:
     """Contact of a cylinder with a uniform load along its length.
 
+    `radius` R and `length` L are in mm, `e_star` is E* [N/mm2], and `load` is W [N].
+
     Examples
     --------
     >>> contact = LineContact(radius=10, length=16, e_star=115385, load=20000)

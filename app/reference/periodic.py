@@ -42,7 +42,7 @@ class WavyContact(ABC):
     Parameters
     ----------
     amplitude, wavelength : float
-        a and L [mm]: the undeformed distance is a (1 - wave), with the wave of the subclass, of period L.
+        a and L [mm]: the undeformed distance is a (1 - wave), with a wave of period L that the subclass defines.
     e_star : float
         Contact modulus E* [N/mm2].
     mean_pressure : float

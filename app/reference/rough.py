@@ -17,7 +17,9 @@ def persson_fraction(relative):
 
 
 def persson_pressure(fraction):
-    """Return the relative pressure p' of a contact fraction, by Persson's theory.
+    """Return the relative pressure p' at which Persson predicts a fraction.
+
+    This is the inverse of `persson_fraction`.
 
     Examples
     --------

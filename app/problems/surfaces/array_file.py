@@ -34,7 +34,7 @@ class UnknownFormat(InputError):
 
 
 class StoredArray:
-    """A 2-D array of real numbers, read by rows."""
+    """2-D array of real numbers, whose rows may be read later."""
 
     label = "array"  # for messages
 
@@ -169,7 +169,7 @@ def _open_hdf5(path, name, heights):
 
 
 def _only_name(names, heights):
-    """Return the name of the only 2-D dataset, or "heights" of several."""
+    """Return the name of the only 2-D dataset, or "heights" if present."""
     if heights and "heights" in names:
         return "heights"
     if len(names) != 1:

@@ -9,7 +9,7 @@ MAX_SPIKE = 12.0  # rms steps by which a point may exceed its neighbours; Gaussi
 
 
 def note_doubtful_units(surface, grid):
-    """Return a note on an unusual slope of a measured surface, or None."""
+    """Return a note on a measured surface's unusual slope, or None."""
     slope = surface.rms_slope(grid)
     flat = MIN_WIDE_SLOPE if max(surface.cell(grid)) > WIDE_CELL else MIN_MEASURED_SLOPE
     if slope > MAX_SLOPE:

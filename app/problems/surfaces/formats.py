@@ -63,7 +63,7 @@ def split_suffix(path):
 def detect_format(path, skip=0):
     """Return the `Format` of a file by its name and first bytes.
 
-    First bytes of a compressed file, or of one with lines to `skip`, are not looked at.
+    If the file is compressed, or has lines to `skip`, its name alone decides.
     """
     suffix, packed = split_suffix(path)
     by_name = next((known for known in FORMATS if suffix in known.suffixes), UNKNOWN)

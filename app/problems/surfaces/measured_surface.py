@@ -41,7 +41,7 @@ class Surface:
         Point that stands out most from this plane or quadratic, before filters: its height above the highest of its
         four neighbours [mm], this height over the rms step, its row and column.
     rounding : float
-        Difference of heights in the file below which it may be rounding only [mm].
+        Largest difference of heights in the file that may be rounding only [mm].
     missing_points : int
         Number of missing points of the file, within the crop.
     notes : tuple of str
@@ -104,7 +104,7 @@ class Surface:
     def averaged(self, shape):
         """Return the surface averaged over blocks of cells.
 
-        `shape` is (ny, nx) of the blocks.
+        `shape` is the number of blocks in y and x.
         """
         if shape == self.shape:
             return self
@@ -132,8 +132,8 @@ class Surface:
     def filtered(self, grid, s_filter=None, l_filter=None):
         """Return the surface without short and long waves.
 
-        Waves shorter than `s_filter` and longer than `l_filter` are removed, half of the height at these wavelengths
-        [mm]. Every rank filters and keeps the whole surface. On a periodic grid the filters wrap around.
+        Waves shorter than `s_filter` and longer than `l_filter` [mm] are removed; waves of just these lengths keep half
+        of their height. Every rank filters and keeps the whole surface. On a periodic grid the filters wrap around.
         """
         if s_filter is None and l_filter is None:
             return self

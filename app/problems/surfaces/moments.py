@@ -91,7 +91,7 @@ class Moments:
 
     @property
     def rounding(self):
-        """Difference of heights below which it may be rounding only [mm]."""
+        """Largest difference of heights that may be rounding only [mm]."""
         low, high = np.nanmin(self._in_rows[0]), np.nanmax(self._in_rows[1])
         return float(np.dot(ROUNDING, (high - low, max(high, -low))))
 

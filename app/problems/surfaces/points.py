@@ -1,4 +1,4 @@
-"""Lists in place of maps: points on a lattice, and line scans."""
+"""Tables that list points or a line scan instead of a map."""
 
 import numpy as np
 
