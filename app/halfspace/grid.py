@@ -3,9 +3,9 @@
 A grid has ``nx * ny`` equal rectangular cells, numbered row by row (x fastest). A field is an array of shape
 ``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
 
-Coarsening joins 2 x 2 cells (Sec. 4.2). A direction of at most `coarsest` cells is not coarsened. A direction with an
-odd number of cells gets one more coarse cell, half of which is outside the patch; its missing children are inadmissible
-cells. The result is the same as with a padded patch, but the padding is not stored.
+Coarsening joins 2 x 2 cells (paper, Sec. 4.2). A direction of at most `coarsest` cells is not coarsened. A direction
+with an odd number of cells gets one more coarse cell, half of which is outside the patch; its missing children are
+inadmissible cells. The result is the same as with a padded patch, but the padding is not stored.
 
 A periodic patch has no outside. In a direction with an odd number of cells, its coarse cells are a little shorter than
 two fine cells. Children and parents are numbered as on a free patch, and the last coarse cell has one child. The coarse

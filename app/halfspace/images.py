@@ -46,17 +46,23 @@ class Box:
         self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
     def kernel(self, rows, columns):
-        """Return G for unit compliance, at offsets up to half a period."""
+        """Return G, the influence of a cell and its images.
+
+        It is for unit compliance, at offsets up to half a period.
+        """
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
-        """Return F for unit compliance, at offsets up to half a period."""
+        """Return F, the influence of the images of a cell.
+
+        It is for unit compliance, at offsets up to half a period.
+        """
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
-        """Return S for unit compliance, between the nodes.
+        """Return S, minus the influence of the images, between nodes.
 
-        The offsets in y and x are 0 to ``counts - 1`` times `steps` cells.
+        It is for unit compliance. The offsets in y and x are 0 to ``counts - 1`` times `steps` cells.
         """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]

@@ -1,4 +1,4 @@
-"""Influence coefficients of an elastic half-space, eqs. (2.4)-(2.6).
+"""Influence coefficients of an elastic half-space (paper, eqs. (2.4)-(2.6)).
 
 ``A_IJ = (1 - nu) / (pi G) * integral over cell J of 1/rho``, rho the distance from the centre of cell I. On equal cells
 it depends only on the offsets between the two cells in x and y. The *quadrant* ``K[j, i]`` contains all values: the

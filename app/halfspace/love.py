@@ -1,4 +1,4 @@
-"""Displacement by a uniform pressure on one cell, eq. (2.4).
+"""Displacement by a uniform pressure on one cell (paper, eq. (2.4)).
 
 Love's closed form is used near the cell, a Taylor series farther away.
 """

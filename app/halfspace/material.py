@@ -1,4 +1,4 @@
-"""Elastic constants of the two bodies, Sec. 2.2."""
+"""Elastic constants of the two bodies (paper, Sec. 2.2)."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from app.base.usage import usage
 
 @dataclass(frozen=True, init=False)
 class Material:
-    """Combined elastic constants of the two bodies (Sec. 2.2).
+    """Combined elastic constants of the two bodies (paper, Sec. 2.2).
 
     The constructor takes keywords only. `isotropic` and `pair` make a material from Young's moduli.
 

@@ -1,4 +1,4 @@
-"""Product u = A p (2.6), by FFT or a stored matrix.
+"""Product with the influence matrix (2.6), by FFT or stored matrix.
 
 Each class here computes u = A p in one way. Their base class, in `app.halfspace.fft.multiplier`, has the transforms.
 
@@ -104,7 +104,7 @@ class PeriodicProduct(EvenMultiplier):
             self.set_spectrum(symbol)
 
     def inverse(self):
-        """Return the product with B, the inverse of A without mean.
+        """Return the product with B, which inverts A on zero-mean fields.
 
         A constant field is mapped to zero. B shares the working storage of A.
         """
@@ -128,7 +128,7 @@ class PeriodicProduct(EvenMultiplier):
 class ScreenedProduct(EvenMultiplier):
     """Product with (B + stiffness)^-1: a periodic half-space on springs.
 
-    B is the inverse of A on fields without mean, and zero on constants.
+    B is the inverse of the influence matrix A on fields without mean, and zero on constants.
     """
 
     def screen(self, stiffness):

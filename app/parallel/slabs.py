@@ -35,7 +35,10 @@ class Slabs:
 
     @classmethod
     def starting(cls, starts, rank):
-        """Make slabs from the first rows of all ranks, followed by ny."""
+        """Make slabs from the first row of each rank.
+
+        `starts` has these rows, followed by the number of all rows.
+        """
         slabs = cls.__new__(cls)
         slabs._set(starts, rank)
         return slabs

@@ -199,7 +199,7 @@ class GaussSeidel:
             messages.send_back(m, d)
 
     def _transfer(self, m, leaves, affected):
-        """Apply the transfers from leaves before m to leaves after m."""
+        """Apply the transfers: effects of leaves before m on later ones."""
         tables = self._tables
         if not tables.chunks[0]:
             return

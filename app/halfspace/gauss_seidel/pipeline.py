@@ -104,9 +104,9 @@ class SweepMessages:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send a solved leaf to the other ranks, each its chunks.
+        """Send each other rank its chunks of a solved leaf.
 
-        Wait until it is sent, because MPI may progress messages only inside of its calls.
+        Wait until they are sent, because MPI may progress messages only inside of its calls.
         """
         parts = [(rank, block[slice(*edges)]) for rank, edges in enumerate(self._edges) if rank]
         MPI.Request.Waitall([self._comm.Isend(part, rank, _SOLVED) for rank, part in parts if len(part)])
