@@ -84,7 +84,10 @@ def _combine(content):
 
 
 def _file_axis(entry):
-    """Return the axis of an entry of ``option_files``, one or several files."""
+    """Return the axis of combinations of an entry of ``option_files``.
+
+    The entry is an option file, or a list of alternatives.
+    """
     entries = entry if isinstance(entry, list) else [entry]
     names = [find_option_file(_check_scalar(name, "option_files")) for name in entries]
     if not names:
@@ -100,7 +103,7 @@ def _file_axis(entry):
 
 
 def _option_axis(lists, label):
-    """Return the axis of options whose values vary together."""
+    """Return the axis of combinations of options that vary together."""
     axis = []
     for values in zip(*lists.values(), strict=True):
         options = {name: value for name, value in zip(lists, values, strict=True) if value != LEFT_OUT}

@@ -123,7 +123,7 @@ class WavySurface(_Function):
 
     @cached_property
     def _wave_numbers(self):
-        """Wave numbers in x, (M,), and y, (N,) [1/mm]."""
+        """Wave numbers in x, shape (M,), and in y, shape (N,) [1/mm]."""
         return [2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)]
 
     def describe(self):

@@ -142,7 +142,7 @@ class Westergaard(WavyContact):
     def _sines(self, x, y):
         """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2.
 
-        psi is pi x / L; the last one is positive outside of contact.
+        psi is pi x / L, and s is |sin(psi)| at the contact edge; the last number is positive outside of contact.
         """
         psi = np.pi / self.wavelength * np.broadcast_arrays(np.asarray(x, float), y)[0]
         rim = math.pi / self.wavelength * self.half_width
