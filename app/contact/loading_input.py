@@ -33,9 +33,6 @@ def make_loading(grid, distance, **given):
     [(kind, number)] = given.items()
     value = validate_number(kind, number)
     if kind in ("load", "mean_pressure"):
-        if value < 0:
-            limit = f"it must be at least 0 {LOADINGS[kind]}"
-            raise InputError(f"{kind} {format_exact(value)}: the bodies do not stick together; {limit}")
         if not value:  # the approach is not unique: first touch is chosen
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load = 1.0 if kind == "load" else grid.area
@@ -84,7 +81,7 @@ def validate_number(kind, number):
     Raises
     ------
     InputError
-        If it is no real number, or too large or too small.
+        If it is no real number, too large or too small, or a negative load.
     """
     if isinstance(number, np.ndarray) and not number.shape:
         number = number[()]
@@ -104,6 +101,9 @@ def validate_number(kind, number):
         raise InputError(
             f"{kind} {format_exact(value)}: must be a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
         )
+    if value < 0 and kind in ("load", "mean_pressure"):
+        limit = f"it must be at least 0 {LOADINGS[kind]}"
+        raise InputError(f"{kind} {format_exact(value)}: the bodies do not stick together; {limit}")
     return value
 
 
