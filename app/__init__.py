@@ -38,6 +38,7 @@ _PLACES = {
     "refine": "app.api.refinement",
     "roughness": "app.problems.statistics",
     "solve": "app.api.solver",
+    "solve_many": "app.api.many",
     "stress": "app.api.subsurface",
     "von_mises": "app.halfspace.stress.subsurface",
 }

@@ -135,13 +135,7 @@ class LoadPath:
             yield solution
 
     def _row(self, step, solution):
-        optional = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
-        row = {
-            "step": step + 1,
-            **{name: getattr(solution, name) for name in COLUMNS},
-            **{name: solution.problem[name] for name in optional if name in solution.problem},
-            **solution.count_patches(),
-        }
+        row = {"step": step + 1} | numbers_of(solution)
         if self._with_stiffness:
             row["stiffness"] = solution.stiffness
         return row | {"converged": solution.converged}
@@ -220,6 +214,16 @@ class LoadPath:
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"{path}: cannot be written: {reason}") from None
+
+
+def numbers_of(solution):
+    """Return the numbers of a solution for a row of a table. Collective."""
+    optional = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
+    return {
+        **{name: getattr(solution, name) for name in COLUMNS},
+        **{name: solution.problem[name] for name in optional if name in solution.problem},
+        **solution.count_patches(),
+    }
 
 
 def _as_rows(rows, kind, numbers):

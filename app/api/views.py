@@ -155,6 +155,13 @@ def path_html(path):
     return _as_html(heading, table, _path_figure(path) if len(path.rows) > 1 else None)
 
 
+def many_html(many):
+    """Return the table of many problems."""
+    names = "load", "approach", "max_pressure", "contact_area"
+    table = {"problem": many["problem"]} | _format_columns(many.table, names)
+    return _as_html(f"{len(many)} solutions", _rows_table(table | {"converged": many["converged"]}))
+
+
 def refinement_html(refined):
     """Return HTML with a refinement's grids and the pressure on the finest."""
     solution = refined.solution

@@ -10,6 +10,13 @@ from contextlib import contextmanager
 # First letters of variables of launchers other than Open MPI's mpiexec. With these the number of hosts is unknown.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 
+# A process without mpiexec needs no daemon of Open MPI. Its version 4 would remove a folder that all processes share.
+SINGLE_RANK = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
+# First letters of variables with which mpiexec makes a process a rank.
+_OF_RANKS = (
+    "OMPI_COMM_WORLD_", "OMPI_MCA_ess", "OMPI_MCA_orte_", "OMPI_MCA_pmix", "OMPI_UNIVERSE_SIZE", "PMIX_", "PMI_",
+)  # fmt: skip
+
 
 def __getattr__(name):
     if name != "MPI":
@@ -36,6 +43,15 @@ def single_host_variables(environment):
         variables["OMPI_MCA_btl_tcp_if_include"] = "lo"
     chosen = variables.keys() | {"OMPI_MCA_btl_tcp_if_exclude"}
     return variables if one_host and not chosen & environment.keys() else {}
+
+
+def single_rank_variables(environment):
+    """Return changes of the environment for a child process that is no rank of mpiexec.
+
+    None removes a variable.
+    """
+    changes = {name: None for name in environment if name.startswith(_OF_RANKS)}
+    return changes | SINGLE_RANK | {"OMP_NUM_THREADS": environment.get("OMP_NUM_THREADS", "1")}
 
 
 @contextmanager

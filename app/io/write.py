@@ -132,7 +132,7 @@ def _lay_out(path, plan):
     size = sum(column.nbytes for column in columns)
     size += sum(len(str(value).encode(errors="replace")) for value in plan["attributes"].values())
     size += shape[0] * shape[1] * sum(dtype.itemsize for dtype in plan["types"].values()) + _METADATA_BYTES
-    _reserve(path, size, "xb")
+    reserve(path, size, "xb")
     with h5py.File(path, "w") as file:
         in_order = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
         in_order.set_link_creation_order(h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED)
@@ -156,10 +156,11 @@ def _lay_out(path, plan):
                 dimension.attach_scale(file[axis])
         for name in (*plan["axes"], *plan["types"]):
             file[name].attrs["unit"] = UNITS.get(name, "1")
-    _reserve(path, path.stat().st_size, "r+b")
+    reserve(path, path.stat().st_size, "r+b")
 
 
-def _reserve(path, size, mode):
+def reserve(path, size, mode):
+    """Reserve disk space for a file; OSError if the disk is full."""
     with path.open(mode) as file:
         os.posix_fallocate(file.fileno(), 0, size)
 

@@ -9,6 +9,7 @@ import tempfile
 import time
 from contextlib import suppress
 
+from app.base.mpi import SINGLE_RANK
 from app.parameter_study.run import ROOT
 
 # Ranks of simultaneous runs must not be bound to the same cores.
@@ -16,8 +17,6 @@ _OPEN_MPI = {
     "OMPI_MCA_hwloc_base_binding_policy": "none",
     "PRTE_MCA_hwloc_default_binding_policy": "none",  # Open MPI 5
 }
-# A run without mpiexec needs no daemon of Open MPI. Its version 4 would remove a folder that all runs share.
-_SINGLE_RANK = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
 _POLL_INTERVAL = 0.5  # s, between checks of the stop event
 _KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 
@@ -30,7 +29,7 @@ def run_command(command, timeout=None, stop=None):
     number.
     """
     environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
-    environment |= _SINGLE_RANK if command[0] != "mpiexec" else {}
+    environment |= SINGLE_RANK if command[0] != "mpiexec" else {}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     deadline = time.monotonic() + (timeout or math.inf)
     # A file, because a daemon that outlives the process would keep a pipe open.

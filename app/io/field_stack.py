@@ -1,0 +1,101 @@
+"""Fields of many solutions on one grid, in one HDF5 file.
+
+Datasets of the fields have the shape (rows, ny, nx), in which row k belongs to row k of the table. `x` and `y` are the
+cell centres [mm]. The group ``table`` has the columns of the table. A row without solution is NaN.
+"""
+
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+
+from app.base.errors import InputError, format_message
+from app.base.quantities import unit_of
+from app.io.files import atomic_file, check_output_path
+from app.io.result import FIELDS, UNITS
+from app.io.write import reserve
+
+_BYTES_PER_COLUMN = 4096  # more than HDF5 needs for the metadata of a dataset
+
+
+def check_fields(path, names, grids):
+    """Check file, fields and grids before any work.
+
+    Returns
+    -------
+    tuple of str
+        Names of the fields.
+    """
+    check_output_path(path, what="output")
+    names = (names,) if isinstance(names, str) else tuple(names)
+    if not names or not set(names) <= FIELDS.keys():
+        raise InputError(f"fields {names}: must be among {', '.join(FIELDS)}")
+    if len(set(grids)) > 1:
+        raise InputError("output: the problems are on several grids; one file needs fields of one shape")
+    return names
+
+
+class FieldStack:
+    """An open file of fields."""
+
+    def __init__(self, file, path, target):
+        self._file, self._path, self._target = file, path, target
+
+    def write(self, row, fields):
+        """Write the fields of a row; None for NaN."""
+        for name in FIELDS.keys() & self._file.keys():
+            missing = 0 if FIELDS[name] is np.uint8 else np.nan
+            try:
+                self._file[name][row] = missing if fields is None else fields[name]
+            except OSError as error:
+                raise _unwritable(self._target, error) from None
+
+    def write_table(self, columns):
+        """Write the columns of the table."""
+        size = sum(np.asarray(column).nbytes + _BYTES_PER_COLUMN for column in columns.values())
+        try:
+            reserve(self._path, self._path.stat().st_size + size, "r+b")
+        except OSError as error:
+            raise _unwritable(self._target, error) from None
+        table = self._file.create_group("table", track_order=True)
+        for name, column in columns.items():
+            is_text = np.asarray(column).dtype.kind in "UO"
+            table[name] = np.asarray(column, h5py.string_dtype()) if is_text else column
+            table[name].attrs["unit"] = unit_of(name)
+
+
+def _unwritable(path, error):
+    return InputError(f"output {path}: cannot be written: {format_message(error)}")
+
+
+@contextmanager
+def open_field_stack(path, names, rows, grid):
+    """Yield a `FieldStack` that replaces `path` if the block succeeds.
+
+    The space is reserved first, because HDF5 cannot close a file on a full disk.
+    """
+    early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    early.set_fill_time(h5py.h5d.FILL_TIME_NEVER)  # all rows are written
+    in_block = False
+    try:
+        with atomic_file(path) as temporary, h5py.File(temporary, "w") as file:
+            for name, centres in (("x", grid.x()), ("y", grid.y())):
+                file[name] = centres
+                file[name].make_scale(name)
+                file[name].attrs["unit"] = UNITS[name]
+            for name in names:
+                file.create_dataset(name, (rows, *grid.shape), FIELDS[name], dcpl=early)
+                file[name].attrs["unit"] = UNITS[name]
+                for dimension, axis in zip(list(file[name].dims)[1:], ("y", "x"), strict=True):
+                    dimension.attach_scale(file[axis])
+            file.flush()
+            size = sum(rows * grid.n * np.dtype(FIELDS[name]).itemsize for name in names)
+            reserve(temporary, temporary.stat().st_size + size, "r+b")
+            in_block = True
+            yield FieldStack(file, temporary, path)
+            in_block = False
+    except OSError as error:
+        if in_block:  # an error of the caller
+            raise
+        raise _unwritable(path, error) from None
