@@ -40,6 +40,7 @@ from app.problems.shapes import Plane
 
 CHUNKS_PER_PROCESS = 8  # at least, so that all processes end at about the same time
 MAX_CHUNK = 16  # problems that a process gets at once
+_REMEDY = "define its functions in a module, or use processes=1"
 _MAX_NAMED = 5  # failed problems in a warning
 
 
@@ -247,8 +248,7 @@ def _check_processes(processes, jobs):
             dumps(job.problem, HIGHEST_PROTOCOL)
         except (PicklingError, AttributeError, TypeError) as error:
             raise InputError(
-                f"problems[{job.number}]: cannot be sent to a process ({format_message(error)}); define its functions "
-                "in a module, or use processes=1"
+                f"problems[{job.number}]: cannot be sent to a process ({format_message(error)}); {_REMEDY}"
             ) from None
 
 
@@ -337,6 +337,9 @@ def _work(connection, arguments):
                 jobs = connection.recv()
             except EOFError:
                 return
+            except (AttributeError, ImportError) as error:
+                connection.send(InputError(f"problems: {format_message(error)} in a process; {_REMEDY}"))
+                return
             try:
                 results = [solver.solve(job) for job in jobs]
             except Exception as error:
@@ -402,8 +405,8 @@ def _results(connections, chunks):
                 yield from results
     except (EOFError, BrokenPipeError, ConnectionResetError):
         raise RuntimeError(
-            "solve_many: a process has ended unexpectedly: for lack of memory, or because the program does not call "
-            'solve_many below `if __name__ == "__main__":`'
+            "solve_many: a process has ended unexpectedly: for lack of memory, or because the program is no file that "
+            'calls solve_many below `if __name__ == "__main__":`'
         ) from None
 
 

@@ -212,6 +212,13 @@ def test_wrong_calls_show_a_right_one():
         solve_many([punch(16)], load=10)
 
 
+class OfAnotherProgram:
+    """Stands for a function of a notebook, which a process cannot find."""
+
+    def __reduce__(self):
+        return getattr, (Plane(), "roughness_of_mine")
+
+
 def worker(arguments):
     """Start the loop of a worker in a thread; return the parent's end."""
     near, far = multiprocessing.Pipe()
@@ -228,6 +235,15 @@ def test_an_error_in_a_process_is_raised_by_the_parent(monkeypatch):
     ):
         list(many._results([connection], iter([jobs])))
     assert "in a process of solve_many" in caught.value.__notes__[0]
+
+
+def test_functions_that_a_process_cannot_find_are_wrong_input(monkeypatch):
+    monkeypatch.setattr(signal, "signal", lambda *args: None)
+    with (
+        worker(("load", ())) as connection,
+        pytest.raises(InputError, match="roughness_of_mine.*in a module"),
+    ):
+        list(many._results([connection], iter([[OfAnotherProgram()]])))
 
 
 def test_a_process_that_ends_early_is_an_error():
