@@ -7,23 +7,10 @@ from operators import random_field
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.distance import UndeformedDistance
-from app.contact.state import ContactState
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.hierarchy import Hierarchy
 
 GRID = Grid(5, 4, 1.0, 0.5)
-
-
-@pytest.fixture
-def state():
-    shape = np.random.default_rng(0).normal(size=GRID.shape)
-    shape[0, 0] = np.nan
-    operator = InfluenceOperator(GRID, 1.0)
-    state = ContactState(operator, UndeformedDistance(operator, shape - np.nanmin(shape), np.nanmin(shape)))
-    state.shape = shape
-    yield state
-    state.destroy()
-    state.distance.destroy()
 
 
 @pytest.mark.parametrize("approach", [0.0, -0.7, 3.0])

@@ -3,28 +3,14 @@
 import numpy as np
 import pytest
 
-from app.contact.distance import UndeformedDistance
-from app.contact.state import ContactState, Displacement, Update
+from app.contact.state import Displacement, Update
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
-from app.halfspace.operator import InfluenceOperator
 
 GRID = Grid(5, 4, 1.0, 0.5)
 
 
 A = dense_matrix(GRID, 1.0)
-
-
-@pytest.fixture
-def state():
-    shape = np.random.default_rng(0).normal(size=GRID.shape)
-    shape[0, 0] = np.nan
-    operator = InfluenceOperator(GRID, 1.0)
-    state = ContactState(operator, UndeformedDistance(operator, shape - np.nanmin(shape), np.nanmin(shape)))
-    state.shape = shape
-    yield state
-    state.destroy()
-    state.distance.destroy()
 
 
 def set_pressure(state, p):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from operators import STENCIL
 
 from app.halfspace.chebyshev import (
     chebyshev_nodes,
@@ -11,18 +10,6 @@ from app.halfspace.chebyshev import (
     fit_even_chebyshev,
     lagrange_weights,
 )
-
-
-def lengths(steps):
-    """Return Chebyshev's step lengths for the stencil."""
-    waves = np.cos(np.arange(2) * np.pi)
-    weights = np.array(STENCIL)
-    results = [
-        1 + 2 * weights[1, 0] * x + 2 * weights[0, 1] * y + 4 * weights[0, 0] * x * y
-        for x in waves
-        for y in waves
-    ]
-    return chebyshev_steps(steps, min(results), max(results))
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 10, 51])

@@ -77,25 +77,3 @@ def test_a_surface_of_known_spacing_needs_no_grid(saved):
     assert surface.understood() == surface.understood(surface.grid())
     with pytest.raises(InputError, match="does not say its spacing"):
         read_surface(HEIGHTS, "um").rms_slope()
-
-
-# What is measured: size of a cell [um], rms slope.
-SURFACES = {
-    "wafer, AFM": (0.01, 8e-3),
-    "polished glass, interferometer": (1.0, 5e-4),
-    "lapped gauge block": (1.0, 5e-3),
-    "race of a bearing": (1.0, 0.03),
-    "ground": (2.0, 0.08),
-    "honed": (2.0, 0.1),
-    "turned": (5.0, 0.12),
-    "cast": (10.0, 0.3),
-    "blasted": (2.0, 0.45),
-}
-
-
-MISTAKES = {
-    "none": (1, 1),
-    "spacing um for mm": (1e3, 1),
-    "heights um for mm": (1, 1e3),
-    "heights mm for um": (1, 1e-3),
-}
