@@ -45,7 +45,7 @@ def _release_row(p, contact, released):
 
 @njit()
 def release(p, contact, released, change):
-    """Remove tensile cells from C.
+    """Remove cells with p < 0 from the contact set C, and set p to zero there.
 
     Marks these cells in `released` and returns their number. The change of p is added to `change`, unless
     that has no rows.
@@ -69,7 +69,7 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Return the sum of p, and that of -p over tensile cells of C."""
+    """Return the sum of p, and the sum of -p over contact cells with p < 0."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -120,11 +120,15 @@ def _sum_row(x):
 
 @njit()
 def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
-    """Add overlapping cells to C, and clear `released`.
+    """Add overlapping cells to the contact set C, and clear `released`.
 
-    Cells overlap if h + u + expected <= 0; an `expected` without rows counts as zero. `overlap` is work space
-    of a row. Returns the number of cells in C, of those added, and of those released and not added again; the
-    sums of squares of h + u and of h over the new C; the sum of p.
+    Admissible cells overlap if the gap h + u + expected <= 0. `expected` is a predicted change of u; without
+    rows it counts as zero. `released` marks the cells that were removed from C just before. `overlap` is work
+    space of a row.
+
+    Returns in this order: the number of cells in C; the number of added cells, without those in `released`;
+    the number of released cells that were not added again; the sum of (h + u)^2 over the new C; the sum of
+    h^2 over the new C; the sum of p.
     """
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
@@ -153,7 +157,7 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Clip p to p >= 0 in `cells`, 0 elsewhere; return the sum."""
+    """Store p clipped to p >= 0 in `cells`, 0 elsewhere; return the sum of that."""
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], cells[j], out[j])
@@ -183,12 +187,13 @@ def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compli
 def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
     """Release and capture cells in one pass.
 
-    `w` is u minus the depth, and `change` its next change. Cells of C with p < -slack leave. Other admissible
-    cells with a gap e = w + change - b < least_gap enter, and are marked in `captured`.
+    `w` is u minus the depth, and `change` is added to it later. Cells of the contact set with p < -slack
+    leave it. Other admissible cells with a gap e = w + change - b < least_gap enter, and are marked in
+    `captured`.
 
-    Returns the number of cells in C, captured and released, the sum of w + change, and the sum of squared
-    moves. A captured cell moves by its gap, a released one by p times `compliance`. The last sum is infinite
-    if a cell moves by more than `far`.
+    Returns the numbers of contact cells, of captured cells and of released cells, the sum of w + change, and the sum
+    of squared moves. A captured cell moves by its gap, a released one by p times `compliance`. The last sum is
+    infinite if a cell moves by more than `far`.
     """
     sums = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):

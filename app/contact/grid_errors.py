@@ -45,9 +45,10 @@ class GridErrors(NamedTuple):
     contact_area_error: float = float("nan")
 
     def with_contact_edge(self, solution):
-        """Return these errors, the area's at least that of edge cells.
+        """Return these errors, with the contact area's raised if too small.
 
-        The latter is the correction in ``contact_fraction_corrected``. Areas of two grids may agree by chance,
+        It is at least the relative correction for cells on the contact edge, by which
+        ``contact_fraction_corrected`` differs from ``contact_fraction``. Areas of two grids may agree by chance,
         because numbers of cells scatter.
         """
         if not solution.contact_fraction or np.isnan(self.contact_area_error):

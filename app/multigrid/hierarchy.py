@@ -228,11 +228,14 @@ class Hierarchy:
         return lowest
 
     def operator_applications(self):
-        """Return the work on all grids, in units of products on the target."""
+        """Return the work on all grids, in units of products on the target grid."""
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Add new products in a window, and on its coarser levels, to the work."""
+        """Add the cost of a window's products to the work count.
+
+        Products on the coarser levels of the window are included. Only products since the last call count.
+        """
         for level in (operator, *(operator.coarser_levels or ())):
             products = level.equivalent_products
             self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))

@@ -89,12 +89,15 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 
 @lru_cache(maxsize=64)
 def bilinear_weights(start, stop, count, factor, place, first=None):
-    """Return two coarse cells for each fine one, and the first's weight.
+    """Return two coarse cells and a weight for each fine cell, along one axis.
 
-    The cells are the parent, with weight 3/4, and the nearest neighbour. At the boundary of the grid they are
-    the parent, with weight 5/4, and the neighbour inside. On a periodic grid they are the cells before and
-    behind the centre of the fine cell, by `place` (`Grid.places_in`). Cell numbers count from `first`; if
-    that is None, they are taken modulo `count`.
+    The fine cells are `start` to `stop` - 1. Along the axis there are `count` coarse cells, with `factor` fine
+    ones each. The weight is that of the first coarse cell; the second has one minus this weight.
+
+    The coarse cells are the parent, with weight 3/4, and the nearest neighbour. At the boundary of the grid
+    they are the parent, with weight 5/4, and the neighbour inside. On a periodic grid they are the cells
+    before and behind the centre of the fine cell, by `place` (`Grid.places_in`). Returned cell numbers are
+    relative to `first`; if that is None, they are taken modulo `count`.
     """
     index = np.arange(start, stop)
     one = other = index // factor
@@ -112,9 +115,10 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
 @lru_cache(maxsize=64)
 def quintic_weights(start, stop, place, first):
-    """Return the first of six coarse cells for each fine one, and weights.
+    """Return the first of six coarse cells, and their weights, along one axis.
 
-    `place` is that of `Grid.places_in`; the numbers of cells count from `first`.
+    There are six for each fine cell from `start` to `stop` - 1. `place` is that of `Grid.places_in` along this
+    axis. Returned cell numbers are relative to `first`.
     """
     before, share = _before(np.arange(start, stop), place)
     return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(
@@ -123,9 +127,10 @@ def quintic_weights(start, stop, place, first):
 
 
 def _before(index, place):
-    """Return the coarse cells before fine centres, and distances from them.
+    """Return the last coarse centre before each fine one, and the distance.
 
-    The unit is a coarse cell.
+    Centres are those of cells along one axis, and `index` has the numbers of the fine cells. The distance is in
+    coarse cells.
     """
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)

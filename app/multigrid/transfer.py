@@ -222,7 +222,10 @@ class Transfer:
         return _transfer_mat(_Restriction(self), *sides, comm)
 
     def interpolation_mat(self, comm):
-        """Make the Mat (fine x coarse) of the copy prolongation. Collective."""
+        """Make the Mat (fine x coarse) of the prolongation by copies. Collective.
+
+        It copies the value of each coarse cell to its children in the fine contact set.
+        """
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
@@ -304,7 +307,11 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Mat context of the restriction between fine and coarse contact set."""
+    """Mat context of the restriction between fine and coarse contact set.
+
+    It takes means over children, with zero for children outside the fine set; results outside the coarse set are
+    zero.
+    """
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -318,7 +325,10 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Mat context of the copy prolongation P between contact sets."""
+    """Mat context of the piecewise constant prolongation P.
+
+    P copies the value of each coarse cell to its children in the fine contact set; other fine cells get zero.
+    """
 
     def __init__(self, transfer):
         self.transfer = transfer

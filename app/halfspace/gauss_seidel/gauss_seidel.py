@@ -163,7 +163,7 @@ class GaussSeidel:
         return whole
 
     def _cut_into_leaves(self, occupied, cells, backward):
-        """Cut the grid into leaves, in the order of the sweep.
+        """Cut the grid into leaves (blocks of rows), in the order of the sweep.
 
         Return a list and an array. The list has the slice of rows of each leaf, or None for a leaf without contact. The
         array says which tiles have contact; it begins with the tiles of an empty leaf.
@@ -180,7 +180,7 @@ class GaussSeidel:
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
     def _solve(self, m, affected, filled, r, mask, d, column, omega, backward, messages):
-        """Solve leaf m and send it to the ranks that need it."""
+        """Solve leaf m, a block of rows, and send it to the ranks that need it."""
         tables, step, weight = self._tables, -1 if backward else 1, omega / self._diagonal
         block, own = tables.ring[m % 2], slice(*tables.edges[0])
         if affected:
@@ -199,7 +199,10 @@ class GaussSeidel:
             messages.send_back(m, d)
 
     def _transfer(self, m, leaves, affected):
-        """Apply the transfers: effects of leaves before m on later ones."""
+        """Add the effects of leaves just before leaf m on leaves after it.
+
+        Leaves are blocks of rows. The module's text says which leaves take part in these transfers.
+        """
         tables = self._tables
         if not tables.chunks[0]:
             return
@@ -221,9 +224,10 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Return the operations of a sweep outside of transfers.
+        """Return the number of operations of a sweep, without transfers.
 
-        They are those in single rows, and between rows of the same leaf or of neighbouring leaves.
+        These are operations within rows, and between rows of the same leaf or of neighbouring leaves. Leaves are blocks
+        of rows; transfers, the effects between leaves further apart, are counted by `_transfer`.
         """
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)

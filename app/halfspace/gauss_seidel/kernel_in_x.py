@@ -62,9 +62,9 @@ class KernelInX:
         self.reach = np.maximum.accumulate(reach[::-1])[::-1]
 
     def rows(self, first, last):
-        """Return transforms of rows at lags from `first` to `last` - 1.
+        """Return the kernel's rows at lags `first` to `last` - 1, transformed in x.
 
-        They are zero from lag ny on.
+        A lag is an offset in y, in rows. The transforms are multiplied by -1 / Nx, and zero from lag ny on.
         """
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))
@@ -79,10 +79,10 @@ class KernelInX:
         return transformed / -self.length
 
     def columns(self, edges):
-        """Return the kernel at all lags and this rank's frequencies. Collective.
+        """Return the kernel at all lags (offsets in y), by frequency in x. Collective.
 
-        The frequencies are ``first, last = edges[rank]``; the shape is (last - first, ny). Call this only once, because
-        it frees the data.
+        This rank gets the frequencies of ``first, last = edges[rank]``; the shape is (last - first, ny). Call this
+        only once, because it frees the data.
         """
         local = self._local[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
         del self._local

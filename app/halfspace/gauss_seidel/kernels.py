@@ -219,7 +219,7 @@ def _list_contact(contact, mask):
 
 @njit()
 def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of one leaf, number m in the sweep.
+    """Solve the rows of a leaf (block of rows), number m in the sweep.
 
     On entry w[now] is the effect of the leaves up to m - 2 on the rows of leaf m, and on return it is these rows,
     solved and transformed in x.
@@ -323,7 +323,7 @@ def _add(rows, cells, start):
 
 @njit()
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
-    """Add the effect of `sources` leaves on `targets` leaves.
+    """Add the effect of `sources` leaves on `targets` later leaves.
 
     Leaves are blocks of rows. The sources are the leaves just before leaf `end`, the targets those just after it. The
     leaves `w` have the shape (leaves, chunks, rows, LANES); chunks `first` to `last` - 1 are computed. `far` has the

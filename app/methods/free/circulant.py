@@ -1,9 +1,10 @@
 """Preconditioner ``C B C`` on the contact set C.
 
-B is the inverse of A continued periodically. On a periodic patch A itself is circulant, and B is computed by FFT. A
-free patch is continued periodically with a gap between its copies. On large grids its B is a multilevel product, which
-takes a third of the time (`app.methods.multilevel_operators`). The eigenvalues 1 / lambda of B (`app.methods.symbol`)
-are positive. The periodic matrix of the zero-padded grid has negative eigenvalues and cannot be used.
+C, as a matrix, sets cells outside the contact set to zero. B is the inverse of A continued periodically. On a
+periodic patch A itself is circulant, and B is computed by FFT. A free patch is continued periodically with a gap
+between its copies. On large grids its B is a multilevel product, which takes a third of the time
+(`app.methods.multilevel_operators`). The eigenvalues 1 / lambda of B (`app.methods.symbol`) are positive. The
+periodic matrix of the zero-padded grid has negative eigenvalues and cannot be used.
 
 The residual may be extended past the contact edge before B is applied, see `Circulant`. It is a PC for the target grid,
 and a multigrid smoother, which must be damped (``-mg_levels_ksp_richardson_scale``)::
@@ -71,15 +72,15 @@ class Circulant:
     means of the residual over blocks (`app.methods.free.block_average`). For block means the centre is scaled to keep
     constants, unless cells are long.
 
-    Options: ``-pc_circulant_extend k``, the steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells of a block
-    in each direction (default 0: no block means).
+    Options: ``-pc_circulant_extend k``, the number of steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells
+    of a block in each direction (default 0: no block means).
     """
 
     operator = None
     steps = blocks = 0
 
     def setFromOptions(self, pc):
-        """Read the steps and the block size from the options."""
+        """Read the number of extension steps and the block size from the options."""
         options = PETSc.Options(pc.getOptionsPrefix())
         self.steps = options.getInt("pc_circulant_extend", self.steps)
         self.blocks = options.getInt("pc_circulant_blocks", self.blocks)
@@ -114,7 +115,11 @@ class Circulant:
         self._contact_version = -1  # version of the contact set that the extension has
 
     def apply(self, pc, x, y):
-        """Apply the preconditioner: y = C E^T B E C x."""
+        """Apply the preconditioner: y = C E^T B E C x.
+
+        C sets cells outside the contact set to zero, E extends the residual past the contact edge, and B is the inverse
+        of A continued periodically.
+        """
         operator = self.operator
         shape = operator.local_shape
         with y as out:
@@ -151,7 +156,8 @@ class Circulant:
     def extend(self, r, out=None, reduced=None):
         """Extend the residual r past the contact edge: out = E r.
 
-        Default `out`: r. `reduced` saves a sum over ranks, as in `precondition`.
+        E keeps r on contact, and continues it outside by steps with the centre of B. Default `out`: r. `reduced`
+        saves a sum over ranks, as in `precondition`.
         """
         out = r if out is None else out
         if self._contact_version != self.operator.contact_version:

@@ -71,9 +71,9 @@ class EdgeExtension:
         self._weights, self._lengths, self._works = (0.0, 0.0, 0.0), np.ones(steps), {}
 
     def set_stencil(self, stencil):
-        """Set the stencil of the steps, in any unit.
+        """Set the stencil of the steps that extend the residual.
 
-        It is the 3 x 3 centre of B, the inverse of A. Only its even part is used.
+        `stencil` is the 3 x 3 centre of B, the inverse of A, times any factor. Only its even part is used.
         """
         stencil = np.asarray(stencil, float)
         even = (stencil + stencil[::-1] + stencil[:, ::-1] + stencil[::-1, ::-1]) / (4 * stencil[1, 1])
@@ -101,8 +101,8 @@ class EdgeExtension:
     def extend(self, x, out=None):
         """Extend a residual past the contact edge: out = E x.
 
-        x is the residual on the contact set, and the start of the steps elsewhere. Arrays are C-contiguous, float64 or
-        float32. Default `out`: x.
+        x is the residual on the contact set; elsewhere it has the values from which the extension steps start. Arrays
+        are C-contiguous, float64 or float32. Default `out`: x.
         """
         out = x if out is None else out
         if not self.steps and out is not x:
@@ -112,7 +112,7 @@ class EdgeExtension:
     def restrict(self, x):
         """Apply E^T, the transpose of the extension, to x in place.
 
-        Outside the contact set x receives the part of the transpose that belongs to the start of the steps.
+        The result outside the contact set is the part of E^T x that belongs to the values from which the steps start.
         """
         self._sweep(x, x, back=True)
 
@@ -123,7 +123,7 @@ class EdgeExtension:
             _all_steps(x, out, before, after, *places, back, *self._work_of(x.dtype))
 
     def _work_of(self, dtype):
-        """Return weights, step lengths and work rows in a precision."""
+        """Return stencil weights, step lengths and work rows in a precision."""
         if dtype not in self._works:
             rows = np.empty((self.steps, 3, self.shape[1] + 2), dtype), np.zeros(self.shape[1], dtype)
             self._works[dtype] = np.array(self._weights, dtype), self._lengths.astype(dtype), *rows
@@ -199,7 +199,7 @@ def _pad_ends(row, periodic):
 
 @njit()
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
-    """Make all steps of the extension, out = E x.
+    """Make all Richardson steps of the extension, out = E x.
 
     `back`: apply the transpose E^T to x instead, in place.
     """

@@ -7,8 +7,8 @@ It has the steps of `app.contact.active_set.active_set`, with six differences:
   (`app.methods.multilevel_operators`), which are nearly A.
 - *Defect correction.* u is recomputed by FFT when the residual reaches the error of the multilevel products.
 - *Predictor.* Far from the solution, cells enter C by the displacement that is predicted for a zero residual.
-- *Verification.* The target grid is accepted by a product in double precision. Where that product is expensive, the
-  same steps must pass a rehearsal with the updated displacement first.
+- *Verification.* The target grid is accepted by a product in double precision. That product is
+  expensive, so a rehearsal comes first: the same steps and test with the updated displacement.
 - *Coarse grids are left early*, when the residual is small, next to no pressure is negative and a load is nearly met.
   The contact set may still change then.
 
@@ -124,7 +124,9 @@ class _ContactSets:
     def exchange(self, solved):
         """Update the contact set, by steps 4 to 6 of Sec. 4.1.
 
-        It is a verification on the target grid, the last update on a coarse grid, or an update with more to follow.
+        A contact set that may be the last one is verified on the target grid; on a coarse grid it is updated for the
+        last time. Otherwise the iteration goes on. A set may be the last one if its system is solved and, on the target
+        grid, next to no pressure is negative.
         """
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
@@ -177,8 +179,9 @@ class _ContactSets:
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.
 
-        It is on the target grid; a prescribed load is met exactly. A rehearsal with the updated displacement comes
-        first. If it fails, the expensive product is not computed.
+        Only the target grid is verified. A rehearsal comes first, unless it would say little: the same steps and test,
+        with the updated displacement instead of a recomputed one. If the rehearsal fails, the expensive product is not
+        computed. An accepted solution meets a prescribed load exactly.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
         # By approach a release of next to no pressure needs no rehearsal. By load the approach may move by it.

@@ -57,7 +57,10 @@ class WindowCache(SolverCache):
         return self._direct[operator]
 
     def close(self, operator):
-        """Count a window's products; free its operator unless cached. Collective."""
+        """Finish with a window: count its work, and free its operator. Collective.
+
+        The products since the last count are added to the work of the hierarchy. A cached operator is not freed.
+        """
         self._hierarchy.count_window(operator)
         operator.spectra.drop_unused()
         if operator in self._windows.values():
@@ -66,9 +69,9 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Count the products of cached windows after an error.
+        """Close all cached windows after an error, which skipped `close`.
 
-        Also free their products on all cells of the grid.
+        Add their new products to the work of the hierarchy, and free their products on all cells of the grid.
         """
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)

@@ -1,4 +1,4 @@
-"""Matrix O B O: the inverse of A on free cells."""
+"""Matrix O B O: B, the inverse of A, restricted to free cells by O."""
 
 import numpy as np
 from petsc4py import PETSc
@@ -81,7 +81,7 @@ class InverseOperator:
         apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
-        """Compute y = O B O x for PETSc; O: free cells."""
+        """Compute y = O B O x for PETSc; O sets contact cells to zero."""
         self.products += 1
         with y as out:
             d = x.getArray(readonly=True).reshape(self.local_shape)

@@ -32,7 +32,8 @@ class PrimalState:
     w : ndarray, shape (local rows, nx), [mm]
         Displacement minus approach; must be set by the caller first.
     pending : bool
-        The newest w and p are those of the solver, w + `change` and `carried`; `commit` copies them here.
+        Whether the newest w and p are in the solver only, as w + ``solver.change`` and ``solver.carried``. `commit`
+        copies them here.
     approximate : bool
         p contains the error of multilevel products.
     """
@@ -62,11 +63,11 @@ class PrimalState:
 
     @property
     def depth(self):
-        """Present depth, which is minus the mean of w [mm]."""
+        """Present depth, minus the mean of w = u - approach [mm]."""
         return -self.mean(self.w)
 
     def largest(self):
-        """Return the largest |w|, the scale of rounding errors [mm]."""
+        """Return the largest |w| = |u - approach|, the scale of rounding errors [mm]."""
         return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
 
     @property
@@ -87,7 +88,7 @@ class PrimalState:
     def refresh(self, exact=False):
         """Recompute the pressure p from the displacement w by FFT.
 
-        p = B w + mean pressure. `exact`: in double precision.
+        p = B w + mean pressure, with B the inverse of A. `exact`: in double precision.
         """
         p = self.state.values
         compute = self.inverse.exact_pressure if exact else self.inverse.pressure
@@ -105,7 +106,7 @@ class PrimalState:
         self.add_mean_pressure(-total / max(cells, 1), p if self.pending else None)
 
     def interpolate_from(self, coarse, transfer):
-        """Interpolate w and p from the coarser grid."""
+        """Interpolate w = u - approach and the pressure p from the coarser grid."""
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_quintic(coarse.w, self.w)
         transfer.interpolate_quintic(coarse.state.p, self.state.values)
@@ -134,7 +135,7 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore a prescribed mean of w.
+        """Restore the mean of w = u - approach under a prescribed approach.
 
         The correction is zero in contact. It is also added to each field of `changes`.
         """
@@ -254,7 +255,11 @@ class PrimalState:
         state.displacement_status, self.pending = Displacement.STALE, False
 
     def commit(self, solver):
-        """Copy w and p of the solver to this state, if pending."""
+        """Copy the solver's displacement and pressure here, unless copied before.
+
+        They are w plus the solver's `change`, with w the displacement minus the approach, and its `carried`, the
+        pressure p.
+        """
         if not self.pending:
             return
         self.w += solver.change
@@ -264,7 +269,7 @@ class PrimalState:
 
     @contextmanager
     def shown(self, solver):
-        """Context in which the state has p of the solver, for callbacks."""
+        """Context in which the state has the solver's pressure p, for callbacks."""
         before = self.state.p.copy()
         self.state.values[...] = solver.carried
         try:

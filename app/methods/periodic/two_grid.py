@@ -1,4 +1,8 @@
-"""Preconditioner of O B O: sweeps, and A on a coarser grid."""
+"""Two-grid preconditioner of O B O, the matrix of the primal form.
+
+O restricts fields to the free cells, those outside the contact set. B is the inverse of the influence matrix A, so A
+nearly solves for long waves: it is applied on a coarser grid. Sweeps on the free cells reduce the short waves.
+"""
 
 import numpy as np
 from petsc4py import PETSc
@@ -34,10 +38,10 @@ _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
 class TwoGrid:
     """Two-grid preconditioner M of O B O, as a PC context. Collective.
 
-    O are the free cells, B the inverse of A, and M s is an approximate displacement for a residual pressure s. The
-    means of s over coarse cells, up to four times as long, are multiplied by A on the coarse grid and interpolated
-    bilinearly. The result is added to the first of some sweeps on the free cells with the 3 x 3 centre of B. The sweeps
-    have Chebyshev's step lengths. So M is positive, but not quite symmetric.
+    O restricts fields to the free cells, B is the inverse of A, and M s is an approximate displacement for a residual
+    pressure s. The means of s over coarse cells, up to four times as long, are multiplied by A on the coarse grid and
+    interpolated bilinearly. The result is added to the first of some sweeps on the free cells with the 3 x 3 centre
+    of B. The sweeps have Chebyshev's step lengths. So M is positive, but not quite symmetric.
 
     On long cells sweeps reduce the residual little, and on few rows the coarser grid also affects the highest waves.
     There sweeps also precede the coarser grid, which gets the means of their residual, and follow it in reversed order.
@@ -72,11 +76,11 @@ class TwoGrid:
         self.reset(pc)
 
     def reset(self, pc):
-        """Forget the operator, so that the next `setUp` prepares again."""
+        """Forget the operator O B O, so that the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
-        """Prepare for a new operator; PETSc calls it for each contact set."""
+        """Prepare for a new operator O B O; PETSc calls it for each contact set."""
         operator = get_operator(pc.getOperators()[1], InverseOperator, "TwoGrid")
         if operator is self.operator:
             return
@@ -106,16 +110,16 @@ class TwoGrid:
         self._contact_version, self._response = -1, None  # contact version of `_unit_response`, and that
 
     def apply(self, pc, x, y):
-        """Apply the preconditioner: y = M x."""
+        """Apply the two-grid preconditioner M of O B O: y = M x."""
         with y as out:
             shape = self.operator.local_shape
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     def smooth(self, s, z):
-        """Apply the preconditioner to a residual pressure: z = M s.
+        """Apply the preconditioner M to a residual pressure: z = M s.
 
-        z is zero outside the free cells. If `constrained`, the `multiplier` is subtracted from s so that z has mean
-        zero.
+        z is an approximate displacement, zero outside the free cells. If `constrained`, the `multiplier` is
+        subtracted from s so that z has mean zero.
         """
         self._update_contact()
         with _event:

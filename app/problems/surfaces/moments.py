@@ -37,9 +37,10 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 class Moments:
     """Sums over the known heights of a map.
 
-    They are the sums of x^k y^m and z x^k y^m over heights z, where x and y go from -1 to 1, and those of the steps
-    between neighbouring heights and of their squares. ``rows(start, stop)`` returns a new array of heights [mm], NaN
-    where missing. Infinite or too large heights, and a map without any height, raise InputError.
+    They are the sums of x^k y^m and z x^k y^m over heights z, where x and y go from -1 to 1. There are also the sums
+    of steps, which are differences of neighbouring heights in x or y, and of squared steps. ``rows(start, stop)``
+    returns a new array of heights [mm], NaN where missing. Infinite or too large heights, and a map without any
+    height, raise InputError.
     """
 
     def __init__(self, name, rows, shape):
@@ -97,7 +98,10 @@ class Moments:
 
     @property
     def steps(self):
-        """Rms steps in x and y, less the best plane's [mm]."""
+        """Rms height differences of neighbouring points, in x and in y [mm].
+
+        The best plane is subtracted first.
+        """
         _, *tilt = self._solve(LEVELS["plane"])
         count, total, squares = self._steps.T
         plane = 2 * np.array(tilt) / self.shape[::-1]
