@@ -1,9 +1,14 @@
 """Load paths: one problem at many loads.
 
 Each step starts from the coarsest grid, so it depends on its own load alone, and a path can be resumed after any step.
-Starting from the last solution is faster only if steps are small. Operator applications for 20 loads on a self-affine
-surface of 512 x 512 cells, on a free and on a periodic patch: over three decades of load 196 and 241 from scratch, 245
-and 351 from the last solution; in steps of a percent 204 and 247 from scratch, 145 and 233 from the last solution.
+Starting from the last solution is faster only if steps are small. This table has the operator applications for 20 loads
+on a self-affine surface of 512 x 512 cells::
+
+    loads                   patch       from scratch    from the last solution
+    three decades           free        196             245
+    three decades           periodic    241             351
+    steps of one percent    free        204             145
+    steps of one percent    periodic    247             233
 """
 
 import os

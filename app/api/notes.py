@@ -168,7 +168,10 @@ class NoteWarnings:
         self._issued = set()  # notes without their numbers
 
     def issue(self, problem, notes):
-        """Warn of notes of a new kind, unless `read_surface` has done so."""
+        """Warn of the first note of each kind.
+
+        Notes that differ only in numbers are of one kind. Notes of which `read_surface` has warned are left out.
+        """
         known = {note for part in getattr(problem, "surfaces", ()) for note in getattr(part, "warned", ())}
         for note in notes:
             kind = _NUMBER.sub("", note)

@@ -28,9 +28,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def argument_type(kind):
-    """Return a type for argparse from a kind of `app.options.option_table`.
+    """Return a type for argparse from a kind of value of `app.options.option_table`.
 
-    Both convert a text to a value; the kind raises ValueError, with what the text must be.
+    Both are functions that convert a text to a value. The message of the kind's ValueError says what the text must be.
     """
 
     def parse(text):

@@ -42,9 +42,9 @@ def draw(result, stresses, along="x"):
 
 
 def write(path, result, stresses, planes):
-    """Write stresses of a survey, and of planes, to HDF5 atomically.
+    """Write stresses of a survey and of planes to HDF5 atomically.
 
-    `planes` maps depths [mm] to stresses.
+    `planes` maps depths [mm] to the stresses on horizontal planes.
     """
     with atomic_hdf5(path) as file:
         at = stresses.at
@@ -112,9 +112,9 @@ def _arguments(argv):
 
 
 def summary(hottest, sheared, result, poisson_ratio):
-    """Return two texts: largest von Mises and shear stress, and where.
+    """Return texts on the largest von Mises and the largest shear stress.
 
-    `hottest` and `sheared` are from `SubsurfaceStress.maxima`.
+    Each of the two texts has the stress and its position. `hottest` and `sheared` are from `SubsurfaceStress.maxima`.
     """
     highest = float(np.nanmax(result.pressure))
     ratios = np.atleast_1d(result.attributes.get("poisson", ()))

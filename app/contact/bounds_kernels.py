@@ -45,10 +45,10 @@ def _release_row(p, contact, released):
 
 @njit()
 def release(p, contact, released, change):
-    """Remove cells with p < 0 from the contact set C, and set p to zero there.
+    """Remove cells with p < 0 from the contact set C.
 
-    Marks these cells in `released` and returns their number. The change of p is added to `change`, unless
-    that has no rows.
+    Sets p to zero there, marks these cells in `released` and returns their number. The change of p is added to
+    `change`, unless that has no rows.
     """
     count = 0
     for j in range(p.shape[0]):

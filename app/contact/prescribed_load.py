@@ -50,7 +50,7 @@ class PrescribedLoad(Loading):
         self._depths = []  # final depths of the grids solved so far [mm]
 
     def mean_pressure_on(self, grid):
-        """Return the load over the area; see `Loading.mean_pressure_on`."""
+        """Return the load over the patch's area; see `Loading.mean_pressure_on`."""
         return self.load / (grid.n * grid.cell_area)
 
     def largest_pressure(self, distance, grid, coefficient):
@@ -58,7 +58,7 @@ class PrescribedLoad(Loading):
         return self.load / grid.cell_area
 
     def least_displacement(self, operator):
-        """Return mean pressure times A_II; see `Loading.least_displacement`."""
+        """Return mean pressure times the diagonal of A; see `Loading.least_displacement`."""
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
     def restore_prescribed(self, measures):
@@ -76,7 +76,10 @@ class PrescribedLoad(Loading):
         return solve(self).after(outcome) if outcome.converged else outcome
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Search, make the load exact and test (5.1) again; see `Loading.solve_by_search`."""
+        """Search for the approach that gives the load; see `Loading.solve_by_search`.
+
+        After the search the load is made exact, and the stopping test (5.1) is repeated.
+        """
         tight = stop.tighter(tighter)  # after scaling, the stopping test must still hold
         outcome = self.search(state, lambda loading: solve(loading, tight), rtol, step)
         state.first_contact()  # a search for a tiny load may end without contact
@@ -206,7 +209,7 @@ class PrescribedLoad(Loading):
         state.first_contact()
 
     def update(self, state):
-        """Move the approach by missing load over slope; see `Loading.update`.
+        """Move the approach by the missing load over the slope; see `Loading.update`.
 
         The mean gap in contact gives the load that is expected at this approach once the system (2.11) is
         solved.
@@ -261,13 +264,13 @@ class PrescribedLoad(Loading):
         return state.activate_penetrating().after(update)
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Multiply a pressure by prescribed over present load; see `Loading.scale_pressure`."""
+        """Scale a pressure to the prescribed load; see `Loading.scale_pressure`."""
         if total > 0:
             pressure *= self.load / (cell_area * total)
         return total > 0
 
     def set_depth(self, state):
-        """Make the mean gap on C zero; see `Loading.set_depth`."""
+        """Make the mean gap on the contact set zero; see `Loading.set_depth`."""
         state.depth = 0.0
         state.depth = state.on_contact().mean
 

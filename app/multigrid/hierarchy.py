@@ -228,7 +228,7 @@ class Hierarchy:
         return lowest
 
     def operator_applications(self):
-        """Return the work on all grids, in units of products on the target grid."""
+        """Return the work on all grids, in products on the target grid."""
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):

@@ -89,10 +89,11 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 
 @lru_cache(maxsize=64)
 def bilinear_weights(start, stop, count, factor, place, first=None):
-    """Return two coarse cells and a weight for each fine cell, along one axis.
+    """Return two coarse cells and a weight for each fine cell.
 
-    The fine cells are `start` to `stop` - 1. Along the axis there are `count` coarse cells, with `factor` fine
-    ones each. The weight is that of the first coarse cell; the second has one minus this weight.
+    They are for interpolation along one axis. The fine cells are `start` to `stop` - 1. Along the axis there are
+    `count` coarse cells, with `factor` fine ones each. The weight is that of the first coarse cell; the second has
+    one minus this weight.
 
     The coarse cells are the parent, with weight 3/4, and the nearest neighbour. At the boundary of the grid
     they are the parent, with weight 5/4, and the neighbour inside. On a periodic grid they are the cells
@@ -115,10 +116,10 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
 @lru_cache(maxsize=64)
 def quintic_weights(start, stop, place, first):
-    """Return the first of six coarse cells, and their weights, along one axis.
+    """Return the first of six coarse cells, and their weights.
 
-    There are six for each fine cell from `start` to `stop` - 1. `place` is that of `Grid.places_in` along this
-    axis. Returned cell numbers are relative to `first`.
+    They are for interpolation along one axis. There are six for each fine cell from `start` to `stop` - 1. `place` is
+    that of `Grid.places_in` along this axis. Returned cell numbers are relative to `first`.
     """
     before, share = _before(np.arange(start, stop), place)
     return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(

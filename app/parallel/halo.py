@@ -11,7 +11,8 @@ from app.parallel.fetch import Fetch
 class _GhostRows:
     """Exchange of the rows before and after a slab.
 
-    `before` and `after` are pairs of arrays with the first and end rows of all ranks, as in `Fetch`.
+    `before` and `after` are pairs (first, end) of integer arrays, with an entry for each rank: it gets the rows with
+    numbers from `first` to `end` - 1, as in `Fetch`.
     """
 
     def __init__(self, slabs, before, after, comm):
@@ -50,8 +51,8 @@ class CoarseHalo(_GhostRows):
     """Exchange of coarse rows needed to interpolate fine rows.
 
     `slabs` is the distribution of the fine rows. The coarse rows are distributed as ``slabs.surround()``, on a periodic
-    grid as ``slabs.coarsen(2)``. The attribute `first` is the number of the first coarse row needed, where the coarse
-    row of the first two fine rows has number 1.
+    grid as ``slabs.coarsen(2)``. The attribute `first` is the number of the first coarse row needed. Coarse row 1
+    consists of fine rows 0 and 1. Coarse row 0 lies before the grid; on a periodic grid it is a copy of the last one.
     """
 
     def __init__(self, slabs, comm, periodic=False):

@@ -22,17 +22,23 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
     runs : sequence of Run
         Runs of the study; equal ones are performed once.
     folder : Path
-        Folder of the runs' result files. With `keep` these files are kept, and finished runs without one are repeated.
+        Folder of the runs' result files.
     journal : Journal
+        Outcomes of earlier runs by key; it receives each new outcome.
     jobs, ranks : int
         Number of simultaneous runs, and number of ranks of each run.
+    keep : bool
+        Keep the result files. A finished run whose file is missing is then repeated.
     timeout : float, optional
         Longest time of a run [s].
+    description : str
+        Text before the progress bar.
 
     Returns
     -------
     list of dict or None
-        Outcome of each run (see `perform`), with a kept file as `result`; None if an interrupt prevented it.
+        Outcome of each run (see `perform`), with the path of a kept file as `result`; None for a run that an
+        interrupt prevented.
     bool
         True after an interrupt (Ctrl-C).
     """
@@ -88,7 +94,7 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
 def make_rows(runs, outcomes):
     """Return the table's rows, with labels and outcomes of runs.
 
-    A load path has a row for each step; only that of the last step has numbers of the whole run, such as its work. A
+    A load path has a row for each step; only the row of the last step has numbers of the whole run, such as its work. A
     column of the outcome is called ``result_NAME`` if NAME is a varied option. Quantities that load paths prescribe
     come first.
     """

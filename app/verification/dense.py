@@ -146,9 +146,9 @@ class DenseProblem:
         return self._field(self._pivot(depth) if mean_gap > 0 else self._full())
 
     def under(self, load, approach):
-        """Return the pressure under a load [N/mm2] and its approach [mm].
+        """Return pressure [N/mm2] and approach [mm] under a load [N].
 
-        `approach` is the first guess [mm].
+        The parameter `approach` is the first guess of the approach [mm].
         """
         sum_p, full = np.longdouble(load) / self.grid.cell_area, self._full() if self._singular else None
         if load == 0:

@@ -163,10 +163,11 @@ class GaussSeidel:
         return whole
 
     def _cut_into_leaves(self, occupied, cells, backward):
-        """Cut the grid into leaves (blocks of rows), in the order of the sweep.
+        """Cut the grid into leaves, blocks of rows in the sweep's order.
 
-        Return a list and an array. The list has the slice of rows of each leaf, or None for a leaf without contact. The
-        array says which tiles have contact; it begins with the tiles of an empty leaf.
+        Return a list and an array. The list has for each leaf the slice of its rows in the grid, or None for a leaf
+        without contact. The array marks the tiles (groups of TILE rows) with contact, leaf after leaf. It begins with
+        the tiles of an empty leaf, so that the first leaf also has one before it.
         """
         ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
         ordered = np.zeros((number + 1) * rows, bool)
@@ -180,7 +181,7 @@ class GaussSeidel:
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
     def _solve(self, m, affected, filled, r, mask, d, column, omega, backward, messages):
-        """Solve leaf m, a block of rows, and send it to the ranks that need it."""
+        """Solve leaf m, a block of rows, and send it on."""
         tables, step, weight = self._tables, -1 if backward else 1, omega / self._diagonal
         block, own = tables.ring[m % 2], slice(*tables.edges[0])
         if affected:
@@ -199,7 +200,7 @@ class GaussSeidel:
             messages.send_back(m, d)
 
     def _transfer(self, m, leaves, affected):
-        """Add the effects of leaves just before leaf m on leaves after it.
+        """Add the effects of leaves before leaf m on later leaves.
 
         Leaves are blocks of rows. The module's text says which leaves take part in these transfers.
         """

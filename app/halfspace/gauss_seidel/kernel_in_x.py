@@ -62,7 +62,9 @@ class KernelInX:
         self.reach = np.maximum.accumulate(reach[::-1])[::-1]
 
     def rows(self, first, last):
-        """Return the kernel's rows at lags `first` to `last` - 1, transformed in x.
+        """Return rows of the kernel, transformed in x.
+
+        They are at lags `first` to `last` - 1.
 
         A lag is an offset in y, in rows. The transforms are multiplied by -1 / Nx, and zero from lag ny on.
         """
@@ -79,10 +81,10 @@ class KernelInX:
         return transformed / -self.length
 
     def columns(self, edges):
-        """Return the kernel at all lags (offsets in y), by frequency in x. Collective.
+        """Return the kernel by frequency in x and by lag. Collective.
 
-        This rank gets the frequencies of ``first, last = edges[rank]``; the shape is (last - first, ny). Call this
-        only once, because it frees the data.
+        A lag is an offset in y; all lags are returned. This rank gets the frequencies of ``first, last =
+        edges[rank]``; the shape is (last - first, ny). Call this only once, because it frees the data.
         """
         local = self._local[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
         del self._local

@@ -219,7 +219,7 @@ def _list_contact(contact, mask):
 
 @njit()
 def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of a leaf (block of rows), number m in the sweep.
+    """Solve the rows of leaf number m in the sweep.
 
     On entry w[now] is the effect of the leaves up to m - 2 on the rows of leaf m, and on return it is these rows,
     solved and transformed in x.

@@ -58,7 +58,7 @@ class SweepMessages:
                         self._sent.append((comm.Irecv(d[local], 0, _CORRECTION), d))
 
     def _parts(self, leaf, field=None):
-        """Yield each rank that owns rows of a leaf (block of rows), and these rows.
+        """Yield each rank that owns rows of a leaf, and these rows.
 
         Yield also these rows of `field`, an array on the rows of the leaf, or None without a field.
         """
@@ -74,7 +74,7 @@ class SweepMessages:
     # -- rank 0 --------------------------------------------------------------------------------------------
 
     def fields(self, m):
-        """Return the defect on leaf m (a block of rows), and an array for its correction."""
+        """Return the defect on leaf m, and an array for its correction."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
@@ -87,7 +87,7 @@ class SweepMessages:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Send the correction on leaf m (a block of rows) to the owners of its rows."""
+        """Send the correction on leaf m to the owners of its rows."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
@@ -114,7 +114,7 @@ class SweepMessages:
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send rank 0 the effects of earlier leaves (blocks of rows) on leaf m."""
+        """Send rank 0 the effects of earlier leaves on leaf m."""
         self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
     def receive_solved(self, m, block):

@@ -80,7 +80,7 @@ class Circulant:
     steps = blocks = 0
 
     def setFromOptions(self, pc):
-        """Read the number of extension steps and the block size from the options."""
+        """Read the numbers of extension steps and block cells from the options."""
         options = PETSc.Options(pc.getOptionsPrefix())
         self.steps = options.getInt("pc_circulant_extend", self.steps)
         self.blocks = options.getInt("pc_circulant_blocks", self.blocks)

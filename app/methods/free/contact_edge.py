@@ -139,7 +139,7 @@ class EdgeExtension:
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first step of the transpose E^T in a row."""
+    """Make the first Richardson step of the product E^T b in a row."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -148,9 +148,10 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make a further step of the transpose E^T in a row.
+    """Make a later Richardson step of the product E^T b in a row.
 
-    With a zero `source` it is a step of the extension E.
+    `source` is the row of b; if it is zero this is a step of the extension E. `above`, `here` and `below` are rows of
+    the field before the step, and `length` is the step length.
     """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
@@ -162,10 +163,10 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Finish the transpose E^T in a row of contact.
+    """Finish the product E^T b in a row with contact: b -= s + N s.
 
-    It subtracts N s + s from b. `above`, `here`, `below` are rows of s, the field after the last step; N are the
-    weights of neighbours.
+    E is the extension of the module. s is the field after the last Richardson step, `above`, `here` and `below` are
+    three successive rows of s. N s is the sum over the neighbours of a cell, with `weights`.
     """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):

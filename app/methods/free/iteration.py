@@ -179,7 +179,7 @@ class _ContactSets:
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.
 
-        Only the target grid is verified. A rehearsal comes first, unless it would say little: the same steps and test,
+        Only the target grid is verified. A rehearsal mostly comes first: the same steps and test,
         with the updated displacement instead of a recomputed one. If the rehearsal fails, the expensive product is not
         computed. An accepted solution meets a prescribed load exactly.
         """
@@ -221,9 +221,9 @@ class _ContactSets:
         return not update.changed and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
 
     def _leave_coarse(self, solved, tension):
-        """Update the last contact set of a coarse grid.
+        """Update the contact set of a coarse grid for the last time.
 
-        If the load is nearly met, u is not updated for the last released cells: the finer grid computes its own.
+        If the load is nearly met, u is not updated for the cells released now, since the finer grid computes its own u.
         """
         state, solver, loading = self.state, self.solver, self.loading
         if tension > MAX_RELEASED_SHARE:

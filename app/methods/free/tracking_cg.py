@@ -1,7 +1,8 @@
 """Conjugate gradients that start from a known displacement.
 
-They solve C A C x = C b for the pressure x in the contact set C. As the displacement u = A x is known, the first
-residual, -(h + u) = b + shift - u, costs no product. The change of x is stored, so that the caller can update u by A
+They solve C A C x = C (b + shift) for the pressure x in the contact set C. Here b is -h at depth 0, and the constant
+`shift` is the depth, so that b + shift = -h. As the displacement u = A x is known, the first residual -(h + u) = b +
+shift - u costs no product. The change of x is stored, so that the caller can update u by A
 times this change. The caller may replace the products by approximate ones (`TrackingCG.multiply`). The directions of
 CG are d, their products q = A d, and z is the preconditioned residual r. Options::
 
@@ -147,15 +148,15 @@ def _dots(d, q, r, contact, spans):
 class TrackingCG(KspContext):
     """Conjugate gradients from a known displacement, as a KSP context.
 
-    Collective. The system is C A C x = C b, with C the contact cells. The KSP's matrix is an `InfluenceOperator`.
-    Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
+    Collective. The system is C A C x = C (b + shift), with C the contact cells. The KSP's matrix is an
+    `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
     Attributes
     ----------
     displacement : ndarray, shape (local rows, nx), or None
         u = A x for the initial guess x. Set by the caller, together with a nonzero x.
     shift : float
-        Constant that is added to b. Set by the caller.
+        Constant that is added to b, the depth. Set by the caller.
     first_norm : float or None
         Norm of the first residual, if known. Set by the caller for one solve.
     multiply : callable

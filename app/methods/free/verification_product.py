@@ -41,7 +41,7 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window. Collective over its ranks.
 
-        It wakes the waiting ranks for the product.
+        The other ranks of the grid wait in `end`; a message makes them take part in the product.
         """
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)

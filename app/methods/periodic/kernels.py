@@ -19,9 +19,10 @@ def _close_row(w, b, captured, z, share, change):
 
 @njit_reassoc
 def close(w, b, captured, z, share, change):
-    """Add a step to w; close the gap of captured cells.
+    """Add a step to the displacement w; close the gap of captured cells.
 
-    The step is `change` plus `share` times z; in captured cells w = b instead. `change` receives the change of w.
+    The step is `change` plus `share` times z. In captured cells w becomes b, minus the shape, instead. `change`
+    receives the change of w.
     """
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
@@ -39,9 +40,9 @@ def _touch_row(w, b, admissible, contact, change):
 
 @njit_reassoc
 def touch(w, b, admissible, contact, change):
-    """Add overlapping cells to contact; close the gap there, w = b.
+    """Add overlapping cells to the contact set; close the gap in contact.
 
-    `change` receives the change of w.
+    To close it, the displacement w is set to b, minus the shape. `change` receives the change of w.
     """
     for j in range(w.shape[0]):
         _touch_row(w[j], b[j], admissible[j], contact[j], change[j])
@@ -56,9 +57,11 @@ def _guess_row(p, w, b, admissible, scale, force, lowest):
 
 @njit_reassoc
 def guess_sources(p, w, b, admissible, scale, force, lowest):
-    """Compute data of an obstacle problem for the change x of w.
+    """Compute data of an obstacle problem for the change of w.
 
-    `force` is its right-hand side -p, times `scale`; `lowest` its lower bound, minus the gap.
+    Its unknown x is the change of the displacement w. `force` receives the right-hand side, minus the pressure p
+    times `scale`. `lowest` receives the lower bound of x, minus the gap w - b; it is -inf where contact is
+    impossible.
     """
     for j in range(p.shape[0]):
         _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])
@@ -74,9 +77,9 @@ def _apply_guess_row(x, lowest, w, b, contact):
 
 @njit_reassoc
 def apply_guess(x, lowest, w, b, contact):
-    """Add the solution x of the obstacle problem to w.
+    """Add the solution x of the obstacle problem to the displacement w.
 
-    Contact consists of the cells at the bound `lowest`; there the gap is closed, w = b.
+    `contact` receives the cells at the bound `lowest`; there w is set to b, so that the gap is closed.
     """
     for j in range(x.shape[0]):
         _apply_guess_row(x[j], lowest[j], w[j], b[j], contact[j])

@@ -106,7 +106,7 @@ class PrimalState:
         self.add_mean_pressure(-total / max(cells, 1), p if self.pending else None)
 
     def interpolate_from(self, coarse, transfer):
-        """Interpolate w = u - approach and the pressure p from the coarser grid."""
+        """Interpolate displacement w and pressure p from the coarser grid."""
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_quintic(coarse.w, self.w)
         transfer.interpolate_quintic(coarse.state.p, self.state.values)
@@ -135,7 +135,7 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore the mean of w = u - approach under a prescribed approach.
+        """Restore the mean of w under a prescribed approach.
 
         The correction is zero in contact. It is also added to each field of `changes`.
         """

@@ -1,7 +1,7 @@
 """Two-grid preconditioner of O B O, the matrix of the primal form.
 
-O restricts fields to the free cells, those outside the contact set. B is the inverse of the influence matrix A, so A
-nearly solves for long waves: it is applied on a coarser grid. Sweeps on the free cells reduce the short waves.
+O restricts fields to the free cells, those outside the contact set. B is the inverse of the influence matrix A, so a
+product with A on a coarser grid nearly solves for long waves. Sweeps on the free cells reduce the short waves.
 """
 
 import numpy as np
@@ -76,11 +76,11 @@ class TwoGrid:
         self.reset(pc)
 
     def reset(self, pc):
-        """Forget the operator O B O, so that the next `setUp` prepares again."""
+        """Forget the operator, so that the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
-        """Prepare for a new operator O B O; PETSc calls it for each contact set."""
+        """Prepare for a new operator; PETSc calls it for each contact set."""
         operator = get_operator(pc.getOperators()[1], InverseOperator, "TwoGrid")
         if operator is self.operator:
             return
@@ -132,9 +132,9 @@ class TwoGrid:
             z -= share * response
 
     def shift(self, amount, *fields):
-        """Add a smooth field to each of `fields`, zero outside free cells.
+        """Add one smooth field to each of `fields`.
 
-        Its sum over all cells is `amount`.
+        The smooth field is zero outside the free cells, and its sum over all cells is `amount`.
         """
         self._update_contact()
         response, total_response = self._unit_response()
@@ -155,9 +155,10 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return the displacement for the constant pressure B_00, and its sum.
+        """Return the displacement for a constant pressure, and the displacement's sum.
 
-        It is computed by the preconditioner, once for each contact set.
+        The pressure is B_00, the diagonal entry of B, in all cells. The preconditioner computes the approximate
+        displacement, once for each contact set.
         """
         if self._response is None:
             response = np.empty(self.operator.local_shape)
@@ -191,7 +192,10 @@ class TwoGrid:
 
 
 def _weights(centre, grid):
-    """Return 1 / B_00, and the neighbours of B's centre over B_00.
+    """Return 1 / B_00, and the weights of neighbours.
+
+    B_00 is the diagonal entry of B. The weights are entries of the 3 x 3 `centre` of B over B_00: for the neighbours
+    in x, in y and on the diagonal.
 
     In a direction with two cells both neighbours are the same cell, and count half each.
     """

@@ -32,7 +32,8 @@ def _gwyddion_entry(line):
 def select_channel(lines, wanted, advice):
     """Return the lines of one channel, with all other lines empty.
 
-    A line of Gwyddion's head below data begins a channel; at the end of the text it is a footer. `wanted` is a
+    A line of a Gwyddion head that follows data begins the next channel, unless no more data follow: then it is a
+    footer. `wanted` is a
     channel's name, or its number from 0; an empty text means the only channel. ValueError lists the channels if
     `wanted` is not one of them, and adds `advice` on how to choose if several are there and none is wanted.
 
