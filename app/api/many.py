@@ -212,7 +212,10 @@ def _as_problems(problems, grid, material):
 
 
 def _as_loads(kind, numbers, count):
-    """Return a list of numbers for each of `count` problems."""
+    """Return `count` lists: the prescribed numbers of each problem.
+
+    `numbers` is one number for all problems, one number or one list for each problem, or one list for all: [[...]].
+    """
     if np.ndim(numbers) == 0 if isinstance(numbers, np.ndarray) else not hasattr(numbers, "__len__"):
         return [[validate_number(kind, numbers)]] * count
     entries = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)

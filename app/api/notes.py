@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 
 
 def notes_on(state, problem, contact, roughness):
-    """Return the notes on a solution. Collective.
+    """Return notes on doubtful input and doubtful results. Collective.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """Return the solution in full contact, or else the given solution."""
+        """Return the full-contact solution if it exists, else `state` and `outcome`."""
         contact, full_state = state.contact.copy(), self._new_state()
         if full_outcome := full.solve(full_state, loading, self._stop(), history):
             state.destroy()

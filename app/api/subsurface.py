@@ -78,9 +78,9 @@ def find_poisson_ratio(facts, body=None):
 def survey(below, depths=64, at=None, deepest=None, along="xy"):
     """Return the largest stresses, and stresses on sections and a line.
 
-    The result has these as attributes: `hottest` and `sheared`, the maxima of von Mises and of shear stress;
-    `section_x` and `section_y`, or None; `line`, the stress on a vertical line; and `at`, the largest von Mises stress
-    on that line and its point. (The parameter `at` is the point through which the line goes.)
+    Attributes of the result are: `hottest` and `sheared`, the maxima of von Mises stress and of shear stress;
+    `section_x` and `section_y`, the stresses on the sections, or None; `line`, the stresses on a vertical line; `at`,
+    the StressMaximum on this line. (The parameter `at` is something else: the point through which the line goes.)
 
     Parameters
     ----------

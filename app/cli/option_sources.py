@@ -106,7 +106,7 @@ class ParsedOptions:
     def explicit_names(self):
         """Return the names of options that this command sets.
 
-        Those of PETSC_OPTIONS and .petscrc may be meant for other programs.
+        Options set only by PETSC_OPTIONS or .petscrc are left out: they may be meant for other programs.
         """
         explicit = {name for source in self.sources if source.where != PETSC_START for name in source.texts}
         implicit = {name for source in self.sources for name in source.texts} - explicit

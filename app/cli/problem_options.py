@@ -118,7 +118,10 @@ def suggest_names(parsed):
 
 
 def _split_unknown(names, own=()):
-    """Return all known names, and unknown `names` that PETSc does not check."""
+    """Return the known option names, and those of `names` that are unknown.
+
+    `own` are further known names. Names that only PETSc can check are not returned as unknown.
+    """
     known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
     others = names - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _SOLVER_OPTION.search(name)]

@@ -72,7 +72,8 @@ class PressureBounds:
     def mean_pressures(self, waves):
         """Return the least and largest allowed mean pressure [N/mm2].
 
-        The pressure is a mean plus `waves`, a field without mean. Only the cells of this rank are regarded.
+        The pressure is the mean plus `waves`, a field whose mean is 0. With the least mean or more, no cell of this
+        rank is below the lower bound. The mean of a pressure never exceeds the upper bound.
         """
         return self.lower - waves.min(initial=np.inf), self.upper
 

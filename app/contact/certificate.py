@@ -178,9 +178,9 @@ def _lift_penetrations(state, most, energy, penetrates):
 def _close_gap(state, energy, enough, work):
     """Return duality gap, p.Ap and rounding error on a periodic patch. Collective.
 
-    The duality gap is ``p.g + w.Bw / 2``, ``w = g - e``, with g and B as in the module docstring. The product
-    with B is left out if ``w.Bw <= ||B|| w.w`` bounds the error by `enough`. p.Ap of a flat patch is at least
-    its rounding error.
+    The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g and B are those of the module docstring. If the
+    bound ``||B|| w.w`` of w.Bw already shows an error below `enough`, it replaces w.Bw, which saves the product
+    with B. If h is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is larger.
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0

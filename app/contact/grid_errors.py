@@ -127,7 +127,8 @@ def _error(values, pairs, scatter=0.0):
 def pressure_difference(comm, transfer, coarse, state):
     """Return the relative difference of pressures on two grids. Collective.
 
-    `coarse` is the pressure on the coarser grid. NaN if the pressures are equal.
+    `coarse` is the pressure on the coarser grid. That of `state` is restricted to this grid. The norm of the
+    difference is divided by the larger of both norms. NaN if the pressures are equal.
     """
     fine = transfer.restrict_defect(state.p)
     squares = [np.vdot(p, p) for p in (fine, coarse)]

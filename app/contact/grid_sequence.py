@@ -83,9 +83,9 @@ class GridSequence:
 def _route(hierarchy, distances, loading, nested):
     """Return the numbers of the levels to solve on.
 
-    A nested iteration starts above the finest level without admissible cells. Otherwise only the target is
-    solved on, after a small grid if the approach must be found. If the bodies at most touch, it is the target
-    alone: they might overlap on a coarser grid, whose pressure would vanish only up to rounding.
+    A nested iteration solves on all levels finer than any level without admissible cells. Otherwise there is one
+    solve on the target, after one on a small grid if the approach is unknown. If the bodies at most touch, only the
+    target is solved on. On a coarser grid they might overlap, and the pressure would vanish only up to rounding.
     """
     last = len(hierarchy.levels) - 1
     if loading.misses_contact(distances[last]):

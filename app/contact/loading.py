@@ -148,7 +148,7 @@ class PrescribedApproach(Loading):
         return self.approach - distance.reference if self._depth is None else self._depth
 
     def misses_contact(self, distance):
-        """Return whether first touch is not exceeded; see `Loading.misses_contact`."""
+        """Return whether the approach is at most first touch; see `Loading.misses_contact`."""
         return self.depth_on(distance) <= distance.touching
 
     def solved_approach(self, state):

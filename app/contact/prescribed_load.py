@@ -58,7 +58,7 @@ class PrescribedLoad(Loading):
         return self.load / grid.cell_area
 
     def least_displacement(self, operator):
-        """Return mean pressure times the diagonal of A; see `Loading.least_displacement`."""
+        """Multiply the mean pressure by the diagonal of A; see `Loading.least_displacement`."""
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
     def restore_prescribed(self, measures):
@@ -250,7 +250,7 @@ class PrescribedLoad(Loading):
     def settle(self, state, update):
         """Scale p to the load, and close the mean gap; see `Loading.settle`.
 
-        On a periodic patch a constant is added to high pressures instead. Without pressure the load is
+        On a periodic patch, high pressures get a constant added instead of a factor. If p = 0, the load is
         distributed evenly over C.
         """
         load = state.load

@@ -60,9 +60,10 @@ class Box:
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
-        """Return S, minus the influence of the images, between nodes.
+        """Return S' of the module docstring: S between nodes.
 
-        It is for unit compliance. The offsets in y and x are 0 to ``counts - 1`` times `steps` cells.
+        S is minus the influence of the images, here for unit compliance. Nodes are `steps` cells apart in y and x. The
+        offsets are 0 to ``counts - 1`` nodes.
         """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]

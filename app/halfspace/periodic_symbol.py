@@ -57,10 +57,11 @@ def _spectral(grid, columns, rows):
 def _love(grid, columns, rows):
     """Return the symbol ``love``, divided by 2 pi times the compliance.
 
-    The symbol is the Fourier transform of the displacement (2.4) by a cell and all its images. The result is the sum of
-    ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves q that have equal values at the cell centres. Here
-    ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a product of sums in
-    x and in y. For s of more than two cells only the longest of the waves matters, whose integral is known.
+    The symbol is the Fourier transform of the displacement (2.4) by a cell and all its images. For each frequency it is
+    the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves q that have the same values at the cell centres
+    (aliases). ``1 / |q|`` is written as an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum
+    is then a sum in x times a sum in y. If s is more than two cells, only the longest wave matters, and its integral is
+    known.
     """
     lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
     x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))

@@ -116,10 +116,10 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
 @lru_cache(maxsize=64)
 def quintic_weights(start, stop, place, first):
-    """Return the first of six coarse cells, and their weights.
+    """Return coarse cells and weights for quintic interpolation along an axis.
 
-    They are for interpolation along one axis. There are six for each fine cell from `start` to `stop` - 1. `place` is
-    that of `Grid.places_in` along this axis. Returned cell numbers are relative to `first`.
+    Each fine cell from `start` to `stop` - 1 is interpolated from six successive coarse cells. Returned are the number
+    of the first of the six, relative to `first`, and the six weights. `place` is that of `Grid.places_in` on this axis.
     """
     before, share = _before(np.arange(start, stop), place)
     return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(

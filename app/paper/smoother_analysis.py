@@ -212,7 +212,8 @@ def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
 def compare_grids(contact=None):
     """Compute Gauss-Seidel modes on two grids (Fig. 7).
 
-    The coarse grid has half as many cells. The partner of a smooth mode has the same place in the order of moduli.
+    The coarse grid has half as many cells. A smooth mode is paired with the coarse mode of the same number
+    (`paper_mode_index`).
 
     Parameters
     ----------

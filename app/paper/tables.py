@@ -22,9 +22,9 @@ _C0_SYSTEM = {
 
 
 def traced(problem, method, n, collect, **options):
-    """Return a run as `solver_run` does, with every iteration recorded.
+    """Return a run of `solver_run` that records every iteration.
 
-    ``collect(path)`` reads the results from the trace file.
+    The iterations are written to a trace file. ``collect(path)`` reads the results from this file.
     """
     run = solver_run(problem, method, n, **options)
     return Run(run.files, run.options, module=trace.__name__, collect=collect)

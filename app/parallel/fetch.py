@@ -39,7 +39,10 @@ class Fetch:
         self.unchanged |= not (self.rows or have.local)
 
     def _plan(self, first, last):
-        """Plan messages for rows ``first <= j < last`` of each rank."""
+        """Plan the messages by which each rank r gets its wanted rows.
+
+        These are the rows ``first[r] <= j < last[r]``.
+        """
         ny, rank = self.have.ny, self.have.rank
         starts, ends = self.have.bounds(len(first))
         nonempty = last > first

@@ -156,7 +156,7 @@ def _check_list(value, where):
 
 
 def _list_values(value, where):
-    """Return values as texts; an inner list becomes one with commas."""
+    """Return a list of texts; join each inner list with commas."""
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(f"{where}: the list is empty")

@@ -17,9 +17,9 @@ def persson_fraction(relative):
 
 
 def persson_pressure(fraction):
-    """Return the relative pressure p' at which Persson predicts a fraction.
+    """Return the relative pressure p' for a contact fraction.
 
-    This is the inverse of `persson_fraction`.
+    This is Persson's theory, and the inverse of `persson_fraction`.
 
     Examples
     --------

@@ -182,7 +182,10 @@ class DenseProblem:
         return whole.reshape(self.grid.shape)
 
     def _full(self):
-        """Return the least pressure p >= 0 of full contact: A p = mean(h) - h."""
+        """Return the pressure of full contact whose minimum is 0.
+
+        It solves A p = mean(h) - h, which determines p up to a constant.
+        """
         right = self._gap.mean() - self._gap
         inverse = np.linalg.pinv(self._a, rcond=1e-13, hermitian=True)
         p = np.zeros(right.size, np.longdouble)

@@ -325,10 +325,11 @@ def _add(rows, cells, start):
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
     """Add the effect of `sources` leaves on `targets` later leaves.
 
-    Leaves are blocks of rows. The sources are the leaves just before leaf `end`, the targets those just after it. The
-    leaves `w` have the shape (leaves, chunks, rows, LANES); chunks `first` to `last` - 1 are computed. `far` has the
-    transforms in y of the kernel at lags from one leaf on, shape (>= last, LANES, length / 2 + 1). `fftw`, `forward`
-    and `backward` are the addresses of FFTW's ``execute`` and of plans between the work arrays `cells` and `spectrum`.
+    Leaves are blocks of rows; chunks are groups of LANES frequencies. The sources are the leaves just before leaf
+    `end`, the targets those just after it. `w` has all leaves, shape (leaves, chunks, rows, LANES). Only chunks `first`
+    to `last` - 1 are computed. `far` has the kernel's transforms in y, for lags of one leaf or more, shape
+    (>= last, LANES, length / 2 + 1). `fftw` is the address of FFTW's ``execute``. `forward` and `backward` are the
+    addresses of the plans between the work arrays `cells` and `spectrum`.
     """
     rows, lanes = w.shape[2:]
     batch, length = cells.shape

@@ -114,7 +114,7 @@ class SweepMessages:
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send rank 0 the effects of earlier leaves on leaf m."""
+        """Send rank 0 what earlier blocks of rows add to leaf m."""
         self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
     def receive_solved(self, m, block):

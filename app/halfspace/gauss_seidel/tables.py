@@ -18,10 +18,12 @@ _BATCH = 1 << 12  # complex numbers per batch of transforms in y, so that they f
 class SweepTables:
     """Kernels, FFT plans and storage of sweeps. Collective over `comm`.
 
-    Rank 0 has the tables for rows and leaves. Each rank that computes transfers has the tables for its frequencies.
+    A leaf is a block of `leaf_rows` rows. A transfer adds the effect of leaves on later leaves, by transforms in y. A
+    chunk is a group of `LANES` frequencies in x. Rank 0 has the tables for rows and leaves. Each rank that computes
+    transfers has the tables for its chunks.
 
     The tables are for ``(ny, nx) = shape``: all rows of the grid, and the number of columns to sweep over. If
-    `periodic`, nx is the period of the kernel. Frequencies are in chunks of `LANES`.
+    `periodic`, nx is the period of the kernel.
 
     Attributes
     ----------
@@ -30,9 +32,9 @@ class SweepTables:
     reach : ndarray, shape (chunks,)
         Lag (distance in rows) beyond which the kernel is negligible.
     chunks : list of int
-        Number of chunks that take part in transfers of 2^k leaves, for k = 0, 1, ...; they are the first chunks.
+        Number n of chunks in a transfer of 2^k leaves, for k = 0, 1, ...: the transfer needs only the first n chunks.
     edges : list of (int, int)
-        First and end chunk of each rank; the chunks of this rank begin with `first`.
+        First and end chunk of each rank. The first chunk of this rank is `first`.
     near : ndarray
         Kernel between the rows of a leaf and the rows of the leaf before.
     ring : ndarray, shape (2, chunks, leaf rows, LANES)

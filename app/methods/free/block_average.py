@@ -97,8 +97,8 @@ class BlockAverage:
     def apply_transpose(self, r, b):
         """Apply the transpose of `extend` to b, in place; return r.b.
 
-        Only contact cells of b are changed. `r` must be the residual of the last `extend`: then r.b needs no further
-        reduction.
+        Only contact cells of b are changed. `r` must be the residual last passed to `extend`. Its block means are then
+        known, so r.b costs no further sum over ranks.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)

@@ -1,10 +1,11 @@
 """Conjugate gradients that start from a known displacement.
 
-They solve C A C x = C (b + shift) for the pressure x in the contact set C. Here b is -h at depth 0, and the constant
-`shift` is the depth, so that b + shift = -h. As the displacement u = A x is known, the first residual -(h + u) = b +
-shift - u costs no product. The change of x is stored, so that the caller can update u by A
-times this change. The caller may replace the products by approximate ones (`TrackingCG.multiply`). The directions of
-CG are d, their products q = A d, and z is the preconditioned residual r. Options::
+They solve C A C x = C (b + shift) for the pressure x in the contact set C. The right-hand side b + shift is -h: b is
+-h at depth 0, and the constant `shift` is the depth. The displacement u = A x at the start is known, so the first
+residual b + shift - u costs no product. The change of x is stored, so that the caller can update u by A times this
+change. The caller may replace the products by approximate ones (`TrackingCG.multiply`).
+
+Names: d is the direction of CG, q = A d, r the residual, and z the preconditioned residual. Options::
 
     -ksp_type python -ksp_python_type app.methods.free.tracking_cg.TrackingCG
 """
@@ -261,9 +262,9 @@ class TrackingCG(KspContext):
     def _preconditioner(self, pc):
         """Return two functions of the preconditioner, and the arrays r and z.
 
-        The functions compute z from r, and the `local_terms` of q that save a reduction. If the PC has these methods,
-        as `Circulant`, r and z are in the operator's precision. For other PCs they are in double precision, and there
-        are no such terms.
+        The first function computes z from r. The second computes the `local_terms` of q, which save a sum over ranks. A
+        PC such as `Circulant` has both as methods; r and z then have the operator's precision. For other PCs there are
+        no local terms, and r and z are in double precision.
         """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)

@@ -199,12 +199,12 @@ class PrimalState:
         self.w -= least  # a constant has no pressure
 
     def exchange(self, solver, slack, least_gap, far, residual):
-        """Release cells with p < -slack, capture those with e < least_gap.
+        """Release cells with p < -slack; capture those with e < least_gap.
 
-        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass, with p and w of `solver` and the gap e.
-        So that the system has a solution, a cell stays in contact under a prescribed load, and a cell stays open under
-        an approach below that of full contact. Returns an Update with the given `residual` [mm]. Its `moves` are
-        infinite if a released or captured cell moves by more than `far` [mm].
+        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass. p is the pressure and e the gap. The next
+        system must have a solution. So at least one cell stays in contact under a prescribed load, and at least one
+        stays open under an approach below that of full contact. Returns an Update with the given `residual` [mm]. Its
+        `moves` are infinite if a released or captured cell moves by more than `far` [mm].
         """
         state = self.state
         counts = state.bounds.exchange(

@@ -122,9 +122,10 @@ def _low_pass(heights, index, cell, periodic):
 
 
 def _fit(moment, weights, sums, periodic):
-    """Return the weighted mean, or the fitted plane's value, at each point.
+    """Fit a plane around each point by weights; return its heights there.
 
-    `moment` returns sums of `weights`, or of weighted heights `sums`, times powers of the distances.
+    If `periodic`, return the weighted means instead. ``moment(values, i, j)`` sums `weights` or the weighted heights
+    `sums`, times the powers i and j of the distances in x and y.
     """
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points

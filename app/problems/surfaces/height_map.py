@@ -184,7 +184,7 @@ def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
 
 
 def _check_esri(where, shape, nrows, ncols):
-    """Raise if an ESRI grid has other rows than its head states."""
+    """Raise unless an ESRI grid has the shape that its header states."""
     try:
         if shape == (float(nrows), float(ncols)):
             return

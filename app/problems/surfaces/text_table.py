@@ -212,7 +212,7 @@ def _find_layout(lines):
 
 
 def _check_commas_separate(lines):
-    """Raise if every second comma may begin decimals instead of separating."""
+    """Raise if commas may be decimal commas as well as separators."""
     rows = [line.rstrip(",").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
         return
