@@ -7,6 +7,7 @@ from pathlib import Path
 
 TESTS = Path(__file__).resolve().parent
 OPTIONS = TESTS.parent / "petsc_options"
+HERTZ, NORM, FMG = (OPTIONS / f"{name}.opts" for name in ("hertz", "norm", "fmg_v11"))
 
 
 def run(*command, ranks=None, timeout=60, env=None, cwd=None, program=sys.executable):
@@ -46,3 +47,10 @@ def solve_arguments(*methods):
     """Arguments of python for app.solve with these option files of the project."""
     files = [argument for name in methods for argument in ("-options_file", str(OPTIONS / f"{name}.opts"))]
     return ["-m", "app.solve", *files]
+
+
+def write_sweep(folder, text):
+    """Write a sweep file to a folder; return its path."""
+    path = folder / "sweep.yml"
+    path.write_text(text)
+    return path

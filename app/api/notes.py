@@ -7,7 +7,7 @@ import numpy as np
 from app.base.errors import format_distinct, warn_notes
 from app.base.units import format_lengths
 from app.contact.measures import contact_width
-from app.problems.contact_problem import is_measured
+from app.problems.arrays import is_measured
 from app.problems.surfaces.doubts import MAX_SLOPE, note_doubtful_units, note_spike
 
 MAX_ELASTIC_PRESSURE = 0.2  # of E*; hardly any solid is elastic beyond

@@ -133,7 +133,7 @@ def check_compiler():
 def _private_cache_folder():
     """Return a temporary folder that only this user can write.
 
-    numba executes the code that it loads from its cache, so nobody else may write there.
+    numba executes the code that it loads from its cache, so other users must not be able to write there.
     """
     folder = Path(tempfile.gettempdir(), f"numba-{os.getuid()}")
     folder.mkdir(mode=0o700, exist_ok=True)

@@ -18,6 +18,7 @@ from app.io.result import has_heights, read_result
 from app.options.option_table import integer, pair_of_reals
 from app.plots import heights, load_curves, style, sweeps
 from app.plots.pictures import PICTURES, pictures_of
+from app.problems.arrays import is_measured
 
 _dots = integer(20, "a whole number from 20 to 1200", 1200)
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
@@ -32,10 +33,6 @@ def save_pictures(pictures, folder, kind="png", dpi=200):
         paths.append(folder / f"{name}.{kind}")
         style.save_figure(figure, paths[-1], dpi)
     return paths
-
-
-def _is_surface(data):
-    return getattr(data, "measured", False)
 
 
 def _read(file, arguments):
@@ -63,7 +60,7 @@ def _pictures(file, data, arguments):
     is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
     if columns and not is_table:
         raise InputError(f"--x and --y choose columns of tables (.csv); {file} is none")
-    if _is_surface(data):
+    if is_measured(data):
         yield "surface", heights.surface_figure(data)
     elif not is_table:
         figure = None
@@ -84,7 +81,7 @@ def _get_path(data, name):
     """Return the load path of a file, or None."""
     if isinstance(data, dict):
         return None if "exit_status" in data else load_curves.get_csv_path(data, name)
-    return None if _is_surface(data) else load_curves.get_path(data, name)
+    return None if is_measured(data) else load_curves.get_path(data, name)
 
 
 def _arguments(argv):

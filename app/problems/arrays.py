@@ -44,3 +44,8 @@ def check_size(label, values, first_row=0):
             f"{label}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; must be numbers "
             f"up to {LARGEST:g}, and NaN where contact is impossible"
         )
+
+
+def is_measured(surface):
+    """Return whether a surface was measured, and so read from a file."""
+    return getattr(surface, "measured", False)

@@ -10,14 +10,9 @@ from app.base.units import format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
-from app.problems.arrays import check_size, real_numbers
+from app.problems.arrays import check_size, is_measured, real_numbers
 from app.problems.problem import Problem
 from app.problems.shapes import Plane
-
-
-def is_measured(surface):
-    """Return whether a surface was measured, and so read from a file."""
-    return getattr(surface, "measured", False)
 
 
 class _SampledOrFunction:

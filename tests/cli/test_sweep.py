@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import OPTIONS, TESTS
+from processes import FMG, HERTZ, NORM, TESTS, write_sweep
 
 from app.cli.sweep import main
 from app.contact.grid_errors import GridErrors
@@ -24,22 +24,13 @@ from app.parameter_study.sweep_file import read_sweep
 from app.plots.sweeps import sweep_figure
 
 ROOT = TESTS.parent
-HERTZ = OPTIONS / "hertz.opts"
-NORM = OPTIONS / "norm.opts"
-FMG = OPTIONS / "fmg_v11.opts"
-
-
-def write(tmp_path, text):
-    path = tmp_path / "sweep.yml"
-    path.write_text(text)
-    return path
 
 
 def test_sweep_of_the_docs_is_solved(tmp_path, monkeypatch, cli_here):
     """Two methods, grids and materials, three loadings, less one of them on one of the grids."""
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs/commands.md").read_text().partition("```yaml\n")[2].partition("```")[0]
-    runs = read_sweep(write(tmp_path, text))
+    runs = read_sweep(write_sweep(tmp_path, text))
     assert len(runs) == 2 * 2 * (2 * 3 - 1)
     for run in runs:
         done = cli_here(*run.arguments(), cwd=tmp_path)
@@ -50,7 +41,7 @@ def test_sweep_of_the_docs_is_solved(tmp_path, monkeypatch, cli_here):
 def swept(tmp_path_factory):
     """A small sweep: two solved, one refused, one that does not converge."""
     folder = tmp_path_factory.mktemp("sweep")
-    path = write(
+    path = write_sweep(
         folder,
         f"option_files: [{HERTZ}, {NORM}]\noptions: {{grid: 8}}\n"
         "zip: [{approach: [0.05, 0.1, ten, 0.1], lcp_max_it: [~, ~, ~, 1]}]",
@@ -124,7 +115,7 @@ def test_number_of_ranks_changes_only_times(tmp_path, ranks):
 
 
 def test_interrupted_sweep_is_completed_by_resume(tmp_path):
-    path = write(
+    path = write_sweep(
         tmp_path,
         f"option_files: [{HERTZ}, {NORM}]\nzip: [{{grid: [8, 2048, 8], approach: [0.1, 0.1091, 0.2]}}]",
     )
@@ -160,7 +151,7 @@ def wait_for(condition, seconds=30):
 
 
 def test_requested_stiffness_has_a_column(tmp_path):
-    path = write(
+    path = write_sweep(
         tmp_path, f"option_files: [{HERTZ}]\noptions: {{grid: 16, load: 1e4, stiffness: [true, false]}}"
     )
     assert main([str(path), "-o", str(tmp_path / "out.csv")]) == 0
@@ -174,7 +165,7 @@ def test_requested_stiffness_has_a_column(tmp_path):
 def test_load_path_has_a_row_for_each_step(tmp_path, capsys):
     """The numbers of a step are those of the run's own table; work is known of the last one only."""
     output = tmp_path / "out.csv"
-    path = write(
+    path = write_sweep(
         tmp_path,
         "options: {problem: sphere, domain: '-0.4,0.4,-0.4,0.4', contact_modulus: 1e5, grid: 32, "
         "load_path: '1,10,20', sphere_radius: [10, 20, ten]}",
@@ -219,7 +210,7 @@ def test_load_path_has_a_row_for_each_step(tmp_path, capsys):
 
 def test_known_spots_and_errors_have_columns(tmp_path):
     output = tmp_path / "out.csv"
-    path = write(
+    path = write_sweep(
         tmp_path, f"option_files: [{HERTZ}, [fast.opts, norm.opts]]\noptions: {{grid: 64, load: 1e4}}"
     )
     assert main([str(path), "-o", str(output), "--keep"]) == 0

@@ -3,29 +3,20 @@
 from pathlib import Path
 
 import pytest
-from processes import OPTIONS, TESTS
+from processes import FMG, HERTZ, NORM, TESTS, write_sweep
 
 from app.parameter_study.sweep_file import read_sweep
 
 ROOT = TESTS.parent
-HERTZ = OPTIONS / "hertz.opts"
-NORM = OPTIONS / "norm.opts"
-FMG = OPTIONS / "fmg_v11.opts"
-
-
-def write(tmp_path, text):
-    path = tmp_path / "sweep.yml"
-    path.write_text(text)
-    return path
 
 
 def combinations(tmp_path, text):
-    return [dict(run.options) for run in read_sweep(write(tmp_path, text))]
+    return [dict(run.options) for run in read_sweep(write_sweep(tmp_path, text))]
 
 
 def test_combinations_are_ordered_and_keep_values(tmp_path):
     runs = read_sweep(
-        write(tmp_path, "options: {grid: [8, '16,8'], approach: -0.110, lcp_rtol: [1e-6, 1.0e-7]}")
+        write_sweep(tmp_path, "options: {grid: [8, '16,8'], approach: -0.110, lcp_rtol: [1e-6, 1.0e-7]}")
     )
     assert [run.arguments() for run in runs] == [
         ["-grid", grid, "-approach", "-0.110", "-lcp_rtol", rtol]
@@ -38,7 +29,7 @@ def test_combinations_are_ordered_and_keep_values(tmp_path):
 
 
 def test_names_with_underscores_between_digits_are_no_numbers(tmp_path):
-    runs = read_sweep(write(tmp_path, "options: {surface_file: [2024_01, 2024_02, 2025]}"))
+    runs = read_sweep(write_sweep(tmp_path, "options: {surface_file: [2024_01, 2024_02, 2025]}"))
     assert [run.labels["surface_file"] for run in runs] == ["2024_01", "2024_02", 2025]
 
 
@@ -57,7 +48,7 @@ def test_exclude_needs_all_values_and_compares_numbers(tmp_path):
 
 
 def test_empty_value_gives_an_option_without_value(tmp_path):
-    (run,) = read_sweep(write(tmp_path, "options:\n  grid: 8\n  ksp_converged_reason:\n"))
+    (run,) = read_sweep(write_sweep(tmp_path, "options:\n  grid: 8\n  ksp_converged_reason:\n"))
     assert run.arguments() == ["-grid", "8", "-ksp_converged_reason"]
 
 
@@ -72,14 +63,16 @@ def test_inner_list_is_one_value(tmp_path):
 
 def test_shipped_option_files_are_found_from_any_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (run,) = read_sweep(write(tmp_path, "option_files: [fast.opts, hertz]"))
+    (run,) = read_sweep(write_sweep(tmp_path, "option_files: [fast.opts, hertz]"))
     assert [Path(file).read_text() for file in run.files] == [
         (ROOT / f"petsc_options/{name}.opts").read_text() for name in ("fast", "hertz")
     ]
 
 
 def test_alternative_option_files_are_labelled_and_come_before_the_options(tmp_path):
-    runs = read_sweep(write(tmp_path, f"option_files: [{HERTZ}, [{NORM}, {FMG}]]\noptions: {{grid: 8}}"))
+    runs = read_sweep(
+        write_sweep(tmp_path, f"option_files: [{HERTZ}, [{NORM}, {FMG}]]\noptions: {{grid: 8}}")
+    )
     assert [run.labels for run in runs] == [{"option_files": "norm"}, {"option_files": "fmg_v11"}]
     assert runs[1].arguments() == ["-options_file", str(HERTZ), "-options_file", str(FMG), "-grid", "8"]
 
@@ -99,5 +92,5 @@ def test_option_files_of_one_name_have_different_labels(tmp_path):
     for file in files:
         file.parent.mkdir()
         file.touch()
-    runs = read_sweep(write(tmp_path, f"option_files: [['{files[0]}', '{files[1]}', {NORM}]]"))
+    runs = read_sweep(write_sweep(tmp_path, f"option_files: [['{files[0]}', '{files[1]}', {NORM}]]"))
     assert [run.labels["option_files"] for run in runs] == [*map(str, files), "norm"]
