@@ -21,8 +21,9 @@ HOW_TO_GET = {
     "elsewhere: pip install petsc petsc4py, which compiles PETSc (docs/install.md)",
     "h5py": "Debian: apt-get install python3-h5py-mpi; conda-forge: conda install 'h5py=*=mpi*'; "
     "elsewhere: pip install h5py, with which ranks write in turn (docs/install.md)",
+    "pyfftw": "Debian: run/setup, or apt-get install python3-pyfftw; elsewhere: pip install pyfftw",
 }
-_COMPILED = {"h5py", "matplotlib", "mpi4py_fft", "numba", "petsc4py", "scipy"}
+_COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 
 
 class MissingPackageFinder:
@@ -57,7 +58,7 @@ class CompiledPackageFinder:
         """Import a module; replace errors of a wrong numpy by one line."""
         cls._loading, printed, error = True, io.StringIO(), None
         try:
-            # h5py, mpi4py_fft and petsc4py start MPI.
+            # h5py and petsc4py start MPI.
             with redirect_stderr(printed), temporary_environment(single_host_variables(os.environ)):
                 exec_module(module)
                 if name == "scipy" and "numpy" in printed.getvalue().lower():

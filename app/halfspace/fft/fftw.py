@@ -1,16 +1,25 @@
-"""FFTW plans whose addresses compiled loops can execute."""
+"""FFTW plans whose addresses compiled loops can execute.
+
+The library is that of the package pyFFTW. pyFFTW itself is not imported, which saves 0.07 s.
+"""
 
 import ctypes
 import weakref
 from functools import cache
+from importlib import import_module
+from importlib.machinery import PathFinder
 
 import numpy as np
 from llvmlite import ir
-from mpi4py_fft import fftw
 from numba import types
 from numba.extending import intrinsic
 
-_MODULES = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, "fftwf")}
+# If pyFFTW is missing, its import raises how to get it.
+_PACKAGE = PathFinder.find_spec("pyfftw") or import_module("pyfftw").__spec__
+_FILE = PathFinder.find_spec("pyfftw.pyfftw", _PACKAGE.submodule_search_locations).origin
+_PREFIXES = {"float64": "fftw", "float32": "fftwf"}
+_ESTIMATE = 1 << 6  # FFTW_ESTIMATE of fftw3.h
+_CACHE_LINE = 64  # bytes
 
 
 @intrinsic
@@ -34,14 +43,19 @@ def execute(typing_context, function, plan):
 @cache
 def _load_library(dtype):
     """Return FFTW's library for a precision, and its functions' prefix."""
-    if dtype not in _MODULES:
-        raise ValueError(f"dtype {dtype}: must be one of {', '.join(_MODULES)}")
-    module, prefix = _MODULES[dtype]
-    library = ctypes.CDLL(module.__file__)
-    # As in mpi4py_fft before it plans: the first such call in a process drops all plans.
-    getattr(library, f"{prefix}_plan_with_nthreads")(1)
+    if dtype not in _PREFIXES:
+        raise ValueError(f"dtype {dtype}: must be one of {', '.join(_PREFIXES)}")
+    library, prefix = ctypes.CDLL(_FILE), _PREFIXES[dtype]
     getattr(library, f"{prefix}_destroy_plan").argtypes = [ctypes.c_void_p]
     return library, prefix
+
+
+def aligned(shape, dtype):
+    """Return an array of zeros that begins at a cache line."""
+    count = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    data = np.zeros(count + _CACHE_LINE, np.uint8)
+    start = -data.ctypes.data % _CACHE_LINE
+    return data[start : start + count].view(dtype).reshape(shape)
 
 
 class FFTW:
@@ -72,7 +86,7 @@ class FFTW:
     def _plan(self, kind, *arguments):
         planner = getattr(self._library, f"{self._prefix}_plan_many_{kind}")
         planner.restype = ctypes.c_void_p
-        plan = planner(*arguments, fftw.FFTW_ESTIMATE)
+        plan = planner(*arguments, _ESTIMATE)
         if plan is None:
             raise RuntimeError(f"FFTW cannot plan {kind}")
         weakref.finalize(self, getattr(self._library, f"{self._prefix}_destroy_plan"), plan)

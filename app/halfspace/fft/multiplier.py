@@ -21,11 +21,10 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
 from app.halfspace import events
-from app.halfspace.fft.fftw import FFTW
+from app.halfspace.fft.fftw import FFTW, aligned
 from app.halfspace.fft.strips import (
     ROWS,
     STRIP,
@@ -80,13 +79,7 @@ def _in_strip(count):
 
 # Rows and columns of all grids share the work arrays of a length.
 _sequences = lru_cache(maxsize=128)(_Sequences)
-
-
-@lru_cache(maxsize=64)
-def _scratch(shape, dtype):
-    data = fftw.aligned(shape, dtype=dtype)
-    data[...] = 0
-    return data
+_scratch = lru_cache(maxsize=64)(aligned)
 
 
 class SpectrumCache(dict):

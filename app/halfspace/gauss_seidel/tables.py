@@ -1,10 +1,9 @@
 """Tables for Gauss-Seidel sweeps: kernels, FFT plans and storage."""
 
 import numpy as np
-from mpi4py_fft import fftw
 from scipy.fft import rfft
 
-from app.halfspace.fft.fftw import FFTW
+from app.halfspace.fft.fftw import FFTW, aligned
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.gauss_seidel.kernel_in_x import KernelInX
 from app.halfspace.gauss_seidel.kernels import LANES, MIN_RUN, TILE, RowSolver
@@ -79,8 +78,7 @@ class SweepTables:
     @staticmethod
     def _with_spectrum(length):
         """Return a real array and its spectrum in the same memory."""
-        spectrum = fftw.aligned(length // 2 + 1, dtype=complex)
-        spectrum[...] = 0
+        spectrum = aligned(length // 2 + 1, complex)
         return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
@@ -88,8 +86,7 @@ class SweepTables:
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)
-        tile = fftw.aligned((TILE, close.shape[1]), dtype=complex)
-        tile[...] = 0
+        tile = aligned((TILE, close.shape[1]), complex)
         plans = [
             (self._fftw.plans(solved[None], row, length)[0], self._fftw.plans(cells[None], row, length)[1])
             for row in tile[:, None, : self.frequencies]
@@ -152,8 +149,7 @@ class SweepTables:
             batch = LANES
             while batch > 1 and batch * length > _BATCH:
                 batch //= 2
-            cells, spectrum = (fftw.aligned((batch, length), dtype=complex) for _ in range(2))
-            cells[...] = spectrum[...] = 0
+            cells, spectrum = (aligned((batch, length), complex) for _ in range(2))
             plans = self._fftw.plans(cells, spectrum, length)
             transfers.append((far, self._fftw.execute, *plans, cells, spectrum))
         return transfers

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from processes import TESTS, run
 
-COMPILED = "h5py", "matplotlib", "mpi4py_fft", "numba", "petsc4py", "scipy"
+COMPILED = "h5py", "matplotlib", "numba", "petsc4py", "scipy"
 # What a package compiled for numpy 1 does with numpy 2, from its C code.
 COMPILED_FOR_ANOTHER_NUMPY = """
 import sys
@@ -100,7 +100,7 @@ def test_only_tests_and_examples_of_the_program_are_collected(pytestconfig):
         assert not ignored(collection_path=path, config=pytestconfig), path
 
 
-@pytest.mark.parametrize("name", ["h5py", "mpi4py_fft", "petsc4py"])
+@pytest.mark.parametrize("name", ["h5py", "petsc4py"])
 def test_packages_that_start_mpi_skip_the_search_for_networks(name, tmp_path):
     (tmp_path / f"{name}.py").write_text("import os; print(os.environ.get('OMPI_MCA_pml'))")
     program = f"import os, app, {name}; print(os.environ.get('OMPI_MCA_pml'))"

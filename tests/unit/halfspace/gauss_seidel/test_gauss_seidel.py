@@ -4,7 +4,6 @@ import tracemalloc
 
 import numba
 import numpy as np
-import processes
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -183,21 +182,3 @@ def test_kernel_is_requested_in_blocks_of_rows():
     sweep(GaussSeidel(rows, grid.shape), everywhere * 1.0, everywhere, 0.8)
     assert max(last - first for first, last in asked) <= 64
     assert {j for first, last in asked for j in range(first, last)} == set(range(grid.ny))
-
-
-def test_plans_survive_first_plan_of_mpi4py_fft():
-    """The first plan mpi4py_fft makes in a process lets FFTW forget all earlier ones."""
-    code = """
-import sys; sys.path.insert(0, "tests")
-import sweeps
-from app.halfspace.influence import influence_quadrant
-from app.halfspace.product import Convolution
-grid = sweeps.GRIDS["prime"]
-relaxation, (mask, r) = sweeps.make(grid), sweeps.random_problem(grid)
-before = sweeps.sweep(relaxation, r, mask, 0.8)
-Convolution(lambda rows: influence_quadrant(grid, 1.0, rows), grid.shape)
-assert (sweeps.sweep(relaxation, r, mask, 0.8) == before).all()
-del relaxation  # crashes if the plans have been forgotten
-"""
-    done = processes.run("-c", code)
-    assert done.returncode == 0, done.stderr
