@@ -8,6 +8,9 @@ from importlib import import_module
 _MODULES = {
     "AxisymmetricContact": "axisymmetric",
     "Bisinusoidal": "periodic",
+    "CappedLineContact": "capped",
+    "CappedSphere": "rings",
+    "CappedWestergaard": "capped",
     "Cone": "axisymmetric",
     "EllipticHertz": "hertz",
     "FlatCircularPunch": "axisymmetric",

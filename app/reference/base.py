@@ -26,6 +26,13 @@ def require_positive(**values):
             raise InputError(f"{name} {format_exact(value)}: must be positive and finite")
 
 
+def require_hardness(hardness):
+    """Raise InputError unless the hardness is positive, or infinite."""
+    require_numbers(hardness=hardness)
+    if not hardness > 0:
+        raise InputError(f"hardness {format_exact(hardness)}: must be positive")
+
+
 class NormalContact(ABC):
     """Frictionless contact in an ellipse about the origin.
 

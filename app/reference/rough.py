@@ -38,3 +38,33 @@ def bush_gibson_thomas_fraction(relative):
     """
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)
+
+
+def persson_hardness_fractions(relative, hardness):
+    """Return the open, elastic and plastic fractions of Persson's theory with a hardness.
+
+    Both arguments, p' and the hardness, are over E* times the rms slope; without a hardness (inf) the elastic fraction
+    is `persson_fraction`. NaN where p' exceeds the hardness. The distribution of the pressure diffuses between two
+    absorbing walls, 0 and the hardness. See B.N.J. Persson, Phys. Rev. Lett. 87 (2001) 116101.
+
+    Examples
+    --------
+    >>> [round(float(f), 4) for f in persson_hardness_fractions(0.5, 1.0)]
+    [0.3146, 0.3708, 0.3146]
+    """
+    from scipy.special import erfc
+
+    p, limit = np.broadcast_arrays(np.asarray(relative, float), np.asarray(hardness, float))
+    p, limit = np.where((p >= 0) & (p <= limit), p, np.nan), np.where(limit > 0, limit, np.nan)
+    n = np.arange(1, 9).reshape(-1, *[1] * p.ndim)
+    # Waves converge fast between near walls, images between far ones.
+    near, far = np.minimum(limit, 1.0), np.minimum(limit, p + 30.0)
+    share = np.minimum(p / near, 1.0)
+    b = 2 / (n * np.pi) * np.sin(n * np.pi * share) * np.exp(-((n * np.pi / near) ** 2) / 8)
+    images = [
+        erfc(np.sqrt(2) * (2 * n * far - 2 * far + start)) - erfc(np.sqrt(2) * (2 * n * far - start))
+        for start in (p, far - p)
+    ]
+    opened = np.where(limit < 1, 1 - share - b.sum(axis=0), images[0].sum(axis=0))
+    plastic = np.where(limit < 1, share + ((-1.0) ** n * b).sum(axis=0), images[1].sum(axis=0))
+    return opened, 1 - opened - plastic, plastic
