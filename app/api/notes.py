@@ -150,7 +150,7 @@ def note_filled_points(surface, state):
 def _touches_boundary(state, contact_cells):
     """Return whether contact, or the smallest distance, is at the patch boundary."""
     if contact_cells:
-        cells = state.contact
+        cells = state.in_contact()
     else:
         b = np.where(state.admissible, state.distance.b, -np.inf)
         cells = -b == float(state.minimum(-b.max(initial=-np.inf)))

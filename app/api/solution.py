@@ -85,6 +85,8 @@ class Solution(ContactFields):
     comm : mpi4py communicator
     stiffness : float or None
         dF/d(approach) [N/mm]; None unless requested, see `ContactSolver.path`.
+    plastic : ndarray of bool, or None
+        Cells at the hardness; None without a hardness.
     """
 
     pressure: np.ndarray
@@ -110,6 +112,10 @@ class Solution(ContactFields):
     contact_cells: int
     contact_fraction: float
     contact_fraction_corrected: float
+    plastic_area: float
+    plastic_fraction: float
+    plastic_volume: float
+    mean_plastic_depth: float
     perimeter: float
     contact_area: float
     mean_contact_pressure: float
@@ -138,6 +144,7 @@ class Solution(ContactFields):
     comm: object
     distance: object  # function that returns `undeformed_distance`
     stiffness: float | None = None
+    plastic: np.ndarray | None = None
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""

@@ -204,7 +204,8 @@ class ContactSolver:
         for shape in shapes:
             shape -= reference
         coarse_minimum = hierarchy.coarse_minimum(shapes)
-        distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
+        hardness = hierarchy.hardness(problem)
+        distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm, hardness)
         roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
         # From here on nothing fails.
         before, self._distances = self._distances, distances
@@ -390,7 +391,8 @@ class ContactSolver:
             pressure=state.p,
             displacement=state.u,
             distance=synchronized(lambda: distance.h_at(depth)),
-            contact=state.contact.copy(),
+            contact=state.in_contact().copy(),
+            plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
             converged=outcome.converged,
             message=outcome.reason,
             approach=approach,

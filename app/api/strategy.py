@@ -13,6 +13,7 @@ from app.base.petsc import error_message, to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
+from app.contact.full_plasticity import FullPlasticity
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
@@ -97,6 +98,11 @@ class Strategy:
         hierarchy, full = self._hierarchy, None
         for level in hierarchy.levels:
             level.reset_sweeps()
+        if self._distances[-1].bounds.capped:
+            state = self._new_state()
+            if outcome := FullPlasticity(len(hierarchy.levels) - 1).solve(state, loading, history):
+                return state, outcome
+            state.destroy()
         if hierarchy.target.grid.periodic:
             full = FullContact(hierarchy, self._distances)
             state = self._new_state()
@@ -160,6 +166,8 @@ class Strategy:
         if state.sum([np.count_nonzero(state.p != start.pressure)])[0]:
             state.displacement_status = Displacement.STALE
         state.contact[...] = start.contact & state.admissible
+        if start.plastic is not None:
+            state.contact &= ~start.plastic
         loading.resume(state, start.load)
         return state
 

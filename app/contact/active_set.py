@@ -57,10 +57,10 @@ def active_set(state, solver, loading, stop, history):
 def active_set_or_search(state, solver, loading, stop, history):
     """Run `active_set`, with a root search for loads on periodic patches. Collective.
 
-    Near full contact the slope of the load changes with every cell, so that Newton's method for the load may
-    not converge. The search then follows.
+    Near full contact, or with a hardness, the slope of the load changes with every cell, so that Newton's method
+    for the load may not converge. The search then follows.
     """
-    if loading.approach_is_known or not state.grid.periodic:
+    if loading.approach_is_known or not (state.grid.periodic or state.bounds.capped):
         return active_set(state, solver, loading, stop, history)
     outcome = active_set(state, solver, loading, replace(stop, max_it=-(-stop.max_it // 2)), history)
     if outcome.converged or outcome.to_rounding:

@@ -1,15 +1,16 @@
 """Bounds of the pressure, and operations on them.
 
 A cell of the contact set C has no gap and a pressure between its bounds (2.1). Any other cell has the pressure of
-a bound (2.2): zero where it is open. The `UndeformedDistance` of each grid or window has its `PressureBounds`, which
-all methods use. To add an upper bound, write a subclass that overrides the methods below. It needs no second
-contact set, because the pressure of a cell outside C shows at which bound the cell is.
+a bound (2.2): zero where it is open, the hardness H where it is plastic. The `UndeformedDistance` of each grid or
+window has its `PressureBounds`, which all methods use. There is no second contact set, because the pressure of a
+cell outside C shows at which bound the cell is.
 """
 
 import numpy as np
 from petsc4py import PETSc
 
 from app.contact import bounds_kernels as loops
+from app.contact import capped_kernels
 
 
 class PressureBounds:
@@ -24,8 +25,12 @@ class PressureBounds:
 
     Attributes
     ----------
-    lower, upper : float
-        Bounds of the pressure in admissible cells [N/mm2].
+    lower : float
+        Lower bound of the pressure in admissible cells [N/mm2].
+    upper : float, or ndarray of shape (local rows, nx)
+        Upper bound [N/mm2].
+    capped : bool
+        True if there is an upper bound.
     largest_load : float
         Largest load that the whole grid can carry [N].
     rounding : float
@@ -34,7 +39,7 @@ class PressureBounds:
         Compiled loops, see `app.contact.bounds_kernels`.
     """
 
-    lower, upper, largest_load, rounding = 0.0, np.inf, np.inf, 1e-14
+    lower, upper, capped, largest_load, rounding = 0.0, np.inf, False, np.inf, 1e-14
 
     release = staticmethod(loops.release)
     activate = staticmethod(loops.activate)
@@ -83,3 +88,109 @@ class PressureBounds:
         for vec, bound in ((lower, self.lower), (upper, self.upper)):
             vec.setArray(np.where(self.admissible, np.minimum(bound, PETSc.INFINITY), 0.0).reshape(-1))
         return lower, upper
+
+
+class CappedBounds(PressureBounds):
+    """Bounds 0 <= p <= H of the pressure, with the hardness H.
+
+    Cells with p = H are plastic, and may overlap: there e <= 0. In inadmissible cells p = 0.
+
+    Parameters
+    ----------
+    admissible : ndarray of bool, shape (local rows, nx)
+        True in cells that may be in contact.
+    upper : ndarray, shape (local rows, nx), [N/mm2]
+        Hardness, positive; infinite in cells that are always elastic.
+    largest_load : float
+        Largest load that the whole grid can carry [N].
+    """
+
+    capped = True
+
+    def __init__(self, admissible, upper, largest_load=np.inf):
+        super().__init__(admissible)
+        self.upper, self.largest_load = upper, largest_load
+
+    def part(self, cut):
+        """Return the bounds in a window; see `PressureBounds.part`."""
+        return CappedBounds(cut(self.admissible), cut(self.upper), self.largest_load)
+
+    def plastic(self, p):
+        """Return a mask of cells with p = H."""
+        return self.admissible & (p >= self.upper)
+
+    def plastic_after(self, p, gap, diagonal):
+        """Return the cells with p >= H after a Jacobi step with the `diagonal` of A."""
+        return self.admissible & (diagonal * (p - self.upper) >= gap)
+
+    def project_sets(self, p, contact, plastic):
+        """Clip p to its bounds in C, and set it to a bound elsewhere.
+
+        `plastic` cells get p = H, and leave C. Returns the sum of p.
+        """
+        contact &= ~plastic
+        self.project(p, contact | plastic, p)
+        np.copyto(p, self.upper, where=plastic)
+        return p.sum()
+
+    def not_plastic(self, p):
+        """Return a mask of admissible cells with p < H."""
+        return self.admissible & (p < self.upper)
+
+    def release(self, p, contact, released, change):
+        """Remove cells with p < 0 or p > H from C; see `bounds_kernels.release`."""
+        return capped_kernels.release(p, self.upper, contact, released, change)
+
+    def activate(self, b, depth, u, p, admissible, contact, released, expected, overlap):
+        """Add overlapping open cells, and plastic cells with a gap; see `bounds_kernels.activate`."""
+        fields = b, depth, u, p, self.upper, admissible, contact, released, expected
+        return capped_kernels.activate(*fields)
+
+    def project(self, p, cells, out):
+        """Store p clipped to the bounds in `cells`; see `bounds_kernels.project`."""
+        return capped_kernels.project(p, self.upper, cells, out)
+
+    def tension(self, p, contact):
+        """Return the sum of p, and that of its violation of the bounds in C."""
+        return capped_kernels.violations(p, self.upper, contact)
+
+    def room(self, p, contact, step):
+        """Count the cells of C whose p can change in the direction of `step`."""
+        return capped_kernels.room(p, self.upper, contact, step)
+
+    def add_constant(self, p, contact, step):
+        """Add a constant to p on C within the bounds; return the sum of the changes."""
+        return capped_kernels.add_constant(p, self.upper, contact, step)
+
+    def change(self, p, step):
+        """Return the change of p by `step`, clipped to the bounds [N/mm2]."""
+        return np.where(self.admissible, np.clip(p + step, self.lower, self.upper) - p, 0.0)
+
+    def to_bound(self, p, contact):
+        """Return the change that moves p outside C to the nearest bound [N/mm2]."""
+        bound = np.where(2 * p > self.upper, self.upper, self.lower)
+        return np.where(contact, 0.0, bound - p)
+
+    def between(self, p, margin=0.0):
+        """Return a mask of cells with p inside the bounds by more than a margin."""
+        return self.admissible & (p > self.lower + margin) & (p < self.upper - margin)
+
+    def contact(self, p, gap, margin=0.0):
+        """Return a mask of cells that belong to C; see `PressureBounds.contact`.
+
+        They are between the bounds, or would leave their bound: open ones overlap, plastic ones have a gap.
+        """
+        opens = (p >= self.upper - margin) & (2 * p > self.upper)
+        leaves = np.where(opens, gap >= 0, gap <= 0)
+        return self.between(p, margin) | (self.admissible & leaves)
+
+    def overlap(self, p, gap):
+        """Return overlaps of open cells and gaps of plastic cells, 1D [mm]."""
+        plastic = self.plastic(p)
+        opened = self.admissible & ~self.between(p) & ~plastic
+        return np.concatenate([gap[opened].clip(max=0), gap[plastic].clip(min=0)])  # (2.10)
+
+    def mean_pressures(self, waves):
+        """Return the allowed mean pressures; see `PressureBounds.mean_pressures`."""
+        least, _ = super().mean_pressures(waves)
+        return least, (self.upper - waves).min(initial=np.inf)

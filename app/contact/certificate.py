@@ -35,6 +35,15 @@ difference from 1, and w, are kept apart from g. In inadmissible cells any g is 
 or larger to keep the factor below 2. If B is in single precision, the error of w.Bw is added. The norm is a
 seminorm: a constant pressure does not count.
 
+*Hardness.* If p <= H, the dual is ``max -q.Aq / 2 - H.max(-(h + A q), 0)`` over all q, and the gap of p and
+``q = p + B w`` is
+
+    p.max(g, 0) + (H - p).max(-g, 0) + w.Bw / 2,    g = e + w.
+
+Cell by cell this is least if w moves e towards zero, by at most smallest p from above and smallest (H - p) from below.
+On a free patch w = 0 gives a second bound. On a periodic patch B_II replaces 1 / smallest, and w gets the mean zero as
+above, by a factor on the gaps that are left, or on the overlaps.
+
 *Prescribed load.* Both bounds hold if p has the load: f at the approach found and f under the load differ by
 a constant.
 
@@ -55,6 +64,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from petsc4py import PETSc
 
+from app.contact import capped_certificate
 from app.contact import certificate_kernels as loops
 from app.contact.state import Displacement
 from app.halfspace.influence import middle_displacement
@@ -75,9 +85,11 @@ class Certificate:
 
     duality_gap: float  # f(p) + q.Aq / 2, times the cell area [N mm]
     error_bound: float  # of ||p - p*||_A / ||p||_A; infinite without pressure, or if p or load is invalid
-    largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
-    smallest_pressure: float  # least pressure; that of an inadmissible cell counts as negative [N/mm2]
-    complementarity: float  # max |p e| / (max p * max |h|)
+    largest_penetration: float  # max(-e) over the admissible cells below the hardness, at least 0 [mm]
+    smallest_pressure: (
+        float  # least p or H - p, but at most 0; p in inadmissible cells counts as negative [N/mm2]
+    )
+    complementarity: float  # max |p e|, or max (H - p) |e| in plastic cells, over max p * max |h|
 
     def under(self, prescribed, load):
         """Return the certificate, given the prescribed and the actual load [N].
@@ -123,21 +135,26 @@ def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.distance.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
-    penetrates, largest, sums = np.empty(len(b), bool), np.full(6, -np.inf), np.zeros(6)
-    loops.survey(b, depth, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
+    bounds, penetrates = state.bounds, np.empty(len(b), bool)
+    largest, sums = np.full(6, -np.inf), np.zeros(6)
+    if bounds.capped:
+        fields = b, depth, u, p, bounds.upper, admissible
+        capped_certificate.survey(*fields, smallest, largest[1:], sums)
+    else:
+        loops.survey(b, depth, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     u_squares, energy, defect, to_p, moved, p_squares = sums
-    if not np.isfinite(sums).all():  # comparisons with NaN would pass
+    if np.isnan(sums).any() or not np.isfinite(moved + energy):  # comparisons with NaN would pass
         return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
     shifted = 0.0
-    if tension > state.bounds.rounding * highest:
+    if tension > bounds.rounding * highest:
         gap = np.inf
     elif state.grid.periodic:
         gap, energy, shifted = _close_gap(state, energy, enough, work)
     else:
-        lifted = defect + _lift_penetrations(state, lift, energy, penetrates)
-        gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
+        lifted = 0.0 if bounds.capped else _lift_penetrations(state, lift, energy, penetrates)
+        gap = float(min(defect + lifted, to_p + moved / (2 * smallest)))  # either bound holds
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
     if state.grid.periodic and state.grid.n <= DenseProduct.largest:
@@ -183,27 +200,40 @@ def _close_gap(state, energy, enough, work):
     with B. If h is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is larger.
     """
     inverse, n = state.operator.inverse, state.grid.n
-    diagonal = float(inverse.centre[1, 1]) or 1.0
-    fields = state.distance.b, state.depth, state.u, state.p, state.admissible
-    gaps, excess, to_p, pressures, squares, total_u, free = state.sum(loops.gaps(*fields, diagonal))
+    diagonal, capped = float(inverse.centre[1, 1]) or 1.0, state.bounds.capped
+    fields, depths, to_plastic, kernels = [state.distance.b, state.depth, state.u, state.p], 0.0, 0.0, loops
+    if capped:
+        fields += [state.bounds.upper, state.admissible, 1 / diagonal]
+        sums = state.sum(capped_certificate.gaps(*fields))
+        gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = sums
+        kernels = capped_certificate
+    else:
+        fields += [state.admissible, diagonal]
+        gaps, excess, to_p, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))
     inside, mean, *_ = state.distance.statistics
     excess += total_u  # zero up to rounding, which matters near full contact
-    if inside == n and not gaps:  # full contact: the mean of e is known without rounding
+    if inside == n and not gaps and not depths:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     stretch, constant, elsewhere = _gap_with_mean(gaps, excess, inside, n)
-    to_gap = (1 + stretch) * to_p + constant * pressures  # p.g
+    factors, to_gap = (stretch,), (1 + stretch) * to_p + constant * pressures  # p.g
+    if capped:
+        # Beyond full contact stretching open gaps may not suffice.
+        rest = excess + stretch * gaps + (n - inside) * elsewhere + inside * constant
+        deepen = rest / depths if depths else 0.0 if abs(rest) <= 1e-12 * abs(excess) else np.inf
+        factors, to_gap = (stretch, deepen), to_gap + (1 + deepen) * to_plastic
+        to_gap = to_gap if -1 <= deepen < np.inf else np.inf
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
     if state.distance.is_flat:  # the pressure is constant up to rounding
         energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
-    moved = (*fields, diagonal, stretch, constant, elsewhere)
-    squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
+    moved = (*fields, *factors, constant, elsewhere)
+    squares = state.sum([kernels.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
     if squares > 0 and to_gap + curved > enough**2 * energy / 2:
         field = np.empty(state.u.shape) if work is None else work
         scale = np.sqrt(n / squares)  # the least w underflow in single precision
-        loops.move(*moved, scale, field)  # w
+        kernels.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w
-        curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
+        curved = state.sum([kernels.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
     rounded = state.distance.neglected_gap + math.ulp(state.depth)
     return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))

@@ -39,7 +39,7 @@ def measure_moments(state):
     # Relative to the middle of the patch, which may be far from the origin.
     x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
     sums = np.zeros(9)
-    _moments(state.p, state.contact, grid.x() - x, grid.y(rows) - y, sums)
+    _moments(state.p, state.in_contact(), grid.x() - x, grid.y(rows) - y, sums)
     sums = state.sum(sums).tolist()
     load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
     centre = (x + at_x / load, y + at_y / load) if load > 0 else (nan, nan)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.contact import kernels
-from app.contact.bounds import PressureBounds
+from app.contact.bounds import CappedBounds, PressureBounds
 from app.halfspace.operator import wrap_vec
 from app.halfspace.window import local_bounds, window_from_bounds
 from app.parallel.reductions import sum_over, sums_and_minima
@@ -41,6 +41,8 @@ class UndeformedDistance:
         Undeformed distance at the reference; NaN in inadmissible cells. The array is not changed.
     reference : float
         Approach from which depths are counted, the same on all grids of a problem [mm].
+    hardness : ndarray, shape (local rows, nx), [N/mm2], optional
+        Upper bound of the pressure.
     measured : bool
         Compute the statistics now. If false, `on_levels` computes them for all levels at once.
 
@@ -56,8 +58,10 @@ class UndeformedDistance:
         Mean gap that is taken as zero, because it differs from full contact by rounding only [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None in a window.
-    max_depth : float
+    full_depth : float
         Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
+    max_depth : float
+        Largest allowed depth [mm]: `full_depth`, or infinite if the pressure has an upper bound.
     zero_load_depth : float
         Depth below which no load is carried [mm]: that of first touch, known in a window, too.
     full_contact_pressures : (float, float)
@@ -71,14 +75,15 @@ class UndeformedDistance:
         Window around all admissible cells; None if there are none.
     """
 
-    neglected_gap, max_depth = 0.0, np.inf
+    neglected_gap, max_depth, full_depth = 0.0, np.inf, np.inf
     _norm = None  # at this depth, once computed
 
-    def __init__(self, operator, shape, reference=0.0, measured=True):
+    def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
         b = np.negative(shape, order="C")
         admissible = ~np.isnan(b)
         np.copyto(b, 0.0, where=~admissible)
-        self._set(b, operator, PressureBounds(admissible))
+        bounds = PressureBounds(admissible) if hardness is None else CappedBounds(admissible, hardness)
+        self._set(b, operator, bounds)
         self.depth, self.reference = 0.0, reference
         self.full_contact_pressures = -np.inf, np.inf
         self._slabs, self.patch = operator.slabs, operator.grid
@@ -86,13 +91,17 @@ class UndeformedDistance:
             _measure([self], operator.comm)
 
     @classmethod
-    def on_levels(cls, operators, shapes, reference, comm):
+    def on_levels(cls, operators, shapes, reference, comm, hardness=None):
         """Make the distances of all levels of a hierarchy, with two reductions.
 
-        Collective over `comm`, all ranks that need the statistics. `operators` and `shapes` have one item for
-        each level.
+        Collective over `comm`, all ranks that need the statistics. `operators`, `shapes` and `hardness` have one
+        item for each level.
         """
-        levels = [cls(*of, reference, measured=False) for of in zip(operators, shapes, strict=True)]
+        hardness = [None] * len(shapes) if hardness is None else hardness
+        levels = [
+            cls(operator, shape, reference, upper, measured=False)
+            for operator, shape, upper in zip(operators, shapes, hardness, strict=True)
+        ]
         _measure(levels, comm)
         return levels
 
@@ -183,13 +192,17 @@ def _measure(levels, comm):
     squares = [
         kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in zip(levels, means, strict=True)
     ]
-    rows = zip(levels, counts, means, sum_over(comm, squares), minima.reshape(-1, 5), strict=True)
-    for distance, cells, (mean, rest), about_mean, (*box, touching) in rows:
+    carried = [np.sum(d.bounds.upper, where=d.admissible) if d.bounds.capped else np.inf for d in levels]
+    squares, carried = np.split(np.asarray(sum_over(comm, squares + carried)), 2)
+    rows = zip(levels, counts, means, squares, carried, minima.reshape(-1, 5), strict=True)
+    for distance, cells, (mean, rest), about_mean, upper, (*box, touching) in rows:
+        distance.bounds.largest_load = float(upper) * distance.patch.cell_area
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
         distance.zero_load_depth = distance.touching if np.isfinite(touching) else -np.inf
         if distance.patch.periodic and cells == distance.patch.n:
-            distance.max_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
+            distance.full_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
+            distance.max_depth = np.inf if distance.bounds.capped else distance.full_depth
 
 
 def _mean(parts, cells):

@@ -52,7 +52,10 @@ class FullContact:
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)
-        if not (distance.max_depth < np.inf and loading.depth_on(distance) >= distance.max_depth):
+        depth = loading.depth_on(distance)
+        if not distance.full_depth <= depth or distance.full_depth == np.inf:
+            return None
+        if distance.bounds.capped and distance.statistics.mean < depth < np.inf:  # beyond full contact
             return None
         prescribed, (least, most) = wanted < np.inf, distance.full_contact_pressures
         if prescribed and not least <= wanted <= most:
@@ -71,7 +74,7 @@ class FullContact:
         history.start(state, self)
         state.contact[...] = True
         mean = distance.statistics.mean
-        distance.move_to(mean, neglected_gap=max(mean - loading.depth_on(distance), 0.0))
+        distance.move_to(mean, neglected_gap=max(mean - depth, 0.0))
         state.compute_displacement(exact=True)
         rms = state.on_contact_or_overlap().rms
         residual = np.sqrt(grid.n) * rms

@@ -93,12 +93,17 @@ def prolongate(transfer, coarse, state, beta, prolong):
 def copy_prolongation(transfer, coarse, state, beta):
     """Initialise C by the tolerance (4.1), and p by copying. Collective.
 
-    C has the admissible cells with a gap e <= beta max(u).
+    C has the admissible cells with a gap e <= beta max(u). With an upper bound of p, a local Jacobi step finds the
+    plastic cells first.
     """
     max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
     # Sec. 4.3, (3.a)
-    np.less_equal(state.gap(), beta * max_u, out=state.contact)  # (4.1)
+    gap, p = state.gap(), state.values
+    np.less_equal(gap, beta * max_u, out=state.contact)  # (4.1)
     state.contact &= state.admissible
-    p = state.values
     transfer.copy(coarse.p, p)
-    state.bounds.project(state.p, state.contact, p)
+    if state.bounds.capped:
+        plastic = state.bounds.plastic_after(p, gap, state.operator.diagonal)
+        state.bounds.project_sets(p, state.contact, plastic)
+    else:
+        state.bounds.project(p, state.contact, p)

@@ -74,7 +74,7 @@ def compute_grid_numbers(state, comm, load=None, depth=None):
     Collective over `comm`, all ranks that need the numbers. `load` and `depth` replace those of the state.
     """
     grid = state.operator.grid
-    total, highest, cells = kernels.sum_pressure(state.p, state.contact)
+    total, highest, cells = kernels.sum_pressure(state.p, state.in_contact())
     (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
     load = grid.cell_area * float(total) if load is None else load
     depth = state.depth if depth is None else depth

@@ -6,6 +6,7 @@ from numbers import Real
 import numpy as np
 
 from app.base.errors import InputError, format_exact
+from app.contact.full_plasticity import LOAD_ROUNDING
 from app.contact.loading import PrescribedApproach, PrescribedMeanGap
 from app.contact.prescribed_load import PrescribedLoad
 from app.options.option_table import LARGEST
@@ -36,9 +37,9 @@ def make_loading(grid, distance, **given):
         if not value:  # the approach is not unique: first touch is chosen
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load = 1.0 if kind == "load" else grid.area
-        if value * to_load > (largest := distance.bounds.largest_load):
+        if value * to_load > (1 + LOAD_ROUNDING) * (largest := distance.bounds.largest_load):
             limit = f"it must be at most {format_exact(largest / to_load)} {LOADINGS[kind]}"
-            raise InputError(f"{kind} {format_exact(value)}: the pressure has an upper bound; {limit}")
+            raise InputError(f"{kind} {format_exact(value)}: no cell carries more than its hardness; {limit}")
         return PrescribedLoad(value * to_load, value / grid.area if kind == "load" else value)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells

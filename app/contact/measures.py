@@ -26,13 +26,17 @@ class ContactMeasures(NamedTuple):
     load: float  # [N]
     max_pressure: float  # [N/mm2]
     mean_pressure: float  # load over the area of the patch [N/mm2]
-    mean_gap: float  # mean of e = h + u over the admissible cells [mm]
+    mean_gap: float  # mean of max(e, 0), with e = h + u, over the admissible cells [mm]
     contact_cells: int
     contact_area: float  # [mm2]
     mean_contact_pressure: float  # load over the contact area [N/mm2]; 0 without contact
     perimeter: float  # length of the faces between contact and no contact [mm]
     contact_fraction: float  # contact cells over admissible cells
     contact_fraction_corrected: float  # the same minus `PER_FACE` of a cell for each face of the perimeter
+    plastic_area: float  # area of the cells at the hardness [mm2]
+    plastic_fraction: float  # these cells over admissible cells
+    plastic_volume: float  # volume of the plastic indentation [mm3]
+    mean_plastic_depth: float  # mean of max(-e, 0) over the admissible cells [mm]
 
 
 class ShapeRoughness(NamedTuple):
@@ -51,32 +55,47 @@ def measure_contact(state):
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
-    force, highest, _ = kernels.sum_pressure(state.p, state.contact)
+    contact = state.in_contact()
+    force, highest, _ = kernels.sum_pressure(state.p, contact)
     # Includes cells without pressure, like the perimeter.
-    cells = np.count_nonzero(state.contact)
+    cells = np.count_nonzero(contact)
     periodic = bool(grid.periodic)
-    before = fetch_row_before(state.contact, periodic, slabs, state.comm, False)
-    in_x, in_y = kernels.count_faces(state.contact, before, periodic)
+    before = fetch_row_before(contact, periodic, slabs, state.comm, False)
+    in_x, in_y = kernels.count_faces(contact, before, periodic)
     if slabs.local and slabs.rows.stop == grid.ny and not periodic:
-        in_y += np.count_nonzero(state.contact[-1])
-    sums = total, cells, in_x, in_y, force
-    (total, cells, in_x, in_y, force), (lowest,) = sums_and_minima(state.comm, sums, [-highest])
+        in_y += np.count_nonzero(contact[-1])
+    sums = total, cells, in_x, in_y, force, *_plastic_sums(state)
+    sums, (lowest,) = sums_and_minima(state.comm, sums, [-highest])
+    total, cells, in_x, in_y, force, plastic_cells, depths = sums
     load, area = grid.cell_area * float(force), cells * grid.cell_area
     admissible, mean, *_ = distance.statistics
     # The displacement of a periodic patch has no mean, which gives that of e without rounding.
     gap = mean - state.depth if periodic and admissible == grid.n else total / admissible
+    plastic_depth = float(depths / admissible)
     return ContactMeasures(
         load=load,
         max_pressure=-float(lowest),
         mean_pressure=load / grid.area,
-        mean_gap=float(gap),
+        mean_gap=float(gap) + plastic_depth,
         contact_cells=int(cells),
         contact_area=float(area),
         mean_contact_pressure=float(load / area) if cells else 0.0,
         perimeter=float(in_x * grid.dy + in_y * grid.dx),
         contact_fraction=float(cells / admissible),
         contact_fraction_corrected=float((cells - PER_FACE * (in_x + in_y)) / admissible),
+        plastic_area=float(plastic_cells) * grid.cell_area,
+        plastic_fraction=float(plastic_cells / admissible),
+        plastic_volume=float(depths) * grid.cell_area,
+        mean_plastic_depth=plastic_depth,
     )
+
+
+def _plastic_sums(state):
+    """Return the number of plastic cells, and the sum of their depths [mm]."""
+    if not state.bounds.capped:
+        return 0, 0.0
+    plastic = state.bounds.plastic(state.p)
+    return np.count_nonzero(plastic), -float(np.minimum(state.gap(), 0.0).sum(where=plastic))
 
 
 def contact_width(state, contact, enough):
@@ -91,7 +110,7 @@ def contact_width(state, contact, enough):
         return enough, enough
 
     def longest(before):
-        run, width = state.contact, 0
+        run, width = state.in_contact(), 0
         while width < enough and state.sum([run.any()])[0]:
             run, width = run & before(run), width + 1
         return width

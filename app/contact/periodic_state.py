@@ -22,19 +22,25 @@ class PeriodicState(ContactState):
     _fewest_changed, _stagnating, _tensile = float("inf"), 0, 0
 
     def before_iteration(self, k):
-        """Open one cell if C has all cells below full contact. Collective.
+        """Remove one cell from C if C has all cells. Collective.
 
-        Without an open cell the system (2.11) has no solution, because A is singular. The cell with the least
-        p - h / A_II is opened, which has a low pressure or a large gap.
+        Without another cell the system (2.11) has no solution, because A is singular. Below full contact the cell
+        with the least p - h / A_II is opened, which has a low pressure or a large gap. Beyond full contact, which
+        the hardness allows, the cell with the greatest p - h / A_II over H becomes plastic.
         """
         if k == 1:
             self._fewest_changed, self._stagnating, self._tensile = float("inf"), 0, 0
-        if not np.isfinite(self.distance.max_depth) or self.cells_in_contact() < self.grid.n:
+        if not np.isfinite(self.distance.full_depth) or self.sum([self.contact.sum()])[0] < self.grid.n:
             return
         inclination = self._p + self.distance.b / (self.operator.diagonal or 1.0)
+        p, beyond = self.values, self.bounds.capped and self.depth > self.distance.full_depth
+        if beyond:
+            inclination = self.bounds.upper - inclination
         least = self.minimum([inclination.min(initial=np.inf)])[0]
         np.greater(inclination, least, out=self.contact)
-        self.bounds.project(self.p, self.contact, self.values)
+        self.bounds.project(p, self.contact, p)
+        if beyond:
+            np.copyto(p, self.bounds.upper, where=~self.contact)
         self.compute_displacement()
 
     def release_tensile(self, *args, **options):
@@ -58,10 +64,12 @@ class PeriodicState(ContactState):
     def set_load(self, load, present_load):
         """Reach a load [N] by adding a constant to high pressures. Collective.
 
-        High pressures are those above twice the mean change of pressure on C. If less than half of C has such
-        pressures, p and u are scaled instead. Otherwise u is computed. Near full contact a constant hardly
-        changes u, but a factor does.
+        With an upper bound see `ContactState.set_load`. High pressures are those above twice the mean change of
+        pressure on C. If less than half of C has such pressures, p and u are scaled instead. Otherwise u is computed.
+        Near full contact a constant hardly changes u, but a factor does.
         """
+        if self.bounds.capped:
+            return super().set_load(load, present_load)
         cells = max(self.cells_in_contact(), 1)
         missing = (load - present_load) / self.grid.cell_area
         inside = self._p > 2 * abs(missing) / cells

@@ -131,7 +131,7 @@ class PrescribedLoad(Loading):
             high = min(max(high, low + least), max_depth)
             while (short := -relative_error(high)) > 0 and high < max_depth:
                 # This step is enough if the load is proportional to the depth, or grows faster.
-                growth = max(2 * short * (high - touching), least)
+                growth = max((1 if state.bounds.capped else 2 * short) * (high - touching), least)
                 low, high = high, min(high + growth, max_depth)
             while relative_error(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
@@ -216,7 +216,7 @@ class PrescribedLoad(Loading):
         """
         gaps = state.on_contact_or_overlap()
         if not gaps.cells:
-            state.first_contact()
+            return self._leave_plateau(state, gaps.load)
         depth, expected = state.depth, gaps.load - self.slope * gaps.mean
         self._learn_slope(state, expected, gaps.rms)
         step = (self.load - expected) / self.slope
@@ -229,14 +229,25 @@ class PrescribedLoad(Loading):
         self._before = depth, expected
         return abs(state.depth - depth)
 
+    def _leave_plateau(self, state, load):
+        """Move to the approach at which a cell enters C, which is empty. Collective.
+
+        Plastic cells alone carry the `load` [N], which does not depend on the approach there.
+        """
+        depth, self._before = state.depth, None
+        state.approach_next_cell() if load < self.load else state.retreat_to_cell()
+        self.slope = state.grid.cell_area / state.operator.diagonal
+        return abs(state.depth - depth)
+
     def _learn_slope(self, state, expected, rms):
         """Update the slope dF/d(depth) from the last move of the depth. Collective.
 
         Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. `expected` is the load at
-        this depth [N]. The slope grows with the depth, so it is at least the mean slope since first touch.
+        this depth [N]. In elastic contact the slope grows with the depth, so it is at least the mean slope since
+        first touch.
         """
         beyond = state.depth - state.distance.zero_load_depth
-        mean_slope = expected / beyond if beyond > 0 else 0.0
+        mean_slope = expected / beyond if beyond > 0 and not state.bounds.capped else 0.0
         (before, then), self._before = self._before or (state.depth, 0.0), None
         moved = state.depth - before
         if abs(moved) > MIN_SECANT_STEP * rms:
@@ -248,7 +259,7 @@ class PrescribedLoad(Loading):
             self.slope = min(max(self.slope, least), MAX_LEAST_STIFFNESS_RATIO * least)
 
     def settle(self, state, update):
-        """Scale p to the load, and close the mean gap; see `Loading.settle`.
+        """Bring p to the load, and close the mean gap; see `Loading.settle`.
 
         On a periodic patch, high pressures get a constant added instead of a factor. If p = 0, the load is
         distributed evenly over C.

@@ -81,6 +81,7 @@ class Gaps(NamedTuple):
 
 
 _NO_FIELD = np.zeros((0, 0))
+_MAX_LOAD_STEPS = 60  # steps of `ContactState.add_load`, each of which brings a cell to a bound or ends
 
 
 class Displacement(IntEnum):
@@ -174,9 +175,17 @@ class ContactState:
         """Return the depth of first touch [mm]. Collective."""
         return self.distance.touching
 
+    def in_contact(self):
+        """Return a mask of the cells in contact: those of C, and plastic ones."""
+        return self.contact | self.bounds.plastic(self.p) if self.bounds.capped else self.contact
+
+    def not_plastic(self):
+        """Return a mask of the admissible cells with p < H."""
+        return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible
+
     def cells_in_contact(self):
-        """Count the cells in C. Collective."""
-        return int(self.sum([np.count_nonzero(self.contact)])[0])
+        """Count the cells in contact, those of C and plastic ones. Collective."""
+        return int(self.sum([np.count_nonzero(self.in_contact())])[0])
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of the cells in C. Collective.
@@ -191,8 +200,12 @@ class ContactState:
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
-        """Return the `Gaps` of C and overlapping cells, with the load. Collective."""
-        sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, self.admissible)
+        """Return the `Gaps` of C and overlapping cells, with the load. Collective.
+
+        Plastic cells may overlap, and do not count.
+        """
+        overlapping = self.not_plastic()
+        sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, overlapping)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
@@ -211,12 +224,29 @@ class ContactState:
 
     def first_contact(self):
         """Approach until the first cell touches, if C is empty. Collective."""
-        if self.cells_in_contact():
-            return
-        gap = self.gap()
-        nearest = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
+        if not self.cells_in_contact():
+            self.approach_next_cell()
+
+    def approach_next_cell(self):
+        """Approach until the nearest cell without contact touches. Collective.
+
+        C receives this cell. Plastic cells are in contact.
+        """
+        gap, candidates = self.gap(), self.not_plastic()
+        nearest = float(self.minimum(gap[candidates].min(initial=np.inf)))
         np.less_equal(gap, nearest, out=self.contact)
-        self.contact &= self.admissible
+        self.contact &= candidates
+        self.depth += nearest
+
+    def retreat_to_cell(self):
+        """Retreat until the plastic cell with the least overlap just touches. Collective.
+
+        C receives this cell.
+        """
+        gap, plastic = self.gap(), self.bounds.plastic(self.p)
+        nearest = -float(self.minimum(-gap[plastic].max(initial=-np.inf)))
+        np.greater_equal(gap, nearest, out=self.contact)
+        self.contact &= plastic
         self.depth += nearest
 
     @cached_property
@@ -247,7 +277,8 @@ class ContactState:
     def tension(self):
         """Return the sum of tension on C over that of pressure. Collective.
 
-        A release would remove this share. It is infinite if there is tension without pressure.
+        Pressure above the hardness counts like tension. A release would remove this share. It is infinite if there
+        is tension without pressure.
         """
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0
@@ -255,6 +286,8 @@ class ContactState:
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
         """Remove the tensile cells from C (4.a), so that p >= 0 (2.9).
+
+        Cells above the hardness leave C, too.
 
         `some` is true if any rank has tensile cells. If it is None, the call is collective and counts them.
         Returns this number, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
@@ -293,8 +326,28 @@ class ContactState:
         self.u *= factor
 
     def set_load(self, load, present_load):
-        """Scale p and u to another load [N]. Collective."""
-        self.scale(load / present_load)
+        """Scale p and u to another load [N]. Collective.
+
+        With an upper bound a constant is added to p on C instead, and u is computed.
+        """
+        if not self.bounds.capped:
+            return self.scale(load / present_load)
+        self.add_load(load - present_load)
+        return self.compute_displacement(exact=True)
+
+    def add_load(self, missing):
+        """Add a load [N] evenly on C, within the bounds of p. Collective.
+
+        u becomes stale. Less is added if all cells of C reach a bound.
+        """
+        least, missing = np.spacing(abs(self.load)), missing / self.grid.cell_area
+        least /= self.grid.cell_area
+        for _ in range(_MAX_LOAD_STEPS):
+            free = self.sum([self.bounds.room(self.p, self.contact, missing)])[0]
+            if not free or abs(missing) <= least:
+                break
+            missing -= self.sum([self.bounds.add_constant(self.values, self.contact, missing / free)])[0]
+        self.displacement_status = Displacement.STALE
 
     def distribute_load(self, load):
         """Distribute a load [N] evenly over C, and compute u. Collective."""

@@ -208,6 +208,21 @@ class Hierarchy:
             shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes
 
+    def hardness(self, problem):
+        """Return the hardness on all levels, coarsest first; None without one. Collective.
+
+        Arrays are averaged, so that a cell is elastic if one of its children is.
+        """
+        hardness = problem.hardness
+        if hardness is None:
+            return None
+        if np.ndim(hardness) == 0:
+            return [np.full(level.local_shape, float(hardness)) for level in self.levels]
+        fields = [np.array(hardness[self.slabs.rows], order="C")]
+        for transfer in self.transfers[:0:-1]:
+            fields.insert(0, transfer.restrict_shape(fields[0]))
+        return fields
+
     @cached_property
     def finest_unwindowed(self):
         """Number of the finest level that is never solved in a window."""

@@ -10,7 +10,7 @@ from app.base.units import format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
-from app.problems.arrays import check_size, is_measured, real_numbers
+from app.problems.arrays import check_hardness, check_size, is_measured, real_numbers
 from app.problems.problem import Problem
 from app.problems.shapes import Plane
 
@@ -87,6 +87,9 @@ class ContactProblem(Problem):
         Roughness of either body: heights [mm], positive towards the other body, which are subtracted from the gap.
         Each is an array or a function as for `gap`, a surface of `app.problems.random_surfaces`, or a measured one
         (`app.read_surface`).
+    hardness : float or array_like, shape (ny, nx), [N/mm2], optional
+        Largest pressure of the softer body, positive; infinite where it stays elastic. Coarser grids average an array.
+        Default: no limit.
 
     Examples
     --------
@@ -103,6 +106,7 @@ class ContactProblem(Problem):
     gap: object = None
     periodic: InitVar[bool | str | None] = None
     surfaces: tuple = ()
+    hardness: object = None
 
     name = "given"
 
@@ -144,6 +148,7 @@ class ContactProblem(Problem):
         for part in (shape, *surfaces):
             if hasattr(part, "check_grid"):
                 part.check_grid(self.grid)
+        object.__setattr__(self, "hardness", check_hardness(self.hardness, self.grid))
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "surfaces", surfaces)
         object.__setattr__(self, "name", shape.name)
@@ -169,7 +174,8 @@ class ContactProblem(Problem):
     @property
     def refinable(self):
         """True if gap and surfaces are defined on finer grids, too."""
-        return all(getattr(part, "refinable", not part.sampled) for part in self._parts)
+        parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
+        return parts and np.ndim(self.hardness) == 0
 
     @property
     def notes(self):

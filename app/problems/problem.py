@@ -28,6 +28,7 @@ class Problem:
 
     name = ""
     sampled = False
+    hardness = None  # largest pressure [N/mm2], a number or an array of shape (ny, nx); None: no limit
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
@@ -69,6 +70,11 @@ class Problem:
             **self.material.describe(),
             "periodic": int(bool(self.grid.periodic)),
             "periodic_symbol": self.grid.periodic,
+            **(
+                {"hardness": self.hardness}
+                if np.ndim(self.hardness) == 0 and self.hardness is not None
+                else {}
+            ),
         }
 
 

@@ -9,6 +9,8 @@ interpolation to the fine grid:
    u = -h. T differs from u by T_H - u_H, known on the coarse grid, so T = -h + I (T_H - u_H).
 3. p = B T; cells without p > 0 leave C.
 
+Cells that are plastic after a local Jacobi step are not in C, and keep p = H.
+
 Option ``-lcp_prolongation lift|copy``. For the gain see `app.methods.free`.
 """
 
@@ -27,12 +29,19 @@ def lift(transfer, coarse, state):
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
-    p = state.values  # stores T until 3.
-    transfer.interpolate(coarse.u, p)  # 1.
-    _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
+    p, bounds, closable = state.values, state.bounds, state.admissible
+    if bounds.capped:
+        transfer.copy(coarse.p, p)
+        plastic = bounds.plastic_after(p, state.gap(), state.operator.diagonal)
+        closable = closable & ~plastic
+    transfer.interpolate(coarse.u, p)  # 1. p stores T until 3.
+    _close_gaps(state.distance.b, state.depth, state.u, closable, state.contact, p)  # 2.
     circulant_inverse(state.operator).apply(p, p)  # 3.
-    after = state.bounds.project(state.p, state.contact, p)
-    state.contact &= state.bounds.between(p)
+    if bounds.capped:
+        after = bounds.project_sets(p, state.contact, plastic)
+    else:
+        after = bounds.project(p, state.contact, p)
+    state.contact &= bounds.between(p)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
     before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
     return bool(before < MAX_LOAD_RATIO * after < MAX_LOAD_RATIO**2 * before)

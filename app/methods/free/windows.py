@@ -159,7 +159,7 @@ class WindowedLevel:
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:
             return None
-        masks, predicted = [state.contact], None
+        masks, predicted = [state.in_contact()], None
         if self._predicted:
             predicted = self._predicted.refine(self.transfer.factors, self._level.grid)
         elif coarse_minimum is not None and self._number == finest_unwindowed:

@@ -118,13 +118,13 @@ def test_vecs_bound_inadmissible_cells_by_zero():
 
 
 @pytest.mark.parametrize("kind, allowed", [("load", 12.0), ("mean_pressure", 12.0 / 4)])
-def test_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
-    monkeypatch.setattr(PressureBounds, "largest_load", 12.0)
+def test_load_above_the_largest_is_refused(kind, allowed):
     grid = Grid.from_domain(8, 8, (-1, 1, -1, 1))
-    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1.0), np.zeros((8, 8)))) as solver:
+    problem = ContactProblem(grid, Material.from_contact_modulus(1.0), np.zeros((8, 8)), hardness=3.0)
+    with ContactSolver(problem) as solver:
         solver.check(**{kind: allowed})
         with pytest.raises(
-            InputError, match=f"^{kind} .*: the pressure has an upper bound; it must be at most"
+            InputError, match=f"^{kind} .*: no cell carries more than its hardness; it must be at most"
         ) as error:
             solver.check(**{kind: 1.01 * allowed})
     assert "\n" not in str(error.value)

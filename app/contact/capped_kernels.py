@@ -1,0 +1,104 @@
+"""Compiled loops of `app.contact.bounds.CappedBounds`, for 0 <= p <= H.
+
+They do what the loops of `app.contact.bounds_kernels` do for p >= 0. `upper` is the hardness H, of shape (rows, nx).
+Outside the contact set C a cell with p >= H is plastic, any other one open.
+"""
+
+from app.base.numba_cache import njit
+from app.contact.kernels import gap
+from app.parallel.reductions import njit_reassoc
+
+
+@njit_reassoc
+def release(p, upper, contact, released, change):
+    """Remove cells with p < 0 or p > H from C, and set p to that bound.
+
+    Marks these cells in `released`, and returns their number. The change of p is added to `change`, unless that has
+    no rows.
+    """
+    count = 0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            value = min(max(p[j, i], 0.0), upper[j, i])
+            out = contact[j, i] & (value != p[j, i])
+            released[j, i] = out
+            contact[j, i] &= not out
+            count += out
+            if out:
+                if change.size:
+                    change[j, i] += value - p[j, i]
+                p[j, i] = value
+    return count
+
+
+@njit()
+def activate(b, depth, u, p, upper, admissible, contact, released, expected):
+    """Add cells outside C that would leave their bound, and clear `released`.
+
+    Open cells enter with a gap h + u + expected <= 0, plastic cells with a gap >= 0. Parameters and result are those
+    of `app.contact.bounds_kernels.activate`.
+    """
+    cells, added, lost, gaps, distances, total = 0, 0, 0, 0.0, 0.0, 0.0
+    for j in range(b.shape[0]):
+        for i in range(b.shape[1]):
+            e = gap(u[j, i], b[j, i], depth)
+            change = expected[j, i] if expected.size else 0.0
+            leaves = e + change >= 0 if p[j, i] >= upper[j, i] else e + change <= 0
+            new = (not contact[j, i]) & admissible[j, i] & leaves
+            contact[j, i] |= new
+            inside = contact[j, i]
+            cells += inside
+            added += new & (not released[j, i])
+            lost += released[j, i] & (not inside)
+            h = b[j, i] + depth
+            gaps += e * e if inside else 0.0
+            distances += h * h if inside else 0.0
+            total += p[j, i]
+            released[j, i] = False
+    return cells, added, lost, gaps, distances, total
+
+
+@njit_reassoc
+def project(p, upper, cells, out):
+    """Store p clipped to 0 <= p <= H in `cells`, 0 elsewhere; return the sum of that."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            value = min(max(p[j, i], 0.0), upper[j, i]) if cells[j, i] else 0.0
+            out[j, i] = value
+            total += value
+    return total
+
+
+@njit_reassoc
+def violations(p, upper, contact):
+    """Return the sum of p, and that of its distance from the bounds over C."""
+    total, outside = 0.0, 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            total += p[j, i]
+            outside += max(-p[j, i], p[j, i] - upper[j, i], 0.0) if contact[j, i] else 0.0
+    return total, outside
+
+
+@njit_reassoc
+def room(p, upper, contact, step):
+    """Count the cells of C whose p can change in the direction of `step`."""
+    cells = 0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            cells += contact[j, i] & ((p[j, i] < upper[j, i]) if step > 0 else (p[j, i] > 0))
+    return cells
+
+
+@njit()
+def add_constant(p, upper, contact, step):
+    """Add a constant to p on C within the bounds; return the sum of the changes."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            if contact[j, i]:
+                value = min(max(p[j, i] + step, 0.0), upper[j, i])
+                total += value - p[j, i]
+                p[j, i] = value
+    return total
