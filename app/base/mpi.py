@@ -22,7 +22,14 @@ def __getattr__(name):
     if name != "MPI":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     with temporary_environment(single_host_variables(os.environ)):
-        from mpi4py import MPI
+        try:
+            from mpi4py import MPI
+        except RuntimeError as error:  # pip's mpi4py brings no MPI library
+            if "MPI library" not in str(error):
+                raise
+            from app.base.packages import missing
+
+            raise missing("mpi4py") from None
 
     globals()[name] = MPI
     return MPI

@@ -6,6 +6,7 @@ then prints a long notice and a traceback for each module of such a package.
 
 import io
 import os
+import platform
 import sys
 from contextlib import redirect_stderr, suppress
 from functools import partial
@@ -15,13 +16,17 @@ from pathlib import Path
 
 from app.base.mpi import single_host_variables, temporary_environment
 
-HOW_TO_GET = {
-    "petsc4py": "Debian: apt-get install python3-petsc4py-real, for Debian's own python3 or a venv of it with "
-    "--system-site-packages; conda-forge: conda install petsc4py; "
-    "elsewhere: pip install petsc petsc4py, which compiles PETSc (docs/install.md)",
-    "h5py": "Debian: apt-get install python3-h5py-mpi; conda-forge: conda install 'h5py=*=mpi*'; "
-    "elsewhere: pip install h5py, with which ranks write in turn (docs/install.md)",
-    "pyfftw": "Debian: run/setup, or apt-get install python3-pyfftw; elsewhere: pip install pyfftw",
+# Package -> what to install for it: by apt-get, from conda-forge, as wheels, and by pip otherwise.
+_SOURCES = {
+    "mpi4py": ("python3-mpi4py", "mpi4py", "mpich", "mpich"),  # pip's mpi4py has no MPI library
+    "petsc4py": (
+        "python3-petsc4py-real",
+        "'petsc=*=real*' petsc4py",
+        "dolfinx-solver-real",
+        "petsc petsc4py",
+    ),
+    "h5py": ("python3-h5py-mpi", "'h5py=*=mpi*'", "h5py", "h5py"),
+    "pyfftw": ("python3-pyfftw", "pyfftw", "pyfftw", "pyfftw"),
 }
 _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 
@@ -31,11 +36,11 @@ class MissingPackageFinder:
 
     @staticmethod
     def find_spec(name, path=None, target=None):
-        """Raise `PackageMissing` for a package of `HOW_TO_GET`."""
-        if name in HOW_TO_GET:
-            from app.base.errors import PackageMissing
-
-            _raise(PackageMissing(f"{name} is not installed. {HOW_TO_GET[name]}", name=name))
+        """Raise `PackageMissing` for a package of `_SOURCES`."""
+        if name == "petsc4py":
+            import_module("app.base.mpi").MPI  # noqa: B018  reports a missing MPI library, too
+        if name in _SOURCES and name != "mpi4py":
+            _raise(missing(name))
 
 
 class CompiledPackageFinder:
@@ -56,6 +61,8 @@ class CompiledPackageFinder:
     @classmethod
     def _load(cls, name, exec_module, module):
         """Import a module; replace errors of a wrong numpy by one line."""
+        if name == "petsc4py":
+            import_module("app.base.mpi").MPI  # noqa: B018  in a wheel, petsc4py needs the library that mpi4py loads
         cls._loading, printed, error = True, io.StringIO(), None
         try:
             # h5py and petsc4py start MPI.
@@ -74,6 +81,34 @@ class CompiledPackageFinder:
                     sys.stderr.write(printed.getvalue())
         if error is not None:
             _raise(error)
+
+
+def missing(name):
+    """Return the error of a missing package, with the command that installs all missing ones here.
+
+    If mpi4py itself is installed, `name` "mpi4py" means that the MPI library is missing.
+    """
+    from app.base.errors import PackageMissing
+
+    names = [other for other in _SOURCES if other == name or PathFinder.find_spec(other) is None]
+    shown = ["an MPI library" if other == "mpi4py" else other for other in names]
+    return PackageMissing(f"not installed: {', '.join(shown)}. {how_to_get(*names)}", name=name)
+
+
+def how_to_get(*names):
+    """Return the command that installs packages of `_SOURCES` for this Python."""
+    pip = f"{sys.executable} -m pip install"
+    if "/usr/lib/python3/dist-packages" in sys.path and Path("/usr/bin/apt-get").exists():
+        command, column = "apt-get install", 0
+    elif Path(sys.prefix, "conda-meta").exists():
+        command, column = "conda install -c conda-forge", 1
+    elif sys.platform == "linux" and platform.machine() == "x86_64" and sys.version_info >= (3, 12):
+        command, column = pip, 2
+    else:
+        command, column = pip, 3
+    what = " ".join(_SOURCES[name][column] for name in names)
+    note = "compiles PETSc; see" if column == 3 and "petsc4py" in names else "other ways:"
+    return f"Install by: {command} {what} ({note} docs/install.md)"
 
 
 def numpy_mismatch(name):

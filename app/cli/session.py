@@ -24,12 +24,13 @@ from app.base.errors import (
     InputError,
     NoteWarning,
     OtherRankError,
+    PackageMissing,
     call_collectively,
     format_error,
     format_message,
 )
 from app.base.memory import check_address_space, set_malloc_option
-from app.base.packages import HOW_TO_GET, numpy_mismatch
+from app.base.packages import how_to_get, numpy_mismatch
 from app.cli import streams
 
 # Option of mallopt -> environment variable that sets it, and our value. Work arrays are freed and allocated often;
@@ -78,7 +79,7 @@ def start(argv):
             if "numpy" in str(error):
                 raise numpy_mismatch("petsc4py") from None
             folder, reason = petsc4py.__path__[0], format_message(error)
-            raise InputError(f"{folder} does not load: {reason}. {HOW_TO_GET['petsc4py']}") from None
+            raise InputError(f"{folder} does not load: {reason}. {how_to_get('petsc4py')}") from None
         except Exception:
             raise InputError(f"PETSc does not start: {petsc_errors()}") from None
     for number, handler in handlers.items():  # PETSc aborts, even where nohup ignores the signal
@@ -182,6 +183,11 @@ def run(main, argv=None):
     if "--version" in (argv or sys.argv)[1:]:
         streams.print_output(__version__)
         sys.exit(0)
+    try:
+        _rank()
+    except PackageMissing as error:
+        streams.print_error(f"error: {error}")
+        sys.exit(2)
     status, message, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
