@@ -1,14 +1,14 @@
 """Exact solutions of small contact problems by pivoting on the dense matrix.
 
 The solutions share only the influence matrix A with the solvers under test. `solve_by_lemke` is exact, in
-rational numbers, for a few cells. `DenseProblem` finds the contact set by block principal pivoting, and
-refines pressures in extended precision.
+rational numbers, for a few cells. `DenseProblem` finds open, elastic and plastic cells by block principal pivoting,
+and refines pressures in extended precision.
 
 References
 ----------
 C.E. Lemke, Bimatrix equilibrium points and mathematical programming, Management Sci. 11 (1965) 681. J.J. Judice,
 F.M. Pires, A block principal pivoting algorithm for large-scale strictly monotone linear complementarity problems,
-Computers Ops Res. 21 (1994) 587.
+Computers Ops Res. 21 (1994) 587; they also treat upper bounds.
 """
 
 from fractions import Fraction
@@ -22,18 +22,22 @@ from app.halfspace.influence import dense_matrix
 from app.halfspace.periodic_symbol import fold_offsets, influence_symbol
 
 _PATIENCE = 3  # number of block pivots without fewer wrong cells, before single pivots
+_OPEN, _ELASTIC, _PLASTIC = 0, 1, 2
 
 
-def solve_by_lemke(matrix, h):
+def solve_by_lemke(matrix, h, hardness=None):
     """Solve a linear complementarity problem by Lemke's pivoting, without rounding.
 
-    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``.
+    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``. With a hardness H it is ``h + A p + w >= 0``, and
+    ``H - p >= 0, w >= 0, w (H - p) = 0``, where w is the plastic depth.
 
     Parameters
     ----------
     matrix : ndarray, shape (n, n)
         Positive semidefinite.
     h : ndarray, shape (n,)
+    hardness : ndarray, shape (n,), optional
+        Largest pressure, infinite without a limit.
 
     Returns
     -------
@@ -41,6 +45,10 @@ def solve_by_lemke(matrix, h):
         The pressure p, rounded once, at the end.
     """
     n = len(h)
+    if hardness is not None:
+        limited = np.eye(n)[np.isfinite(hardness)]
+        matrix = np.block([[matrix, limited.T], [-limited, np.zeros((len(limited), len(limited)))]])
+        return solve_by_lemke(matrix, np.concatenate([h, hardness[np.isfinite(hardness)]]))[:n]
     if (h >= 0).all():
         return np.zeros(n)
     # e - A p - z = h: columns e_0 .. e_{n-1}, p_0 .. p_{n-1}, z, right-hand side; a row for each basic variable
@@ -99,7 +107,7 @@ class DenseProblem:
     Parameters
     ----------
     problem : ContactProblem
-        Problem whose gap is an array.
+        Problem whose gap is an array, with or without a hardness.
 
     Attributes
     ----------
@@ -122,41 +130,72 @@ class DenseProblem:
         self._long = self._matrix[np.ix_(self.inside, self.inside)]
         # On all cells of a periodic patch A is singular.
         self._singular = bool(self.grid.periodic) and self.inside.all()
-        self._contact = None  # the last set, a good guess of the next
+        hardness = np.inf if problem.hardness is None else problem.hardness
+        self._upper = np.broadcast_to(hardness, self.grid.shape).ravel()[self.inside].astype(np.longdouble)
+        self._sets = None  # the last open, elastic and plastic cells, a good guess of the next
+
+    @property
+    def largest_load(self):
+        """Largest load, at which all cells are plastic [N]."""
+        return float(self.grid.cell_area * self._upper.sum())
 
     def at(self, approach):
-        """Return the pressure at an approach, shape (ny, nx) [N/mm2]."""
+        """Return the pressure at an approach, shape (ny, nx) [N/mm2].
+
+        Of full contact the pressure is the smallest one.
+        """
         depth = np.longdouble(approach) - self._least
-        mean = self._gap.mean()
+        beyond = float(depth - self._gap.mean())
         rounding = 4 * ulp(max(abs(approach), abs(float(self._least))))  # see docs/periodic.md
-        if self._singular and depth >= mean - rounding:
-            return self._field(self._full())
+        if self._singular and (abs(beyond) <= rounding or (beyond > 0 and np.isinf(self._upper).all())):
+            full = self._full()
+            if (full <= self._upper).all():
+                return self._field(full)
         return self._field(self._pivot(depth))
 
     def with_mean_gap(self, mean_gap):
-        """Return the pressure at a mean gap of a periodic patch [N/mm2].
+        """Return the pressure at a mean of h + u of a periodic patch [N/mm2].
 
-        The patch must not have holes.
+        The patch must not have holes. If there are plastic cells, the mean of the gap is larger.
         """
         # Near first touch extended precision has too few digits of the mean.
         mean = sum(Fraction(float(h)) for h in self._heights) / self._heights.size
         depth = mean - Fraction(float(self._least)) - Fraction(float(mean_gap))
         rest = depth - Fraction(float(depth))
         depth = np.longdouble(float(depth)) + float(rest)
-        return self._field(self._pivot(depth) if mean_gap > 0 else self._full())
+        if mean_gap > 0:
+            return self._field(self._pivot(depth))
+        return self.at(self._least + depth)
 
     def under(self, load, approach):
         """Return pressure [N/mm2] and approach [mm] under a load [N].
 
-        The parameter `approach` is the first guess of the approach [mm].
+        The parameter `approach` is the first guess of the approach [mm]. If several approaches have this load, the
+        smallest one is returned.
+
+        Raises
+        ------
+        ValueError
+            If the load exceeds the largest one by more than rounding.
         """
-        sum_p, full = np.longdouble(load) / self.grid.cell_area, self._full() if self._singular else None
+        sum_p, most = np.longdouble(load) / self.grid.cell_area, self._upper.sum()
+        full = self._full() if self._singular else None
         if load == 0:
             return self._field(np.zeros(self._gap.size)), float(self._least)
-        if full is not None and sum_p >= full.sum():
-            return self._field(full + (sum_p - full.sum()) / full.size), float(self._least + self._gap.mean())
-        # The load is convex and piecewise linear: Newton's method within a bracket.
-        low, high = np.longdouble(0), self._gap.mean() if self._singular else np.longdouble(np.inf)
+        if sum_p > most * (1 + 1e-15):
+            raise ValueError(f"load {load}: larger than {self.largest_load}")
+        high, low = np.longdouble(np.inf), np.longdouble(0)
+        if np.isfinite(most):
+            high = (self._gap + self._long @ self._upper).max()  # all cells are plastic
+            if sum_p >= most * (1 - 1e-15):
+                return self._field(self._upper), float(self._least + high)
+        if full is not None:
+            more = full + (sum_p - full.sum()) / full.size
+            if (more >= 0).all() and (more <= self._upper).all():
+                return self._field(more), float(self._least + self._gap.mean())
+            if (full <= self._upper).all():
+                low, high = (low, self._gap.mean()) if sum_p < full.sum() else (self._gap.mean(), high)
+        # The load grows with the approach and is piecewise linear: Newton's method within a bracket.
         depth = np.longdouble(approach) - self._least
         for _ in range(300):
             if not low < depth < high:
@@ -167,8 +206,12 @@ class DenseProblem:
             low, high = (depth, high) if off > 0 else (low, depth)
             if abs(off) <= 1e-16 * sum_p or high - low <= 1e-18 * low:
                 break
-            slope = self._linear(self._contact, np.ones(self._gap.size)).sum()
+            slope = self._linear(self._sets, np.ones(self._gap.size)).sum()
             depth = depth + off / slope if slope > 0 else low
+        tiny = 4e-16 * sum_p  # rounding of the load
+        plastic = p >= self._upper - tiny
+        if plastic.any() and (plastic | (p <= tiny)).all():
+            depth = (self._gap + self._long @ p)[plastic].max()
         return self._field(p), float(self._least + depth)
 
     def energy(self, pressure):
@@ -193,10 +236,10 @@ class DenseProblem:
             p += inverse @ (right - self._long @ p).astype(float)
         return p - p.min()
 
-    def _linear(self, contact, right):
-        """Solve A_CC p = right on C; p = 0 outside C."""
-        p = np.zeros(contact.size, np.longdouble)
-        members = np.flatnonzero(contact)
+    def _linear(self, sets, right):
+        """Solve A_CC p = right on elastic cells C; p = 0 elsewhere."""
+        p = np.zeros(sets.size, np.longdouble)
+        members = np.flatnonzero(sets == _ELASTIC)
         if not members.size:
             return p
         factors = lu_factor(self._a[np.ix_(members, members)])
@@ -207,26 +250,49 @@ class DenseProblem:
         p[members] = x
         return p
 
+    def _leave_full_contact(self, sets, h):
+        """Return sets with one cell less in elastic contact.
+
+        The mean of e is that of h: the cell is open or plastic.
+        """
+        open_one, limited = h.mean() >= 0, np.isfinite(self._upper)
+        cell = np.argmax(h) if open_one or not limited.any() else np.argmin(np.where(limited, h, np.inf))
+        sets = sets.copy()
+        sets[cell] = _OPEN if open_one or not limited.any() else _PLASTIC
+        return sets
+
     def _pivot(self, depth):
-        h = self._gap - depth
-        contact = h < 0 if self._contact is None else self._contact
+        h, limited = self._gap - depth, np.isfinite(self._upper).any()
+        sets = np.where(h < 0, _ELASTIC, _OPEN) if self._sets is None else self._sets
         fewest, patience = h.size + 1, _PATIENCE
         for _ in range(100 * h.size + 100):
-            if self._singular and contact.all():
-                contact = contact ^ (np.arange(h.size) == np.argmax(h))
-            p = self._linear(contact, -h)
+            if self._singular and (sets == _ELASTIC).all():
+                sets = self._leave_full_contact(sets, h)
+            bound = np.where(sets == _PLASTIC, self._upper, 0)
+            p = bound + self._linear(sets, -h - self._long @ bound)
             u = self._long @ p
             e = h + u
             rounding = 1e-18 * abs(h).max() + 1e-16 * abs(u).max()
-            wrong = contact & (p < -1e-15 * abs(p).max())
-            if not (
-                self._singular and (~contact).sum() == 1
-            ):  # gaps have the mean of h: a single one is not negative
-                wrong |= ~contact & (e < -rounding)
+            if self._singular and (sets != _ELASTIC).sum() == 1:
+                # e of a single cell is known without rounding.
+                e[sets != _ELASTIC] = h.sum() if limited else 0
+            most = abs(p).max()
+            new = np.select(
+                [
+                    (sets == _ELASTIC) & (p < -1e-15 * most),
+                    (sets == _ELASTIC) & (p > self._upper + 1e-15 * most),
+                    ((sets == _OPEN) & (e < -rounding)) | ((sets == _PLASTIC) & (e > rounding)),
+                ],
+                [_OPEN, _PLASTIC, _ELASTIC],
+                sets,
+            )
+            wrong = new != sets
             if not wrong.any():
-                self._contact = contact
-                return np.maximum(p, 0)
+                self._sets = sets
+                return np.clip(p, 0, self._upper)
             patience = _PATIENCE if wrong.sum() < fewest else patience - 1
             fewest = min(fewest, wrong.sum())
-            contact = contact ^ (wrong if patience > 0 else np.arange(h.size) == np.flatnonzero(wrong)[-1])
+            sets = (
+                new if patience > 0 else np.where(np.arange(h.size) == np.flatnonzero(wrong)[-1], new, sets)
+            )
         raise ArithmeticError("rounding keeps pivoting from its end")

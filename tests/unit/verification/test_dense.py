@@ -1,5 +1,6 @@
 """Exact solutions of small problems."""
 
+import itertools
 from fractions import Fraction
 
 import numpy as np
@@ -63,3 +64,98 @@ def test_mean_gaps_lose_no_digits_near_first_touch(depth):
     dense = DenseProblem(problem)
     by_approach, found = dense.at(exact), dense.with_mean_gap(mean_gap)
     np.testing.assert_allclose(found.astype(float), by_approach.astype(float), rtol=1e-14, atol=0)
+
+
+def limited_problem(seed):
+    """Few cells with ties, a hardness of each cell, and holes."""
+    rng = np.random.default_rng(seed)
+    gap = rng.integers(0, 4, (2, 3)).astype(float) if seed % 3 else 3 * rng.random((2, 3))
+    if seed % 5 == 0:
+        gap.flat[rng.choice(6, 2)] = np.nan
+    periodic = ("", "spectral")[seed % 2]
+    hardness = rng.choice([0.1, 0.3, 0.5, 1.0, np.inf, np.inf], (2, 3))
+    grid, material = Grid(3, 2, 1.0, 0.5), Material.combined(1.0, 0.0)
+    return ContactProblem(grid, material, gap, periodic=periodic, hardness=hardness), hardness
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lemke_and_pivoting_agree_with_a_hardness(seed):
+    problem, hardness = limited_problem(seed)
+    dense, mean = DenseProblem(problem), np.nanmean(problem.gap)
+    inside, upper = dense.inside, hardness.ravel()[dense.inside]
+    matrix = dense.matrix[np.ix_(inside, inside)]
+    for approach in 0.6 * mean, 0.9 * mean, 1.2 * mean:
+        if approach > mean and problem.periodic and np.isinf(upper).all():
+            continue
+        h = problem.gap.ravel()[inside] - approach
+        p = solve_by_lemke(matrix, h, upper)
+        e = h + matrix @ p
+        assert (p >= 0).all() and (p <= upper).all()
+        assert e[p < upper].min(initial=0) >= -1e-13 and e[p > 0].max(initial=0) <= 1e-13
+        found = dense.at(approach).ravel()[inside].astype(float)
+        np.testing.assert_allclose(found, p, rtol=0, atol=1e-13 * p.max())
+        load = float(p.sum()) * problem.grid.cell_area
+        for guess in 0.99 * approach, 1.01 * approach:
+            by_load, smallest = dense.under(load, guess)
+            np.testing.assert_allclose(by_load.ravel()[inside].astype(float), p, rtol=0, atol=1e-12 * p.max())
+            if load:  # without an elastic cell it is at the lower end of an interval
+                assert smallest <= approach * (1 + 1e-12)
+                again = dense.at(smallest + 1e-12).ravel()[inside].astype(float)
+                np.testing.assert_allclose(again, p, rtol=0, atol=1e-10)
+
+
+def test_brute_force_agrees_with_a_hardness():
+    for seed in range(0, 12, 2):  # free patches
+        problem, hardness = limited_problem(seed)
+        dense = DenseProblem(problem)
+        inside, upper = dense.inside, hardness.ravel()[dense.inside]
+        matrix, approach = dense.matrix[np.ix_(inside, inside)], 1.2 * np.nanmean(problem.gap)
+        h, n = problem.gap.ravel()[inside] - approach, int(inside.sum())
+        solutions = []
+        for sets in map(np.array, itertools.product((0, 1, 2), repeat=n)):
+            p = np.where(sets == 2, upper, 0)
+            if np.isinf(p).any():
+                continue
+            c = sets == 1
+            p[c] = np.linalg.solve(matrix[np.ix_(c, c)], -(h + matrix @ p)[c])
+            e = h + matrix @ p
+            if (
+                min(e[sets == 0].min(initial=0), -e[sets == 2].max(initial=0), p.min(), (upper - p).min())
+                >= 0
+            ):
+                solutions.append(p)
+        assert len(solutions) >= 1
+        found = dense.at(approach).ravel()[inside].astype(float)
+        np.testing.assert_allclose(found, solutions[0], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("periodic", ["", "spectral"])
+def test_largest_load_has_the_smallest_approach(periodic):
+    rng = np.random.default_rng(1)
+    gap, hardness = rng.random((4, 5)), 0.05 + 0.1 * rng.random((4, 5))
+    grid, material = Grid(5, 4, 1.0, 0.5), Material.combined(1.0, 0.0)
+    dense = DenseProblem(ContactProblem(grid, material, gap, periodic=periodic, hardness=hardness))
+    p, approach = dense.under(dense.largest_load, 0.5)
+    np.testing.assert_array_equal(p.astype(float), hardness)
+    depths = approach - gap - (dense.matrix @ hardness.ravel()).reshape(gap.shape)
+    assert abs(depths.min()) < 1e-14
+    less, lower = dense.under(dense.largest_load * (1 - 1e-12), 0.5)
+    assert ((less < hardness).sum(), (less > 0).all()) == (1, True) and lower < approach
+    with pytest.raises(ValueError, match="larger than"):
+        dense.under(dense.largest_load * (1 + 1e-12), 0.5)
+
+
+def test_hardness_continues_beyond_full_contact():
+    """Every cell but the lowest is elastic, then fewer, in an approach above the mean."""
+    gap = np.array([[0.0, 1.0, 3.0, 1.0, 3.0, 1.0, 2.0]])
+    grid, material = Grid(7, 1, 1.0, 1.0), Material.from_contact_modulus(1.0)
+    full = DenseProblem(ContactProblem(grid, material, gap, "spectral")).at(gap.mean()).astype(float)
+    hardness = 1.5 * full.max()
+    dense = DenseProblem(ContactProblem(grid, material, gap, "spectral", hardness=hardness))
+    np.testing.assert_array_equal(dense.at(gap.mean()).astype(float), full)
+    p = dense.at(gap.mean() + 1e-9).astype(float)
+    np.testing.assert_allclose(p, full + 0.5 * full.max(), rtol=0, atol=1e-8)
+    assert (p == hardness).sum() == 1
+    by_load, approach = dense.under(float(full.sum() + 0.1 * full.max()), 1.0)
+    assert approach == gap.mean() and (by_load < hardness).all()
+    assert (dense.at(gap.max() + 1).astype(float) == hardness).all()
