@@ -17,6 +17,9 @@ _OF_RANKS = (
     "OMPI_COMM_WORLD_", "OMPI_MCA_ess", "OMPI_MCA_orte_", "OMPI_MCA_pmix", "OMPI_UNIVERSE_SIZE", "PMIX_", "PMI_",
 )  # fmt: skip
 
+# What Open MPI 4 sets in a process without mpiexec. A program that inherits it cannot be mpiexec.
+_OF_SINGLE_RANK = ("OMPI_MCA_ess", "OMPI_MCA_pmix")
+
 
 def __getattr__(name):
     if name != "MPI":
@@ -31,6 +34,9 @@ def __getattr__(name):
 
             raise missing("mpi4py") from None
 
+    for variable in _OF_SINGLE_RANK:
+        if variable not in os.environ:  # which has what the process was started with
+            os.unsetenv(variable)
     globals()[name] = MPI
     return MPI
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from processes import TESTS
+from processes import TESTS, run
 
 from app.base import mpi
 
@@ -86,3 +86,16 @@ def test_to_import_the_library_changes_nothing_of_the_process(ignored):
     command = [sys.executable, "-c", STATE, ignored]
     done = subprocess.run(command, env=plain, cwd=TESTS.parent, capture_output=True, text=True)
     assert (done.returncode, done.stdout.split()) == (0, ["ob1"]), done.stderr
+
+
+START = """
+import subprocess, sys
+from app.base.mpi import MPI
+program = "from mpi4py import MPI; MPI.COMM_WORLD.rank or print(MPI.COMM_WORLD.size)"
+subprocess.run(["mpiexec", "-n", "2", sys.executable, "-c", program])
+"""
+
+
+def test_a_notebook_can_start_ranks_by_mpiexec():
+    """A single rank leaves no variables of Open MPI to the programs that it starts."""
+    assert run("-c", START).stdout.split() == ["2"]
