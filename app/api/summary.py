@@ -88,7 +88,7 @@ def _describe_contact(facts, grid):
     whole = "those where contact is possible" if cells and round(cells / fraction) < grid.n else "all"
     text += f": {format_count(cells, 'cell')}, {100 * fraction:.4g}% of {whole}"
     if facts.get("contact_patches", 0) > 1:
-        text += f", in {facts['contact_patches']} patches, the largest {facts['largest_patch']:.6g} mm2"
+        text += f", in {facts['contact_patches']} spots, the largest {facts['largest_patch']:.6g} mm2"
     if "persson_fraction" in facts:
         persson, bgt = facts["persson_fraction"], facts["bush_gibson_thomas_fraction"]
         light = f", Bush, Gibson and Thomas {100 * bgt:.4g}%" if bgt == bgt else ""

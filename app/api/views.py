@@ -72,7 +72,7 @@ def plot_surface(surface, axes=None):
     """
     if axes is not None:
         heights.draw_heights(axes, surface)
-        return axes.figure, axes
+        return pictures.Drawing(axes.figure, axes)
     return pictures.show(lambda: heights.surface_figure(surface), "surface")
 
 
@@ -125,11 +125,16 @@ def _rows_table(columns):
     return tabulate(rows, [*shown], tablefmt="html", disable_numparse=True, stralign="right")
 
 
+def _four_digits(values):
+    """Format numbers with four digits, or more if they are large."""
+    return [f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}" for value in values]
+
+
 def _format_columns(columns, names):
     """Return columns as texts of four digits, by label with unit."""
     units = {name: unit_of(name) for name in names}
     labels = {name: label_of(name) + (f" [{unit}]" if unit != "1" else "") for name, unit in units.items()}
-    return {labels[name]: [f"{value:.4g}" for value in columns[name]] for name in names}
+    return {labels[name]: _four_digits(columns[name]) for name in names}
 
 
 def solution_html(solution):
@@ -167,7 +172,7 @@ def refinement_html(refined):
     solution = refined.solution
     columns = {name: [row[name] for row in refined.rows] for name in refined.rows[0]}
     names = "load", "approach", "max_pressure", "contact_area"
-    table = {"cells": [f"{nx} x {ny}" for nx, ny in zip(columns["nx"], columns["ny"], strict=True)]}
+    table = {"cells": [f"{nx}\u00a0x\u00a0{ny}" for nx, ny in zip(columns["nx"], columns["ny"], strict=True)]}
     table |= _format_columns(columns, names)
     largest = [max(row[f"{name}_error"] for name in names) for row in refined.rows]
     table["largest error"] = [f"{100 * error:.2g}%" for error in largest]
@@ -182,7 +187,8 @@ def refinement_html(refined):
 def surface_html(surface):
     """Return HTML with numbers of a measured surface and its picture."""
     ny, nx = surface.shape
-    rows = [("file", surface.file), ("points", f"{nx} x {ny}"), ("level", surface.level)]
+    rows = [("file", surface.file)] if surface.file != "(array)" else []
+    rows += [("points", f"{nx} x {ny}"), ("level", surface.level)]
     if surface.spacing:
         rows.append(("cell", format_lengths(*surface.spacing, digits=4)))
         rows.append(("rms slope", f"{surface.rms_slope():.3g}"))
@@ -197,14 +203,13 @@ def surface_html(surface):
 
 def patches_html(patches):
     """Return HTML with a table of contact spots and their map."""
-    columns = {"patch": [*range(1, len(patches.cells) + 1)], "cells": patches.cells}
+    columns = {"spot": [*range(1, len(patches.cells) + 1)], "cells": patches.cells}
     names = "area", "load", "max_pressure", "centre_x", "centre_y"
     units = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}
     columns |= {
-        f"{name.replace('_', ' ')} [{units[name]}]": [f"{value:.4g}" for value in getattr(patches, name)]
-        for name in names
+        f"{name.replace('_', ' ')} [{units[name]}]": _four_digits(getattr(patches, name)) for name in names
     }
     whole = patches.grid is not None and patches.labels.shape == patches.grid.shape
     figure = pictures.spots_figure(patches) if whole else None
     count = len(patches.cells)
-    return _as_html(f"{count} patch{'es'[: 2 * (count != 1)]} of contact", _rows_table(columns), figure)
+    return _as_html(f"{count} contact spot{'s'[: count != 1]}", _rows_table(columns), figure)

@@ -40,7 +40,7 @@ QUANTITIES = {
         "1", "Persson's theory", "contact fraction at this mean pressure, E* and rms slope"
     ),
     "bush_gibson_thomas_fraction": Quantity("1", "Bush, Gibson and Thomas's", "the same for light loads"),
-    "contact_patches": Quantity("1", "patches", "parts of the contact that hang together by faces of cells"),
+    "contact_patches": Quantity("1", "contact spots", "sets of contact cells connected by edges"),
     "largest_patch": Quantity("mm2", "largest patch"),
     "stiffness": Quantity("N/mm", "stiffness", "dF/dδ, change of the load with the approach", "dF/dδ"),
     "stiffness_by_differences": Quantity("N/mm", "stiffness by differences"),

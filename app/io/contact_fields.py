@@ -83,9 +83,7 @@ class Patches(NamedTuple):
         count = len(self.cells)
         more = f"... {count - _MAX_SHOWN} more\n" if count > _MAX_SHOWN else ""
         table = tabulate(rows, headers="keys", floatfmt=".4g") + "\n" if rows else ""
-        return (
-            f"{count} patch{'es'[: 2 * (count != 1)]} of contact; mm2, N, N/mm2, mm\n{table}{more}".rstrip()
-        )
+        return f"{count} contact spot{'s'[: count != 1]}; mm2, N, N/mm2, mm\n{table}{more}".rstrip()
 
     def _repr_html_(self):
         return views.load().patches_html(self)

@@ -71,7 +71,7 @@ def _draw_density(axes, values, label, unit):
 def _draw_patches(axes, patches):
     """Draw how many contact spots have at least a given area."""
     unit = choose_length_unit(np.sqrt(patches.max(initial=0.0)))
-    axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
+    axes.set(xlabel=f"area A of a contact spot  [{unit.name}²]", ylabel="spots of at least A")
     sizes, counts = np.unique(patches, return_counts=True)
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)

@@ -57,6 +57,7 @@ def make_title(result, path=False):
         load = f"{len(steps)} {what} from {format_load(min(steps))} to {format_load(max(steps))} {unit}"
     measured = [values[name] for name in ("surface_file", "surface_file2") if values.get(name)]
     surfaces = " and ".join(Path(str(file).partition(":/")[0]).name for file in measured)
+    surfaces = surfaces.replace("(array)", "an array of heights")
     if problem == "rough":
         surfaces = f" {surfaces}".rstrip()
     else:

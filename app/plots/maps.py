@@ -159,7 +159,7 @@ class Canvas:
         possible = int(np.count_nonzero(~np.isnan(result.undeformed_distance)))
         text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"
         used = palette[: max(len(cells), 1)]
-        text += f", {len(cells)} patches in {len(used)} colours" if len(cells) > 1 else ""
+        text += f", {len(cells)} spots in {len(used)} colours" if len(cells) > 1 else ""
         entries = {text: tuple(Patch(color=colour) for colour in used)}
         if np.count_nonzero(result.contact == 1) < possible:
             entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")

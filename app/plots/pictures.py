@@ -4,6 +4,7 @@ import math
 import sys
 from functools import partial
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,16 @@ from app.plots import curves, figures, load_curves
 from app.plots.maps import Canvas
 from app.plots.style import interactive, new_figure, with_style
 from app.reference.hertz import EllipticHertz
+
+
+class Drawing(NamedTuple):
+    """Figure and axes of a picture; `axes` is a list if there are several."""
+
+    figure: object
+    axes: object
+
+    def _ipython_display_(self):
+        """Show nothing in addition to the figure, which a notebook shows itself."""
 
 
 def analytic_reference(result):
@@ -105,8 +116,7 @@ def plot(result, name="summary", axes=None):
 
     Returns
     -------
-    figure, axes
-        For a picture of several panels the second is a list.
+    Drawing
     """
     allowed = [*PANELS] if axes is not None else dict.fromkeys((*PICTURES, *PANELS))
     if name not in allowed:
@@ -115,7 +125,7 @@ def plot(result, name="summary", axes=None):
     reference = analytic_reference(result)
     if axes is not None:
         PANELS[name](axes, result, reference)
-        return axes.figure, axes
+        return Drawing(axes.figure, axes)
     draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
     return show(partial(draw, result, reference), name)
 
@@ -151,7 +161,7 @@ def _prepare_notebook():
 
 
 def show(draw, name):
-    """Draw a figure for a notebook by ``draw()``; return figure and axes.
+    """Draw a figure for a notebook by ``draw()``; return a `Drawing`.
 
     `name` is needed for the message if there is nothing to draw.
     """
@@ -163,4 +173,4 @@ def show(draw, name):
     with_style(figure.draw_without_rendering)()  # ticks are made in this style
     panels = {axes.get_subplotspec(): axes for axes in reversed(figure.axes)}
     panels = list(reversed(panels.values()))
-    return figure, panels[0] if len(panels) == 1 else panels
+    return Drawing(figure, panels[0] if len(panels) == 1 else panels)

@@ -112,7 +112,7 @@ def test_tables_for_notebooks_have_units_and_one_picture(hertz_results, surface)
 
 
 def test_patches_and_refinements_print_as_tables(hertz_results):
-    assert str(hertz_results["patches"]).startswith("1 patch of contact; mm2, N, N/mm2, mm\n  cells ")
+    assert str(hertz_results["patches"]).startswith("1 contact spot; mm2, N, N/mm2, mm\n  cells ")
     lines = str(refine(hertz(16), until=0.2, load=1000)).splitlines()
     assert lines[0].startswith("Refinement, reached")
     assert {"nx", "load", "max_pressure"} <= set(lines[1].split())

@@ -90,8 +90,8 @@ def test_contact_legend_explains_colours_and_white(result):
     contact = np.zeros_like(result.contact)
     contact[::8, ::8] = 1
     for pattern, colours, text in (
-        (contact, 10, "192 patches in 10 colours"),
-        (contact * (np.arange(contact.size) < 20).reshape(contact.shape), 3, "3 patches in 3 colours"),
+        (contact, 10, "192 spots in 10 colours"),
+        (contact * (np.arange(contact.size) < 20).reshape(contact.shape), 3, "3 spots in 3 colours"),
         (result.contact, 1, "cells"),
     ):
         axes = figures.contact_figure(replace(result, contact=pattern)).axes[0]
