@@ -24,6 +24,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
     },
     "Guide": {
         "python": None,
+        "jupyter": None,
         "commands": None,
         "command-line": None,
         "surfaces": "Surfaces and materials",
@@ -89,7 +90,7 @@ class Sources:
         def changed(link):
             text, name, anchor = link.groups()
             path = (folder / name).resolve()
-            if ":" in name or not path.is_file() or path.suffix in (".md", ".csv", ".png"):
+            if ":" in name or not path.is_file() or path.suffix in (".md", ".csv", ".png", ".ipynb"):
                 return link[0]
             self.names.add(path.relative_to(ROOT))
             line = f"#line-{anchor[1:]}" if anchor else ""
