@@ -7,22 +7,23 @@ from numpy.polynomial import chebyshev
 
 
 def chebyshev_nodes(count):
-    """Return the `count` nodes in [0, 1] that `fit_even_chebyshev` needs."""
+    """Return the `count` points in [0, 1] at which `fit_even_chebyshev` samples."""
     return np.cos(np.pi * (np.arange(count) + 0.5) / (2 * count))
 
 
 def even_chebyshev(t, count):
-    """Return values of the first even Chebyshev polynomials at t.
+    """Return the first `count` even Chebyshev polynomials at points t.
 
-    The shape is (*t.shape, count).
+    These are T_0, T_2, T_4, ...; the shape is (*t.shape, count).
     """
     return chebyshev.chebvander(2 * np.square(t) - 1, count - 1)  # T_2k(t) = T_k(2 t^2 - 1)
 
 
 def fit_even_chebyshev(values):
-    """Return even Chebyshev coefficients of a function of two variables.
+    """Return the coefficients of a function f(s, t) in even Chebyshev polynomials.
 
-    `values` are those of the function at all pairs of `chebyshev_nodes` of the two axes.
+    ``values[i, k]`` is f at node i of s and node k of t, both from `chebyshev_nodes`. The coefficient [m, n] belongs to
+    T_2m(s) T_2n(t).
     """
     first, second = (
         even_chebyshev(chebyshev_nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
@@ -32,9 +33,9 @@ def fit_even_chebyshev(values):
 
 
 def lagrange_weights(at, places):
-    """Return the weights that interpolate values at `places` to points `at`.
+    """Return Lagrange's weights, which interpolate from `places` to points `at`.
 
-    They are Lagrange's, shape (len(at), len(places)).
+    Both are arrays of coordinates. The shape is (len(at), len(places)): a row has the weights of one point.
     """
     weights = []
     for k, place in enumerate(places):
@@ -45,11 +46,11 @@ def lagrange_weights(at, places):
 
 @lru_cache(maxsize=64)
 def chebyshev_steps(steps, low, high):
-    """Return step lengths of Chebyshev's iteration, a read-only array.
+    """Return the step lengths of Chebyshev's iteration, a read-only array.
 
-    The steps are the reciprocals of Chebyshev's roots for a matrix with eigenvalues from `low` to `high`. Leja's order
-    of the roots keeps intermediate results small: the next root has the largest product of distances from the roots
-    before. The first step is the shortest.
+    The `steps` step lengths are the reciprocals of the roots of a Chebyshev polynomial on the interval from `low` to
+    `high`, which contains the eigenvalues of the matrix. The order of the roots keeps intermediate results small
+    (Leja): the next root has the largest product of distances from the roots before it. The first step is the shortest.
     """
     roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
     order, half = [], (high - low) / 2 or 1.0

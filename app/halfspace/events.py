@@ -1,4 +1,4 @@
-"""Placeholders of -log_view events, for modules that work without PETSc.
+"""Placeholders of PETSc's -log_view events, for modules that work without PETSc.
 
 `app.halfspace.operator` replaces them by events of PETSc.
 """

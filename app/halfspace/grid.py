@@ -3,13 +3,15 @@
 A grid has ``nx * ny`` equal rectangular cells, numbered row by row (x fastest). A field is an array of shape
 ``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
 
-Coarsening joins 2 x 2 cells (paper, Sec. 4.2). A direction of at most `coarsest` cells is not coarsened. A direction
-with an odd number of cells gets one more coarse cell, half of which is outside the patch; its missing children are
-inadmissible cells. The result is the same as with a padded patch, but the padding is not stored.
+Coarsening joins 2 x 2 cells (paper, Sec. 4.2). A direction of at most `coarsest` cells is not coarsened. If a direction
+has an odd number of cells, half of the last coarse cell is outside the patch. The fine cells that this coarse cell
+lacks are treated as inadmissible (contact is impossible there). The result is the same as with a padded patch, but the
+padding is not stored.
 
-A periodic patch has no outside. In a direction with an odd number of cells, its coarse cells are a little shorter than
-two fine cells. Children and parents are numbered as on a free patch, and the last coarse cell has one child. The coarse
-grid begins half a fine cell later, so that each coarse cell is within half a fine cell of the middle of its children.
+A periodic patch has no outside. If a direction has an odd number of cells, coarse cells are a little shorter than two
+fine cells. Coarse cell k has the fine cells 2 k and 2 k + 1 as children, also on periodic patches; the last coarse cell
+has one child. The coarse grid begins half a fine cell later, so that the centre of each coarse cell is at most half a
+fine cell from the middle of its children.
 """
 
 from dataclasses import dataclass, replace
@@ -26,10 +28,10 @@ SYMBOLS = ("spectral", "love")  # names of the influence matrices of a periodic 
 
 
 def validate_symbol(periodic):
-    """Return the name of a periodic symbol, "" for free patches.
+    """Return the name of a periodic patch's symbol, otherwise "".
 
     The symbol gives the eigenvalues of the influence matrix. `periodic` is one of `SYMBOLS`, or True for the first of
-    them; False and "" mean a free patch. Raises InputError for anything else.
+    them; False and "" mean a patch that is not periodic. Raises InputError for anything else.
     """
     name = SYMBOLS[0] if periodic is True else periodic or ""
     if name and name not in SYMBOLS:
@@ -127,7 +129,7 @@ class Grid:
         return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
 
     def refine(self):
-        """Return the grid with half the cell sizes."""
+        """Return the grid with cells of half the size."""
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
     def coarsening(self, coarsest=4):
@@ -138,7 +140,10 @@ class Grid:
         return tuple(2 if n > coarsest else 1 for n in self.shape)
 
     def coarsen(self, coarsest=4):
-        """Return the next coarser grid, or None if neither direction is coarsened."""
+        """Return the next coarser grid.
+
+        Directions of at most `coarsest` cells are not coarsened. Return None if neither direction is coarsened.
+        """
         if self.coarsening(coarsest) == (1, 1):
             return None
 
@@ -153,9 +158,9 @@ class Grid:
         return replace(self, nx=nx, ny=ny, dx=dx, dy=dy, x0=x0, y0=y0)
 
     def places_in(self, coarse):
-        """Return the positions of the cell centres in a coarser grid.
+        """Return the positions of this grid's cell centres in a coarser grid.
 
-        They are two pairs ``(a, b)``, the first for y and the second for x: the centre of cell j is ``a j + b`` coarse
+        They are two pairs (a, b), the first for y and the second for x. The centre of cell j is ``a j + b`` coarse
         cells from the first coarse centre.
         """
         in_y = (self.dy / coarse.dy, (self.y0 - coarse.y0 + (self.dy - coarse.dy) / 2) / coarse.dy)
@@ -164,10 +169,10 @@ class Grid:
 
 
 def plan_grids(grid, coarsest=4, target_only=False):
-    """Return the grids of a hierarchy, the target `grid` first.
+    """Return the list of grids of a hierarchy, the target `grid` first.
 
-    Directions of at most `coarsest` cells are not coarsened, except to get a second grid. With `target_only` there are
-    no coarser grids.
+    Directions of at most `coarsest` cells are not coarsened. If no direction is longer, there is still one coarser
+    grid. With `target_only` there are no coarser grids.
     """
     grids = [grid]
     most = 1 if target_only else grid.n  # grids
@@ -191,6 +196,9 @@ def _cells(nx, ny):
 
 
 def row_blocks(rows, columns, cells=1 << 16):
-    """Divide the rows of an array into slices of about `cells` cells."""
+    """Divide the rows of an array into blocks of about `cells` cells.
+
+    Return a slice of rows for each block.
+    """
     step = max(1, cells // max(columns, 1))
     return (slice(start, min(start + step, rows)) for start in range(0, rows, step))

@@ -1,15 +1,15 @@
 """Influence of the periodic images of a patch, interpolated from few nodes.
 
 A product by FFT in a periodic box slightly larger than the patch also contains the influence of the patch's images. Let
-K be the influence coefficients of a cell, and G those of the cell and all its images in the box, less their mean. The
+K be the influence coefficients of a cell, and G those of the cell and all its images in the box, minus their mean. The
 matrix of the free patch is ``A = G + S``, where S is minus the influence of the images. The product with G is an FFT on
 the box, with a third of the points of a zero-padded FFT. The images are at some distance, so S is a smooth function of
 the offset between two cells: ``S = P S' P^T``. P^T collects pressures at nodes many cells apart, S' is S between nodes,
 and P interpolates displacements from the nodes.
 
-F, the influence of all images without the cell itself, less the mean, is a lattice sum (Ewald). It is computed at few
-points and interpolated by polynomials. Then ``G = K + F``. At offsets up to half the box ``S = -F``. At larger offsets
-``S = K - G``, where G is periodic.
+Let F be the influence of all images without the cell itself, minus the mean, so ``G = K + F``. F is a lattice sum
+(Ewald), computed at few points and interpolated by polynomials. At offsets up to half the box ``S = -F``. At larger
+offsets ``S = K - G``, where G is periodic.
 """
 
 from functools import lru_cache
@@ -48,22 +48,24 @@ class Box:
     def kernel(self, rows, columns):
         """Return G, the influence of a cell and its images.
 
-        It is for unit compliance, at offsets up to half a period.
+        `rows` and `columns` are arrays of offsets in y and x, up to half a period. G is for unit compliance; its shape
+        is (rows, columns).
         """
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
         """Return F, the influence of the images of a cell.
 
-        It is for unit compliance, at offsets up to half a period.
+        F does not include the cell itself. `rows` and `columns` are arrays of offsets in y and x, up to half a period.
+        F is for unit compliance; its shape is (rows, columns).
         """
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
-        """Return S' of the module docstring: S between nodes.
+        """Return S' of the module docstring, the matrix between nodes.
 
-        S is minus the influence of the images, here for unit compliance. Nodes are `steps` cells apart in y and x. The
-        offsets are 0 to ``counts - 1`` nodes.
+        It is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are 0 to ``counts
+        - 1`` nodes. S' is for unit compliance.
         """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]
@@ -74,8 +76,9 @@ class Box:
 def _lattice_sum(aspect):
     """Return Chebyshev coefficients [y, x] of a lattice sum.
 
-    It is a function of the position: the sum of 1/rho over all lattice points except the origin, less its mean. Here
-    rho is the distance of the position from the lattice point. The lattice has the steps 1 in x and `aspect` in y.
+    The sum is a function of the position: 1/rho summed over all lattice points except the origin, minus the mean of
+    this sum. Here rho is the distance of the position from the lattice point. The lattice has the steps 1 in x and
+    `aspect` in y.
     """
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
     in_y, in_x = map(chebyshev_nodes, counts)
@@ -100,9 +103,10 @@ def _lattice_sum(aspect):
 
 
 def _within(radius, step_y, step_x, reach=0.0):
-    """Yield the lattice points (j, i) near the origin.
+    """Yield the indices (j, i) of the lattice points near the origin.
 
-    Both indices are 0 or more. The points are at most `radius` away from a point within `reach` steps of the origin.
+    Both indices are 0 or more. The lattice has the steps `step_y` and `step_x`. The points are at most `radius` away
+    from some point that is within `reach` steps of the origin.
     """
     for j in range(int(radius / step_y + reach) + 1):
         for i in range(int(radius / step_x + reach) + 1):
@@ -111,9 +115,9 @@ def _within(radius, step_y, step_x, reach=0.0):
 
 
 def _cell_means(period, count):
-    """Return cell means of the even Chebyshev polynomials.
+    """Return the mean of each even Chebyshev polynomial over each cell.
 
-    The cells are those up to half a period from the origin; shape (cells, count).
+    The cells are those up to half a period from the origin. There are `count` polynomials; the shape is (cells, count).
     """
     at = (np.arange(period // 2 + 1)[:, None] + _GAUSS[0] / 2) / (_HALF_WIDTH * period)
     return np.einsum("jgt,g->jt", even_chebyshev(at, count), _GAUSS[1] / 2)
@@ -169,6 +173,7 @@ class ImageCorrection:
     """Product with S, minus the influence of the images. Collective over `comm`.
 
     Nodes are `steps` cells apart in y and x. The value of a cell is interpolated from `width` nodes in each direction.
+    A product is computed in two steps: `multiply` computes it at the nodes, and `add` interpolates it to the cells.
     """
 
     def __init__(self, box, compliance, steps, width, slabs, comm, dtype):
@@ -193,7 +198,7 @@ class ImageCorrection:
         self._row = np.empty(nx, dtype)
 
     def multiply(self, p, mask):
-        """Compute S p at the nodes; `add` interpolates it. Collective.
+        """Compute S p at the nodes. Collective.
 
         With a mask, p counts as zero outside of it. A mask of size 0 means no mask.
         """
@@ -214,8 +219,8 @@ class ImageCorrection:
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_node)
 
     def add(self, out, mask):
-        """Add the last S p to a field, only inside the mask.
+        """Add the last S p, interpolated from the nodes, to `out`.
 
-        A mask of size 0 means no mask.
+        With a mask, only cells inside the mask are changed. A mask of size 0 means no mask.
         """
         _interpolate(self._nodes, self._offset, self._in_y, mask, out, self._row)

@@ -1,8 +1,8 @@
 """Influence coefficients of an elastic half-space (paper, eqs. (2.4)-(2.6)).
 
-``A_IJ = (1 - nu) / (pi G) * integral over cell J of 1/rho``, rho the distance from the centre of cell I. On equal cells
-it depends only on the offsets between the two cells in x and y. The *quadrant* ``K[j, i]`` contains all values: the
-displacement i cells to the right of and j cells above a cell under unit pressure.
+``A_IJ = (1 - nu) / (pi G) * integral over cell J of 1/rho``, rho the distance from the centre of cell I. All cells are
+equal, so A_IJ depends only on the offsets between the two cells in x and y. The *quadrant* K contains all values:
+``K[j, i]`` is the displacement at an offset of i cells in x and j cells in y from a cell under unit pressure.
 
 ========================  ===========================  ==============
 paper                     here                         unit
@@ -20,10 +20,9 @@ from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
 
 def quadrant_rows(grid, compliance):
-    """Return a function that returns rows of `influence_quadrant`.
+    """Return a function ``rows(slice, columns=None)``, which returns rows of `influence_quadrant`.
 
-    It is called as ``rows(slice, columns=None)``. The quadrant of a periodic grid is computed once and stored; it takes
-    a quarter of the memory of a field.
+    The quadrant of a periodic grid is computed once and stored; it takes a quarter of the memory of a field.
     """
     quadrant = periodic_quadrant(grid, compliance) if grid.periodic else None
 
@@ -46,24 +45,24 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
 
 
 def influence_at(grid, rows, columns):
-    """Return influence coefficients on a free patch for unit compliance [mm].
+    """Return influence coefficients of a free patch for unit compliance [mm].
 
-    `rows` and `columns` are arrays of offsets in y and x, from 0 on.
+    `rows` and `columns` are arrays of offsets in y and x, from 0 on. The shape is (rows, columns).
     """
     return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
 
 def middle_displacement(compliance, lengths):
-    """Return the displacement in the middle of a loaded rectangle, (2.4).
+    """Return the displacement in the middle of a loaded rectangle, (2.4) [mm].
 
-    The pressure is 1; `lengths` are the sides of the rectangle in y and x [mm].
+    The pressure is 1 N/mm2; `lengths` are the sides of the rectangle in y and x [mm].
     """
     b, a = (length / 2 for length in lengths)
     return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
 
 
 def dense_matrix(grid, compliance):
-    """Return the influence matrix of all n cells, shape (n, n)."""
+    """Return A as an array of shape (n, n) for n cells."""
     quadrant = influence_quadrant(grid, compliance)
     j, i = np.arange(grid.ny), np.arange(grid.nx)
     dj, di = np.abs(j[:, None] - j), np.abs(i[:, None] - i)

@@ -22,9 +22,10 @@ _ORDER = 12
 def _taylor_series(dx, dy):
     """Return a cell's sides, and the series of its mean 1/rho.
 
-    rho is the distance of a point in the cell from the origin. Lengths are in units of the longer side. Return the
-    sides, their squares, correctly rounded, and the coefficients c. For a cell with its centre at (x, y), the mean is
-    ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``. Row n has the terms of order 2n.
+    rho is the distance of a point in the cell from the origin; (dx, dy) is the size of the cell. For a cell with its
+    centre at (x, y), the mean of 1/rho over the cell is ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``. Row
+    n of c has the terms of order 2n. Return the sides in units of the longer side, the squares of the sides, correctly
+    rounded, and the coefficients c.
     """
     sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]
     n, k = np.indices((_ORDER // 2 + 1,) * 2)
@@ -50,8 +51,8 @@ def _taylor_series(dx, dy):
 def _edge(distance, i, length):
     """Return the integral of 1/rho along an edge.
 
-    rho is the distance from the origin. The edge lies on a line at `distance` from the origin, from ``i - 1/2`` to
-    ``i + 1/2`` times its `length`.
+    rho is the distance from the origin. The edge has the given `length`. It lies on a line at `distance` from the
+    origin, from ``(i - 1/2) length`` to ``(i + 1/2) length``.
     """
     low, high = (i - 0.5) * length, (i + 0.5) * length
     if i == 0:
@@ -102,7 +103,7 @@ def _fill(quadrant, offsets, sides, squares, series, near, far):
 
 
 def love_coefficients(cell, compliance, rows, columns):
-    """Return influence coefficients of an elastic half-space.
+    """Return influence coefficients of an elastic half-space (not periodic).
 
     `cell` is the size (dx, dy) of a cell [mm], `compliance` is (1 - nu) / (pi G) [mm2/N]. `rows` is an array of offsets
     in y; the offsets in x are 0 to `columns` - 1. The shape is (rows, columns), the unit mm / (N/mm2).

@@ -1,7 +1,7 @@
-"""Methods of the influence matrix as a Mat, for programs of users.
+"""Methods of the influence matrix as a PETSc Mat, for users.
 
-Krylov methods do not need them. A Mat is ``a C A C + s I``, where C restricts fields to the contact set. Each Mat has
-its own numbers a and s. All Mats of an operator share its contact set.
+The solvers of this program do not need them. A Mat is ``a C A C + s I``, where C restricts fields to the contact set.
+Each Mat has its own numbers a and s. All Mats of an operator share its contact set.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def scale_and_shift(mat):
 def check_unscaled(mat, solver):
     """Raise InputError if a Mat was scaled or shifted.
 
-    `solver` is the name in the message of the solver that cannot use such a Mat.
+    `solver` is the name of the solver that cannot use such a Mat; the message contains it.
     """
     if scale_and_shift(mat) != (1.0, 0.0):
         raise InputError(f"{solver}: needs a Mat that is neither scaled nor shifted")
@@ -40,7 +40,10 @@ class MatMethods:
     """Mat methods for assembly, copies, scales, shifts and norms. Collective."""
 
     def assemblyEnd(self, mat, kind):
-        """Use the current contact set; PETSc sets up preconditioners again."""
+        """Take over the current contact set.
+
+        PETSc calls this function when a Mat is assembled, and sets up preconditioners again in the next solve.
+        """
         self.mask_changed()
 
     def duplicate(self, mat, _=None):
@@ -62,7 +65,7 @@ class MatMethods:
     def norm(self, mat, kind):
         """Return a norm of the Mat: 1, infinity or Frobenius.
 
-        The first two are equal, because the Mat is symmetric.
+        The norms 1 and infinity are equal, because the Mat is symmetric.
         """
         squared = kind == PETSc.NormType.FROBENIUS
         if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
@@ -78,7 +81,10 @@ class MatMethods:
         return float(-minimum_over(self.comm, [-sums.max(initial=0.0)])[0])
 
     def _row_sums(self, power):
-        """Return each row's sum of ``|A_IJ|^power`` over columns J in contact."""
+        """Return, for each row I, the sum of ``|A_IJ|^power``.
+
+        The sum is over the columns J in contact.
+        """
         if not self.active:
             return np.zeros(self.local_shape)
         rows, sums = quadrant_rows(self.grid, self.compliance), np.empty(self.local_shape)

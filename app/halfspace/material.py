@@ -61,13 +61,16 @@ class Material:
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
-        """Make the material from the pair's shear modulus and Poisson's ratio."""
+        """Make the material from G and nu, combined from both bodies.
+
+        See the parameters of `Material` for the combination.
+        """
         return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
 
     @classmethod
     @usage("Material.isotropic(E, nu), of two materials Material.pair((E1, E2), (nu1, nu2))")
     def isotropic(cls, young, poisson):
-        """Make the pair of two bodies of the same material.
+        """Make the material of two bodies that consist of the same material.
 
         `young`: E of each body [N/mm2]; `poisson`: nu of each body, from 0 to 0.5.
 
@@ -83,7 +86,7 @@ class Material:
     @classmethod
     @usage("Material.pair((E1, E2), (nu1, nu2)), of equal bodies Material.isotropic(E, nu)")
     def pair(cls, young, poisson):
-        """Make the pair from Young's moduli and Poisson's ratios.
+        """Make the material from Young's moduli and Poisson's ratios of both bodies.
 
         `young`: E1, E2 [N/mm2], inf for a rigid body; `poisson`: nu1, nu2, each from 0 to 0.5, ignored for a rigid
         body. Raises InputError if a number is out of range, or both bodies are rigid.
@@ -141,7 +144,7 @@ class Material:
     def compliance(self):
         """Compliance (1 - nu) / (pi G) [mm2/N].
 
-        A point force displaces the surface by compliance times force over distance.
+        A point force displaces the surface at a distance by compliance times force divided by distance.
         """
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
 

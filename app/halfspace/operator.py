@@ -1,8 +1,8 @@
 """Influence matrix of a grid as context of a PETSc Mat.
 
-The Mat is the *masked* operator ``C A C``: rows and columns of A outside the contact set C are zero. The set is in
-`InfluenceOperator.mask`, which is changed in place, so nothing is reallocated. A Krylov method that starts with a zero
-vector only makes vectors that are zero outside C, so it solves the contact set's system (2.11).
+The Mat is the *masked* operator ``C A C``: rows and columns of A outside the contact set C are zero. The array
+`InfluenceOperator.mask` has the set C; it is changed in place, so nothing is reallocated. All vectors of a Krylov
+method that starts from zero are zero outside C, so the method solves the system (2.11) of the contact set.
 """
 
 import weakref
@@ -53,7 +53,7 @@ class InfluenceOperator(MatMethods):
         Precision of the products. PETSc's vectors are always float64. A small grid has a stored matrix, always in
         double precision.
     exact_product : optional
-        Object whose ``apply(p, u)`` verifies solutions, instead of a double precision product on this grid.
+        Object whose ``apply(p, u)`` is used to verify solutions; by default a double precision product on this grid.
     target : InfluenceOperator, optional
         Operator of the target grid, if this is a coarser grid or a window. It lends its working storage, so its
         products must not be used while this operator works.
@@ -69,7 +69,7 @@ class InfluenceOperator(MatMethods):
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C, initially all cells. Change the mask in place and then call `mask_changed`.
     contact_version : int
-        Number of calls of `mask_changed`. While cells leave and enter C the mask is ahead of it.
+        Number of calls of `mask_changed`.
     products, sweeps : int
         Numbers of products that PETSc requested, and of Gauss-Seidel sweeps: the paper's work units. `product.count` is
         the number of all products, also of those in sweeps and in `displacement`.
@@ -77,10 +77,10 @@ class InfluenceOperator(MatMethods):
     Notes
     -----
     A product by FFT needs a work array, whose contents do not matter between products. The largest work array is that
-    of the double precision product on the target grid, and is lent to all other products (`storage`). Products and
-    preconditioners use its beginning, one at a time. The products of the iteration (in single precision, or with fewer
-    cells) leave the rest unused. The rest has vectors of the Krylov method (`spare_fields`), because the iteration does
-    not use the double precision product.
+    of the double precision product on the target grid. All other products and preconditioners use the beginning of this
+    work array, one at a time (`storage`). The products of the iteration are in single precision or have fewer cells, so
+    they leave the end of the array unused. The end holds vectors of the Krylov method (`spare_fields`), because the
+    iteration does not use the double precision product.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class InfluenceOperator(MatMethods):
         return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
-        """Make products, given by the names of attributes. Collective."""
+        """Make `products`, names of attributes, in advance. Collective."""
         for name in products:
             getattr(self, name)
 
@@ -148,7 +148,7 @@ class InfluenceOperator(MatMethods):
 
     @property
     def storage(self):
-        """Product whose working storage other products may use, or None."""
+        """Product whose work array other products may use, or None."""
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
@@ -156,8 +156,8 @@ class InfluenceOperator(MatMethods):
         """Return work fields in the unused part of the `storage`.
 
         There is one field for each numpy type in `types`, of shape `local_shape` and not initialised. A field is None
-        if the storage is too small. The fields keep their values during the iteration: neither the product of this
-        operator nor the multipliers `others`, of other grids, overwrite them. Collective on first use.
+        if the storage is too small. The fields keep their values during the iteration: the product of this operator
+        does not overwrite them, and neither do the products `others` of other grids. Collective on first use.
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):
@@ -170,7 +170,7 @@ class InfluenceOperator(MatMethods):
         return fields
 
     def invalidate_exact_product(self):
-        """Invalidate the stored result of an `exact_product` of a larger grid."""
+        """Discard the stored result of an `exact_product` of a larger grid."""
         forget = getattr(vars(self).get("exact_product"), "forget", None)
         if forget is not None:
             forget()
@@ -191,7 +191,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def screened_product(self):
-        """Product of a periodic half-space on springs. Collective on first use."""
+        """`ScreenedProduct` (B + k)^-1 on this grid. Collective on first use."""
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
@@ -217,7 +217,7 @@ class InfluenceOperator(MatMethods):
         return kind(quadrant_rows(*matrix), self.grid.shape, layout)
 
     def layout(self, dtype=None):
-        """Return the layout of products and preconditioners, in the precision `dtype`."""
+        """Return the `Layout` of products with the precision `dtype`."""
         dtype = self.dtype if dtype is None else dtype
         return Layout(self.slabs, self.comm, dtype, self.storage, self.spectra)
 
@@ -244,7 +244,7 @@ class InfluenceOperator(MatMethods):
 
     @contextmanager
     def double_precision(self):
-        """Use double precision inside the block, also in preconditioners. Collective."""
+        """Use double precision in a ``with`` block, also in preconditioners. Collective."""
         if self.dtype == np.float64:
             yield
             return
@@ -267,7 +267,7 @@ class InfluenceOperator(MatMethods):
         self._free(*_PRODUCTS, "relaxation")
 
     def _free(self, *made, multipliers=True):
-        """Free attributes by their names, but keep the counts of work."""
+        """Free attributes, given by their names, but keep the counts of work."""
         before = self.equivalent_products
         for name in made:
             vars(self).pop(name, None)
@@ -286,9 +286,9 @@ class InfluenceOperator(MatMethods):
         apply_logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
-        """Return the energy p.Ap of unit pressure on C. Collective.
+        """Return p.Ap of unit pressure on the contact set. Collective.
 
-        Return also the number of cells of the contact set C.
+        Return also the number of cells of the contact set.
         """
         cells = sum_over(self.comm, [np.count_nonzero(self.mask)])[0]
         key = self.contact_version, cells  # Within a version, cells only leave C.
@@ -301,7 +301,7 @@ class InfluenceOperator(MatMethods):
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Multiply by the Mat: y = (a C A C + s I) x."""
+        """Compute y = (a C A C + s I) x."""
         self.products += 1
         a, s = scale_and_shift(mat)
         with y as out:
@@ -315,16 +315,16 @@ class InfluenceOperator(MatMethods):
     multTranspose = mult
 
     def getDiagonal(self, mat, diagonal):
-        """Return the Mat's diagonal; outside contact, arbitrary nonzero values."""
+        """Store a Mat's diagonal; outside contact, arbitrary nonzero numbers."""
         a, s = scale_and_shift(mat)
         with diagonal as values:
             values[...] = a * self.diagonal + s
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
-        """Sweep by damped lexicographic Gauss-Seidel on the contact set C.
+        """Make damped Gauss-Seidel sweeps on the contact set C.
 
-        The result is that of the sequential sweep, on any number of ranks. With sweeps that are local to each rank,
-        PETSc's default, the multigrid method would diverge. So requests for local sweeps are treated as global ones.
+        On any number of ranks the result is that of the sequential sweep. Sweeps local to each rank, PETSc's default,
+        would make the multigrid method diverge. So a global sweep is made even if a local one is requested.
         """
         a, s = scale_and_shift(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
@@ -370,7 +370,7 @@ class InfluenceOperator(MatMethods):
 
     @property
     def equivalent_products(self):
-        """All work on this grid so far, in products with A."""
+        """Work on this grid so far, in products with A."""
         cached = vars(self)
         products = {id(cached[name]): cached[name] for name in _PRODUCTS if name in cached}
         total = self._spent + sum([product.count for product in products.values()])
@@ -411,7 +411,7 @@ def petsc_comm(comm):
 def get_operator(mat, kind, solver):
     """Return the context of a Mat, which must be of class `kind`.
 
-    Otherwise raise InputError, in which `solver` is the name of the solver that needs such a Mat.
+    Otherwise raise InputError; its message contains `solver`, the name of the solver that needs such a Mat.
     """
     context = mat.getPythonContext() if mat.getType() == "python" else None
     if not isinstance(context, kind):
@@ -433,9 +433,9 @@ def wrap_vec(field, operator):
 
 
 def symmetric_mat(context, comm):
-    """Return a symmetric positive definite Mat of an operator. Collective.
+    """Return a symmetric positive definite Mat with a Python context. Collective.
 
-    `context` is the operator; `comm` has the ranks that own its rows.
+    `context` is the operator that the Mat calls; `comm` has the ranks that own its rows.
     """
     size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)

@@ -1,15 +1,16 @@
 """Influence matrix of a periodic patch, diagonal in Fourier space.
 
-A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The symbol, the eigenvalues
-lambda(q) of the matrix, depends on the meaning of a cell's value. ``Grid.periodic`` chooses one of two symbols:
+A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The *symbol* is the function
+lambda(q) that gives the eigenvalues of the matrix. It depends on what the value of a cell means. ``Grid.periodic``
+chooses one of two symbols:
 
 - ``spectral``: the pressure is a sum of waves, with the given values at the cell centres (collocation, as in tamaas,
   ASPHER and ContactMechanics). ``lambda(q) = 2 / (E* |q|)`` for all waves on the grid.
-- ``love``: the pressure is constant on each cell, as in (2.4), of the patch and all its images. If the images are far
-  away, the matrix is nearly that of the free patch.
+- ``love``: the pressure is constant on each cell of the patch and of its images, as in (2.4). If the patch is large
+  compared with the contact, the matrix acts nearly as that of a free patch.
 
-The two symbols differ by O(cell size). In both ``lambda(0) = 0``: displacements are relative to their mean, because a
-mean pressure would displace the half-space without bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
+The two symbols differ by O(cell size). Both have ``lambda(0) = 0``: displacements are relative to their mean, because a
+mean pressure would displace the half-space without bound. So the mean gap equals the mean undeformed distance exactly.
 """
 
 from functools import lru_cache
@@ -28,9 +29,9 @@ _POINTS = 12  # Quadrature points per panel; the error is below rounding.
 
 
 def wave_numbers(grid, columns, rows):
-    """Return the wave numbers of frequencies [1/mm], in x and in y.
+    """Return the wave numbers in x, and those in y [1/mm].
 
-    `columns` and `rows` are the frequencies in x and y: numbers of waves on the patch.
+    `columns` are frequencies in x, `rows` frequencies in y. A frequency is a number of waves on the patch.
     """
     return (2 * np.pi * np.asarray(index) / (n * d) for index, n, d in
             ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy)))  # fmt: skip
@@ -39,9 +40,9 @@ def wave_numbers(grid, columns, rows):
 def influence_symbol(grid, compliance, columns, rows):
     """Return eigenvalues of the periodic influence matrix.
 
-    `columns` are frequencies in x, from 0 to nx // 2, and `rows` frequencies in y, from 0 to ny // 2; for ``love`` also
-    floats. `compliance` is (1 - nu) / (pi G) [mm2/N]. The shape is (columns, rows), the unit mm / (N/mm2). The
-    eigenvalue at frequency (0, 0) is zero.
+    `columns` are frequencies in x, from 0 to nx // 2, and `rows` frequencies in y, from 0 to ny // 2. For ``love`` they
+    may also be fractions. `compliance` is (1 - nu) / (pi G) [mm2/N]. The shape is (columns, rows), the unit mm /
+    (N/mm2). The eigenvalue at frequency (0, 0) is zero.
     """
     symbol = {"spectral": _spectral, "love": _love}[grid.periodic]
     with events.coeffs:
@@ -60,8 +61,8 @@ def _love(grid, columns, rows):
     The symbol is the Fourier transform of the displacement (2.4) by a cell and all its images. For each frequency it is
     the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves q that have the same values at the cell centres
     (aliases). ``1 / |q|`` is written as an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum
-    is then a sum in x times a sum in y. If s is more than two cells, only the longest wave matters, and its integral is
-    known.
+    over aliases is a product of a sum in x and a sum in y. If s is more than two cells, only the longest wave matters,
+    and its integral is known in closed form.
     """
     lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
     x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))
@@ -83,11 +84,12 @@ def _love(grid, columns, rows):
 
 @lru_cache(maxsize=64)
 def _quadrature(short, long):
-    """Return nodes and weights of the integral over lengths s.
+    """Return nodes and weights of the integral over lengths s in `_love`.
 
-    The integral is from 0 to `_MAX_WIDTH` times the long side of a cell. The weights include the factor 2 / sqrt(pi).
-    Each panel of Gauss's quadrature is at most twice as long as the panel before. The first panel has one node, because
-    the integrand is 1 there, up to rounding.
+    `short` and `long` are the sides of a cell. The integral is from 0 to `_MAX_WIDTH` times the long side. The weights
+    include the factor 2 / sqrt(pi). The interval is divided into panels for Gauss's quadrature; a panel is at most
+    twice as long as the panel before it. The first panel has one node, because the integrand is 1 there, up to
+    rounding.
     """
     first, last = _MIN_WIDTH * short, _MAX_WIDTH * long
     panels = int(np.ceil(np.log2(last / first)))
@@ -101,9 +103,9 @@ def _quadrature(short, long):
 def _line_sums(phases, lengths):
     """Return sums of ``sinc(q / 2) exp(-s^2 q^2)`` over aliased waves q.
 
-    Aliased waves have equal values at the centres of cells of side 1. `phases` are their phases from cell to cell, from
-    0 to pi, and `lengths` the lengths s; the shape is (phases, lengths). For short lengths the sum is computed in x
-    instead, as a sum over neighbouring cells of a Gaussian integrated over the cell.
+    Aliased waves have equal values at the centres of cells of side 1. `phases` are their phase differences between
+    neighbouring cells, from 0 to pi, and `lengths` the lengths s. The shape is (phases, lengths). For short lengths the
+    same sum is computed in real space: it is a sum over neighbouring cells of a Gaussian integrated over the cell.
     """
     sums, short = np.zeros((phases.size, lengths.size)), lengths < 0.5
     long = ~short & (lengths * phases.min(initial=np.pi) < 6.5)  # For longer ones every term is 0.
@@ -119,7 +121,7 @@ def _line_sums(phases, lengths):
 def periodic_quadrant(grid, compliance):
     """Return periodic influence coefficients at offsets up to half a period.
 
-    They are the inverse transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
+    They are the inverse Fourier transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
     """
     symbol = influence_symbol(grid, compliance, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     in_y = transform_even(symbol, grid.ny)

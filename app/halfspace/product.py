@@ -1,11 +1,12 @@
-"""Product with the influence matrix (2.6), by FFT or stored matrix.
+"""Products u = A p with the influence matrix (2.6).
 
-Each class here computes u = A p in one way. Their base class, in `app.halfspace.fft.multiplier`, has the transforms.
+Each class of this module computes u = A p in another way. The base class `app.halfspace.fft.multiplier.EvenMultiplier`
+has the Fourier transforms.
 
 ``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution: p is padded by
-zeros to an ``Ny x Nx`` grid, ``N >= 2 n - 1``, and multiplied in Fourier space. On a periodic patch the grid itself
-suffices. On large grids a box suffices that is only a quarter larger than the patch. The images of the patch in this
-box have a smooth influence, which `app.halfspace.images` subtracts.
+zeros to an ``Ny x Nx`` grid, ``N >= 2 n - 1``, and multiplied in Fourier space. On a periodic patch no padding is
+needed. On large grids, padding by a quarter in each direction is enough: in this periodic box the images of the patch
+have a smooth influence, which `app.halfspace.images` subtracts.
 """
 
 from functools import partial
@@ -29,7 +30,7 @@ _NODES = {_SINGLE: (6, 10), _DOUBLE: (14, 32)}
 
 
 class Convolution(EvenMultiplier):
-    """Product with A by FFT on a grid of twice the size.
+    """Product with A by FFT, with zero padding to twice the size.
 
     Collective over the layout's ranks.
 
@@ -45,7 +46,7 @@ class Convolution(EvenMultiplier):
 
 
 class BoxProduct(EvenMultiplier):
-    """Product with A in a periodic box, less the images' influence.
+    """Product with A in a periodic box, minus the images' influence.
 
     Collective over the layout's ranks.
     """
@@ -59,7 +60,7 @@ class BoxProduct(EvenMultiplier):
 
     @staticmethod
     def periods_of(grid):
-        """Return the numbers of cells of the box in y and x."""
+        """Return the cells of a grid's box in y and x."""
         return tuple(fast_length(n + ceil(_BOX_MARGIN * n)) for n in grid.shape)
 
     @classmethod
@@ -106,7 +107,7 @@ class PeriodicProduct(EvenMultiplier):
     def inverse(self):
         """Return the product with B, which inverts A on zero-mean fields.
 
-        A constant field is mapped to zero. B shares the working storage of A.
+        B maps a constant field to zero. B shares the work array of A.
         """
         other = self.in_precision(self.dtype)
         scaled = self._spectrum * float(self.periods[0] * self.periods[1]) ** 2
@@ -114,7 +115,7 @@ class PeriodicProduct(EvenMultiplier):
         return other
 
     def screened(self):
-        """Return the `ScreenedProduct` of this A; it shares working storage."""
+        """Return the `ScreenedProduct` of this A; both share a work array."""
         other = EvenMultiplier.in_precision(self, self.dtype, ScreenedProduct)
         other.eigenvalues = self._spectrum.astype(float)
         return other
@@ -126,13 +127,14 @@ class PeriodicProduct(EvenMultiplier):
 
 
 class ScreenedProduct(EvenMultiplier):
-    """Product with (B + stiffness)^-1: a periodic half-space on springs.
+    """Product with (B + k)^-1, where k is the stiffness of springs.
 
-    B is the inverse of the influence matrix A on fields without mean, and zero on constants.
+    It describes a periodic half-space on springs. B is the inverse of the influence matrix A on fields without mean,
+    and zero on constants.
     """
 
     def screen(self, stiffness):
-        """Set the stiffness of the springs, above 0 [(N/mm2) / mm]."""
+        """Set the stiffness k of the springs, above 0 [(N/mm2) / mm]."""
         cells = float(self.periods[0] * self.periods[1])
         np.divide(self.eigenvalues, 1 + stiffness * cells * self.eigenvalues, out=self._spectrum)
         self._spectrum[self.eigenvalues == 0] = 1 / (stiffness * cells)  # constants
@@ -148,9 +150,9 @@ class DenseProduct:
         self.count = 0
 
     def apply(self, p, out, mask=None):
-        """Multiply by A, or with a mask by C A C.
+        """Compute A p, or with a mask C A C p.
 
-        C is the restriction to the mask.
+        C restricts a field to the mask. The product is stored in `out`.
         """
         self.count += 1
         if mask is None:
@@ -160,7 +162,7 @@ class DenseProduct:
 
 
 class NoRows:
-    """Products and preconditioners on a rank without rows, which do nothing."""
+    """Product or preconditioner on a rank without rows; it does nothing."""
 
     dtype, shape, periods = np.dtype(float), (0, 0), (0, 0)
     count = flops = 0

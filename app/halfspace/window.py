@@ -1,8 +1,8 @@
 """Windows of a grid, and the transfer of fields to windows.
 
-A window is a rectangle of cells, used as a grid. Pressure outside the contact area is zero, and the displacement there
-does not matter during the iteration. So the iteration can work on a window around the contact area. Only the final
-verification needs the cells outside the window.
+A window is a rectangle of cells of a grid, used as a grid of its own. Outside the contact area the pressure is zero,
+and the iteration does not need the displacement there. So the iteration can work on a window around the contact area.
+Only the final verification needs the cells outside the window.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Window:
         return Grid(self.x1 - self.x0, self.y1 - self.y0, whole.dx, whole.dy, x0, y0)
 
     def refine(self, factors, grid):
-        """Return the window of the children of these cells.
+        """Return the window of the fine cells of this window.
 
         `factors` are the coarsening factors (fy, fx), `grid` is the finer grid.
         """
@@ -46,7 +46,7 @@ class Window:
         return Window(self.y0 * fy, min(self.y1 * fy, grid.ny), self.x0 * fx, min(self.x1 * fx, grid.nx))
 
     def coarsen(self, factors):
-        """Return the window of the coarse cells with children in this window.
+        """Return the window of all coarse cells that this window touches.
 
         `factors` are the coarsening factors (fy, fx).
         """
@@ -60,7 +60,7 @@ class Window:
         )
 
     def relative_to(self, other):
-        """Return the same window, counted from the first cell of `other`."""
+        """Return this window, counted from the first cell of `other`."""
         return Window(self.y0 - other.y0, self.y1 - other.y0, self.x0 - other.x0, self.x1 - other.x0)
 
 
@@ -70,9 +70,10 @@ def whole_window(grid):
 
 
 def bounding_boxes(masks, slabs, comm):
-    """Return windows around the cells of each mask. Collective.
+    """Return, for each mask, the smallest window around its cells. Collective.
 
-    The window of a mask without cells is None. All masks take one reduction over `comm`, the ranks that share the rows.
+    A mask is an array of bool on the rows of this rank. The window of a mask without cells is None. All masks together
+    take one reduction over `comm`, the ranks that share the rows.
     """
     minima = minimum_over(comm, [local_bounds(mask, slabs) for mask in masks])
     return [window_from_bounds(bounds) for bounds in minima]
@@ -81,8 +82,8 @@ def bounding_boxes(masks, slabs, comm):
 def local_bounds(mask, slabs):
     """Return the bounds of a mask on this rank, for `window_from_bounds`.
 
-    They are the first row and column, then minus the last row and column, counted on the whole grid. All are infinite
-    if the mask has no cells on this rank.
+    They are four numbers: the first row and column, then minus the last row and column, counted on the whole grid. All
+    are infinite if the mask has no cells on this rank.
     """
     first = slabs.rows.start
     y0, y1, x0, x1 = _extent(mask)
@@ -90,9 +91,10 @@ def local_bounds(mask, slabs):
 
 
 def window_from_bounds(minima):
-    """Return the window from the minima of `local_bounds` over all ranks.
+    """Return the window around the cells of a mask.
 
-    It is None if the mask has no cells.
+    `minima` are the minima over all ranks of the four numbers of `local_bounds`. The window is None if the mask has no
+    cells.
     """
     y0, x0, y1, x1 = minima
     return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
@@ -113,7 +115,7 @@ def _extent(mask):
 class Scatter:
     """Transfer of fields between a grid and a window of it.
 
-    `outer` and `inner` are the slabs of the grid and of the window; `comm` has all ranks that own rows of either.
+    `outer` and `inner` are the `Slabs` of the grid and of the window; `comm` has all ranks that own rows of either.
     """
 
     def __init__(self, window, outer, inner, comm):
@@ -128,9 +130,9 @@ class Scatter:
         self._place = slice(first, first + self._reverse.rows), self._columns
 
     def forward(self, field, out=None):
-        """Copy a field to the window. Collective.
+        """Copy the part of a field inside the window. Collective.
 
-        Return the field on the window, which is `out` if this is given.
+        Return the field on the window; this is `out` if given.
         """
         part = self._forward(field[:, self._columns], out)
         if out is None:
@@ -140,9 +142,9 @@ class Scatter:
         return out
 
     def reverse(self, part, field, storage=None):
-        """Copy `part`, a field on the window, into a field. Collective.
+        """Copy `part`, a field on the window, into `field`. Collective.
 
-        `storage` is an array of bytes for the received rows, by default a new one.
+        `field` is a field of the grid. `storage` is an array of bytes for the received rows, by default a new one.
         """
         rows, columns = self._reverse.rows, part.shape[1]
         out = None if storage is None else storage[: rows * columns * part.itemsize].view(part.dtype)

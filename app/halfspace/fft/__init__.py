@@ -1,1 +1,1 @@
-"""Multiplication by even functions in Fourier space, distributed over ranks."""
+"""Convolutions with even kernels by FFT, distributed over ranks."""

@@ -26,8 +26,8 @@ _CACHE_LINE = 64  # bytes
 def execute(typing_context, function, plan):
     """Execute an FFTW plan in compiled code.
 
-    `function` is the address of FFTW's ``void execute(void *plan)``, `plan` that of the plan. After a change of this
-    function, clear numba's cache, because numba recompiles its callers only if their own files change.
+    `function` is the address of FFTW's ``void execute(void *plan)``, `plan` the address of the plan. If you change this
+    function, clear numba's cache, because numba recompiles callers only if their own files change.
     """
 
     def generate(context, builder, signature, arguments):
@@ -42,7 +42,10 @@ def execute(typing_context, function, plan):
 
 @cache
 def _load_library(dtype):
-    """Return FFTW's library for a precision, and its functions' prefix."""
+    """Return FFTW's library for a precision, and its functions' prefix.
+
+    The prefix is ``fftw`` or ``fftwf``.
+    """
     if dtype not in _PREFIXES:
         raise ValueError(f"dtype {dtype}: must be one of {', '.join(_PREFIXES)}")
     library, prefix = ctypes.CDLL(_FILE), _PREFIXES[dtype]
@@ -51,7 +54,7 @@ def _load_library(dtype):
 
 
 def aligned(shape, dtype):
-    """Return an array of zeros that begins at a cache line."""
+    """Return an array of zeros that starts at a cache line."""
     count = int(np.prod(shape)) * np.dtype(dtype).itemsize
     data = np.zeros(count + _CACHE_LINE, np.uint8)
     start = -data.ctypes.data % _CACHE_LINE
@@ -59,9 +62,9 @@ def aligned(shape, dtype):
 
 
 class FFTW:
-    """Maker of FFTW plans in one precision, for compiled code.
+    """Plans of FFTW in one precision, for compiled code.
 
-    The plans are addresses, valid as long as this object lives.
+    A plan is an address, valid as long as this object exists.
     """
 
     def __init__(self, dtype):
@@ -72,7 +75,7 @@ class FFTW:
         """Return plans of transforms from `cells` to `spectrum` and back.
 
         Each row of `cells`, real or complex, is a sequence of `length` entries; its transform is a row of `spectrum`.
-        Plans are estimated, not measured, so that they are the same in every process.
+        FFTW estimates the plans and does not measure them, so they are the same in every process.
         """
         source, target = (
             (ctypes.c_void_p(a.ctypes.data), None, 1, a.strides[0] // a.itemsize) for a in (cells, spectrum)

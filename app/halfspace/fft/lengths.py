@@ -9,9 +9,10 @@ from scipy.fft import next_fast_len
 def fast_length(n, even=False):
     """Return a length of at least n at which products are fast.
 
-    The length has the least estimated cost; it is even if `even` is true. Per point, FFTW's estimated plans take half
-    of their usual time at powers of two, and 0.8 of it at multiples of 64. The rest of a product takes as long as the
-    transforms at a power of two. The cost also grows with the memory.
+    It is the length with the least estimated cost; if `even` is true, the least among even lengths. Estimated cost:
+    with FFTW's estimated plans, a transform at a power of two takes half of the usual time per point, and a transform
+    at a multiple of 64 takes 0.8 of it. The rest of a product takes as long as its transforms at a power of two. The
+    cost also grows with the memory.
     """
 
     def cost(length):
@@ -30,6 +31,6 @@ def fast_length(n, even=False):
 def transform_length(n):
     """Return a fast even length for the convolution of n cells.
 
-    It is at least 2 n - 1, so that the convolution does not wrap around.
+    The length is at least 2 n - 1, so that the periodic convolution does not wrap around.
     """
     return fast_length(max(2 * n - 1, 2), even=True)

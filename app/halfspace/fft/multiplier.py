@@ -6,15 +6,16 @@ This module has the transforms. The products u = A p with the influence matrix A
 Fields are padded with zeros to the periods ``Ny x Nx``. The transform convention is numpy's (forward
 ``exp(-2 pi i k x)``, unscaled). The factor ``1 / (Nx Ny)`` of the inverse is included in the spectrum.
 
-- *Pruned*: in x only rows with data are transformed, and only the requested rows are transformed back. Two real rows
-  are transformed as one complex row.
-- *Blocked*: a few columns at a time are transformed, scaled and transformed back, inside the cache. Between the
-  transforms the data are in strips of these few columns (`strips`), so that rows and columns are accessed in order.
-- *Real even spectrum*: the kernel K is even in both directions, so its spectrum is real and even: (Nx/2+1)(Ny/2+1)
-  doubles, about as many as the n cells of a field if the periods are twice its sides. The rows transformed in x need
-  another 2 n, so a product needs 3 n doubles.
-- *Distributed*: rows are in slabs, columns are dealt to the ranks (`transpose`) by one all-to-all each way. Ranks that
-  share memory send nothing. Large transfers are split into column groups, so the receive buffer is a fraction of n.
+- *Pruned*: in x only nonzero rows are transformed, and only the requested rows are transformed back. Two real rows are
+  transformed as one complex row.
+- *Blocked*: a few columns at a time are transformed, scaled and transformed back, inside the processor's cache.
+  Transformed rows are stored as strips of a few columns (`strips`), so that rows and columns are accessed in order.
+- *Real even spectrum*: the kernel K is even in both directions, so its spectrum is real and even. It needs
+  (Nx/2+1)(Ny/2+1) doubles, about one per cell if the periods are twice the sides of the field. The rows transformed in
+  x need two more doubles per cell, so a product needs three doubles per cell.
+- *Distributed*: each rank has a slab of rows. One all-to-all deals the columns to the ranks, and another one sends them
+  back (`transpose`). Ranks that share memory send nothing. Large transfers are split into groups of columns, so the
+  receive buffer is smaller than a field.
 """
 
 from functools import cached_property, lru_cache
@@ -46,8 +47,8 @@ _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 class _Sequences:
     """Work arrays for complex sequences and their transforms, with FFTW plans.
 
-    Sequences begin an odd number of cache lines apart. Otherwise, with a length that is a multiple of a large power of
-    two, the entries with equal index in all sequences would compete for a few places of the cache.
+    The starts of neighbouring sequences are an odd number of cache lines apart. Otherwise entries with equal index in
+    all sequences would compete for a few places of the cache, if the length is a multiple of a large power of two.
     """
 
     def __init__(self, length, dtype, count):
@@ -83,11 +84,11 @@ _scratch = lru_cache(maxsize=64)(aligned)
 
 
 class SpectrumCache(dict):
-    """Cache of spectra of an operator, filled from its predecessor's.
+    """Cache of the spectra of an operator.
 
-    `before` is the cache of the predecessor. After a window was moved, its operator has the same periods as the
-    operator before, and so the same spectra. The contents depend only on the operators made before, so they are the
-    same on all ranks of a grid.
+    `before` is the cache of the operator that was used before this one, in a window at another place. Both operators
+    have the same periods, and so the same spectra. The contents depend only on the operators made before, so they are
+    the same on all ranks of a grid.
     """
 
     def __init__(self, before=None):
@@ -99,7 +100,7 @@ class SpectrumCache(dict):
         return self.get(key, self._before.pop(key, None))
 
     def drop_unused(self):
-        """Free the predecessor's spectra that were not used again."""
+        """Free those spectra of the previous operator that were not used again."""
         self._before.clear()
 
 
@@ -161,8 +162,8 @@ class EvenMultiplier:
     def load_or_make(self, key, make):
         """Load the spectrum from the cache, or make it. Collective.
 
-        `key` identifies the spectrum among those of multipliers with the same type, periods and layout. The function
-        `make` calls `set_kernel` or `set_spectrum`.
+        `key` distinguishes the spectra of multipliers with the same type, periods and layout. The function `make` calls
+        `set_kernel` or `set_spectrum`.
         """
         key = type(self), key, self.periods, self.dtype.name, tuple(self._edges)
         self._spectrum = None if self._spectra is None else self._spectra.lookup(key)
@@ -175,8 +176,9 @@ class EvenMultiplier:
     def set_kernel(self, kernel_rows, rows, columns):
         """Set the spectrum to the transform of an even kernel. Collective.
 
-        ``kernel_rows(slice)`` returns rows of the kernel at non-negative offsets. The kernel is zero except in the
-        first `rows` and `columns`, whose numbers are at most half a period plus one.
+        The function ``kernel_rows(slice)`` returns rows of the kernel at non-negative offsets. The kernel is zero at
+        offsets of `rows` and more in y, and of `columns` and more in x. Both numbers are at most half a period plus
+        one.
         """
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
@@ -212,8 +214,8 @@ class EvenMultiplier:
     def set_spectrum(self, symbol):
         """Set the spectrum to a function of the frequencies.
 
-        ``symbol(columns, rows)`` returns the spectrum for an array of frequencies in x, and for one of all frequencies
-        in y up to half the period.
+        The function ``symbol(columns, rows)`` returns the spectrum at the frequencies `columns` in x and `rows` in y.
+        It is called with a few frequencies in x, and with all frequencies in y up to half the period.
         """
         columns, rows = self._frequencies()
         spectrum = np.empty((columns.size, rows.size), self.dtype)
@@ -234,7 +236,7 @@ class EvenMultiplier:
 
     @cached_property
     def centre(self):
-        """Kernel at offsets -1, 0 and 1. Collective on first use."""
+        """Kernel at offsets -1 to 1, shape (3, 3). Collective on first use."""
         ny_fft, nx_fft = self.periods
         columns, rows = self._frequencies()
 
@@ -248,9 +250,9 @@ class EvenMultiplier:
         return quarter.T[np.ix_(offsets, offsets)]
 
     def in_precision(self, dtype, kind=None):
-        """Return a copy in another precision; both share working storage.
+        """Return a copy of this multiplier in another precision.
 
-        `kind` is the class of the copy, by default the same class.
+        Both share the work array. `kind` is the class of the copy, by default the same class.
         """
         other = EvenMultiplier.__new__(kind or type(self))
         EvenMultiplier.__init__(other, self.shape, self.periods, Layout(self.slabs, self.comm, dtype, self))
@@ -264,7 +266,7 @@ class EvenMultiplier:
 
     @property
     def working_storage(self):
-        """Work array of products as bytes; unused between products."""
+        """Work array of products, as bytes; unused between products."""
         return self._transformed.view(np.uint8)
 
     @cached_property
@@ -291,7 +293,7 @@ class EvenMultiplier:
         mask : ndarray of bool, shape (local rows, nx), optional
             Cells of the contact set C. Rows without contact are not transformed.
         rows : ndarray of bool, shape (local rows,), optional
-            Rows in which `out` is computed; in all other rows p must be zero, and `out` is undefined.
+            True in rows in which `out` is computed. In all other rows p must be zero, and `out` is undefined.
         scale : float, optional
             If not 0, divide by the spectrum instead of multiplying by it, and multiply by this number.
         """
@@ -317,10 +319,11 @@ class EvenMultiplier:
 
 
 def transform_even(samples, period):
-    """Return the Fourier transforms of even periodic sequences, along axis 1.
+    """Return the Fourier transforms of real even periodic sequences.
 
-    A sequence is given by its first ``period // 2 + 1`` samples, and so is its transform, which is real and even. Two
-    transforms in turn multiply by ``period``.
+    `samples` has a sequence in each row: its first ``period // 2 + 1`` entries, which are enough because the sequence
+    is even. A transform is real and even, too, and is returned in the same form. Two transforms, one after the other,
+    multiply a sequence by ``period``.
     """
     if period == 1:
         return samples

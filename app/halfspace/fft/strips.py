@@ -2,15 +2,17 @@
 
 - *Pairs.* Two real rows a, b are transformed as one complex row a + i b, at half the cost of two real transforms by
   FFTW. An odd last row is paired with itself.
-- *Strips.* Transformed rows are stored as strips of 16 columns. A row is a part of every strip, columns are a whole
-  strip, and both ways memory is accessed in order. Strips are consecutive in one flat array; the last may be narrower.
-- *Columns.* The columns of a strip are gathered as rows of a small array, transformed there, and scattered back.
+- *Strips.* A strip has 16 columns of all transformed rows, stored row by row. Strips are consecutive in one flat array;
+  the last may be narrower. Reading a row (a part of each strip) and reading 16 columns (a whole strip) both access
+  memory in order.
+- *Columns.* The columns of a strip are copied to the rows of a small array, transformed there, and copied back.
 
 A product calls `rows_to_strips`, `convolve_columns` and `strips_to_rows`. These call FFTW from compiled code, because
 on small grids every call from Python takes a noticeable part of the time.
 
-LLVM vectorises these loops only if indices are unsigned (not tested for being negative), complex numbers are made of
-real products (not tested for NaN), and the loop over a row is a function of its own.
+LLVM vectorises these loops only under three conditions. Indices are unsigned, so that they are not tested for being
+negative. Complex products are written as real products, so that they are not tested for NaN. The loop over a row is a
+function of its own.
 """
 
 import numpy as np
@@ -39,7 +41,7 @@ def _pair_masked_row(a, b, mask_a, mask_b, row):
 def _pair(p, mask, pairs):
     """Make complex rows of pairs of real rows.
 
-    Compute pairs[m] = p[2 m] + i p[2 m + 1]. With a mask (not of size 0), p counts as zero outside of it.
+    Compute ``pairs[m] = p[2 m] + i p[2 m + 1]``. With a mask (not of size 0), p counts as zero outside of it.
     """
     last = p.shape[0] - 1
     for m in range((last + 2) // 2):
@@ -67,7 +69,10 @@ def _unpair_masked_row(row, mask_a, mask_b, a, b):
 
 @njit()
 def _unpair(pairs, mask, out):
-    """Undo `_pair`: split complex rows into the real rows of `out`."""
+    """Split complex rows into pairs of real rows of `out`.
+
+    It is the inverse of `_pair`. With a mask (not of size 0), `out` is zero outside of it.
+    """
     last = out.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
@@ -81,7 +86,7 @@ def _unpair(pairs, mask, out):
 def _split(both, first, a, b):
     """Split the transform of a pair into those of its two rows.
 
-    `both` is the transform of the complex row a + i b. The transforms of the rows a and b are stored in `a` and `b`,
+    `both` is the transform of a complex row a + i b. The output `a` and `b` are the transforms of the rows a and b,
     from frequency `first` on.
     """
     length, start, half = np.uint64(both.size), np.uint64(first), both.real.dtype.type(0.5)
@@ -96,7 +101,10 @@ def _split(both, first, a, b):
 
 @njit()
 def _unite(both, first, a, b):
-    """Undo `_split`: unite the transforms of two rows."""
+    """Unite the transforms of two rows into that of their pair.
+
+    It is the inverse of `_split`, and has the same arguments.
+    """
     length, start = np.uint64(both.size), np.uint64(first)
     for c in range(np.uint64(a.size)):
         x, y = a[c], b[c]
@@ -114,9 +122,9 @@ def _copy_strip(source, i, target, k):
 
 @njit()
 def copy_rows(rows, strips, height, start, store):
-    """Copy rows to strips if `store` is true, else back from strips.
+    """Copy rows to strips if `store` is true, else from strips.
 
-    The strips have `height` rows, of which the copied ones begin at row `start`.
+    The strips have `height` rows; the copied rows are those from row `start` on.
     """
     whole = rows.shape[1] // STRIP * STRIP
     for strip in range(0, whole, STRIP):
@@ -138,9 +146,10 @@ def copy_rows(rows, strips, height, start, store):
 
 @njit()
 def _store_pairs(transforms, length, first, count, active, scratch, strips, height, start):
-    """Split transforms of pairs, and store them in strips.
+    """Split transforms of pairs of rows, and store the rows in strips.
 
-    There are `count` rows. The strips have the frequencies from `first` on. If `active` is false, the rows are zero.
+    There are `count` rows, stored from row `start` of the strips on. The strips have `height` rows, and the frequencies
+    from `first` on. If `active` is false, the rows are zero.
     """
     if not height:
         return
@@ -155,7 +164,10 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
 
 @njit()
 def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Undo `_store_pairs`: load rows from strips and unite pairs."""
+    """Load rows from strips, and unite the transforms of pairs.
+
+    It is the inverse of `_store_pairs`.
+    """
     if not height:
         return
     columns = strips.size // height
@@ -204,9 +216,10 @@ def _divide(column, factor, scale):
 
 @njit()
 def _any_active(p, mask, rows, start, stop):
-    """Return whether any row from `start` to before `stop` is nonzero.
+    """Return whether any row from `start` to `stop` - 1 is nonzero.
 
-    `rows` says this if it is given, else the mask if it is given, else p.
+    `rows` marks the nonzero rows, if it is given. Otherwise a row is nonzero if the mask, if given, or p is nonzero in
+    it.
     """
     if rows.size:
         return rows[start:stop].any()
@@ -219,9 +232,10 @@ def rows_to_strips(
 ):
     """Transform the rows of p into strips.
 
-    The columns between two `edges` are consecutive strips. With a mask, p counts as zero outside of it. `rows` says
-    which rows are not zero, if this is known. An absent mask or `rows` has size 0. `forward` and `few_forward` are the
-    plans of a whole batch of rows and of the last batch, which may have fewer rows.
+    `edges` divides the frequencies into parts for different ranks; the strips of each part are consecutive. With a
+    mask, p counts as zero outside of it. `rows` marks the rows that are not zero, if this is known. An absent mask or
+    `rows` has size 0. `forward` and `few_forward` are the FFTW plans of a whole batch of rows and of the last batch,
+    which may have fewer rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
@@ -241,8 +255,8 @@ def strips_to_rows(
 ):
     """Transform strips back into the rows of `out`.
 
-    The arguments are like those of `rows_to_strips`. `out` is zero outside the mask. With `rows` only these rows are
-    computed.
+    The arguments are like those of `rows_to_strips`. `out` is zero outside the mask. If `rows` is given, only the rows
+    that it marks are computed.
     """
     height = out.shape[0]
     for start in range(0, height, ROWS):
@@ -261,9 +275,10 @@ def strips_to_rows(
 
 @njit()
 def _copy_columns(own, received, places, heights, rank, count, first, last, columns, gather):
-    """Gather a strip of columns from all ranks, or scatter it.
+    """Copy a strip from all ranks' rows to `columns`, or back.
 
-    The columns are `first` to `last` - 1. Return the number of rows.
+    The strip has the columns `first` to `last` - 1. If `gather` is true, it is copied to the array `columns`, otherwise
+    from it. Return the number of rows of all ranks.
     """
     start = 0
     for q in range(heights.size):
@@ -303,7 +318,7 @@ def convolve_columns(
     columns, transforms, parts : ndarray
         Work arrays: a strip of columns of the period `length`, the transforms of these, and the same memory as reals.
     spectrum : ndarray, shape (columns, half a period and one)
-        Factors of the transforms. If `scale` is not 0, divide by the factors instead, and multiply by `scale`.
+        Factors of the transforms. If `scale` is not 0, transforms are divided by the factors and multiplied by `scale`.
     fftw : int
         Address of FFTW's ``execute``.
     forward, backward, few_forward, few_backward : int

@@ -1,7 +1,7 @@
-"""Distributed transpose between slabs of rows and columns dealt to ranks.
+"""Distributed transpose: from slabs of rows to columns dealt to ranks.
 
 The transpose is done for one group of columns at a time. Ranks that share memory (`app.parallel.shared_memory`) send
-nothing: each rank works on its columns where the other ranks store them.
+nothing: each rank reads and writes its columns where the other ranks store them.
 """
 
 import itertools
@@ -15,9 +15,10 @@ _GROUP_BYTES = 1 << 22  # sent by a rank at once, approximately
 
 
 def deal_columns(columns, row_counts, comm):
-    """Split columns into groups, each dealt to all ranks.
+    """Split the columns into groups, and deal each group to all ranks.
 
-    The groups are the same in single and double precision. `row_counts` are the numbers of rows of all ranks.
+    The groups are the same in single and double precision. `row_counts` are the numbers of rows of all ranks. Return a
+    list of `ColumnGroup`.
     """
     if comm is None:
         return [ColumnGroup(0, columns, 1, 0, row_counts)]
@@ -29,9 +30,9 @@ def deal_columns(columns, row_counts, comm):
 
 
 class ColumnGroup:
-    """Columns [start, stop) dealt to ranks, and their all-to-all.
+    """Columns `start` to `stop` - 1, dealt to ranks by an all-to-all.
 
-    In the send and in the receive buffer, strips are ordered by rank. Columns that stay on the rank are not moved.
+    In the send and in the receive buffer, strips are ordered by rank. The columns of the sender itself are not moved.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):
@@ -55,12 +56,18 @@ class ColumnGroup:
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):
-        """Return this rank's rows of its own columns, which are not sent."""
+        """Return this rank's rows of its own columns, which are not sent.
+
+        `part` is this group's part of the transformed rows.
+        """
         first = self._rows * (self.columns.start - self.edges[0])
         return part[first : first + self._rows * self.count]
 
     def pieces(self, transformed):
-        """Return, for each rank, its first and end column and their strips."""
+        """Return, for each rank, its columns and their strips on this rank.
+
+        The columns are given as first and end column.
+        """
         return [
             (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
         ]
@@ -68,7 +75,7 @@ class ColumnGroup:
     def deal(self, comm, part, received):
         """Exchange columns; return those of this rank. Collective.
 
-        They are a list with the strips of the rows of each rank.
+        Return a list: for each rank the strips of its rows, with the columns of this rank.
         """
         own = self.own(part)
         if comm is None:
@@ -94,7 +101,7 @@ class ColumnGroup:
 class Exchange:
     """Exchange of columns before and after their convolution. Collective.
 
-    `transformed` has the strips of the rows of this rank.
+    `transformed` has the strips of this rank's rows.
     """
 
     def __init__(self, groups, transformed, comm, storage):
@@ -114,7 +121,7 @@ class Exchange:
             self._columns.append((own, others, places, group.heights, group.rank))
 
     def each(self):
-        """Iterate over the groups, as first arguments of `strips.convolve_columns`.
+        """Yield, for each group, the first arguments of `strips.convolve_columns`.
 
         The iteration must be completed: the columns of a group are sent back when the next group is requested.
         """

@@ -1,26 +1,28 @@
 """Exact lexicographic Gauss-Seidel sweeps for C A C p = b.
 
 A sweep costs as much as one or two products with A. A damped sweep solves ``(D / omega + L_C) d = r`` on the contact
-set C, then ``p += d``. D is the diagonal of A, and r the defect, zero outside C. L, the strictly lower part of A in
-row-major order, is Toeplitz; L_C is L with zero rows and columns outside C. Cell by cell the work would be O(n^2) for n
-cells. But forward substitution with L is a convolution in which one cell after the other becomes known (a *causal* or
-on-line convolution), and such a convolution can be computed in blocks:
+set C, then ``p += d``. D is the diagonal of A, and r the defect, zero outside C. L is the strictly lower part of A in
+row-major order; L_C is L with zero rows and columns outside C. Cell by cell the work would be O(n^2) for n cells. But L
+is Toeplitz, so forward substitution is a convolution in which the input becomes known cell by cell. Such a *causal*
+(on-line) convolution can be computed in blocks:
 
 - *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. For each of the
   ``F = Nx/2 + 1`` frequencies, the effect of the row on later rows is a convolution in y, with one real number for each
   lag (distance in rows). The transform back gives the right-hand side of the next row.
-- *Leaves* are blocks of 64 rows, 32 on several ranks. Rows act directly on rows of their own leaf and of the next leaf.
-- *Transfers* are the effects of leaves on leaves further away. When m leaves are solved, let 2^k be the largest power
-  of two that divides m. The last 2^k leaves act, by an FFT in y, on the 2^k leaves after the next leaf. Every pair of
-  leaves that are not neighbours is treated exactly once. A transfer is ready one leaf before it is needed, so transfers
-  can run while the next leaf is solved.
-- *Reach.* A wave of length l in x decays as ``exp(-2 pi |y| / l)``, so most frequencies matter for the next few rows
-  only. This needs a kernel that is smooth over its period in x. Values of the kernel at offsets above nx - 1 are never
-  used, so they are chosen to join the kernel smoothly to its mirror image. A chunk of frequencies takes part only in
-  transfers within its reach.
-- *In a row* the coupling is a Toeplitz triangle with holes. Scalar products with the solved cells give four contact
-  cells at a time. Long rows are cut into segments, with transfers between them as above. If contact has no holes in a
-  row, the row is multiplied by the inverse of the triangle, which is also a convolution.
+- *Leaves.* A leaf is a block of 64 rows, or 32 rows on several ranks. Rows act directly on rows of their own leaf and
+  of the next leaf.
+- *Transfers.* A transfer is the effect of leaves on leaves further away. When m leaves are solved, let 2^k be the
+  largest power of two that divides m. Then the last 2^k leaves act, by an FFT in y, on the 2^k leaves after the next
+  leaf. So every pair of leaves that are not neighbours is treated exactly once. A transfer is computed while the next
+  leaf is solved, because that leaf does not need it.
+- *Reach.* The effect of a wave of length l in x decays as ``exp(-2 pi |y| / l)``, so most frequencies matter for the
+  next few rows only. This holds if the kernel is smooth over its period in x. Values of the kernel at offsets above nx
+  - 1 are never used, so they are chosen to join the kernel smoothly to its mirror image. Frequencies are treated in
+  chunks; a chunk takes part only in transfers within its reach.
+- *In a row* each contact cell acts on the contact cells after it. Scalar products with the solved cells give the
+  right-hand sides of four contact cells at a time. Long rows are cut into segments, with transfers between them as
+  between leaves. If contact has no holes in a row, the row is multiplied by the inverse of the triangular matrix, which
+  is also a convolution.
 - *Columns* without contact at the left and right are omitted.
 
 Up to round-off the result is that of the scalar double loop, for any contact set. The work is O(n log^2 n); rows and
@@ -45,11 +47,12 @@ _MAX_COLUMN_SHARE = 0.85  # share of all columns above which all columns are swe
 class GaussSeidel:
     """Exact lexicographic Gauss-Seidel sweeps for the influence matrix of a grid.
 
-    The tables of `SweepTables` are made in the first sweep, and again when contact has become wider.
+    The tables of `SweepTables` are made in the first sweep, and again when the contact set has become wider.
 
-    ``quadrant_rows(slice, columns)`` returns a few rows of the influence coefficients ``K[|dy|, |dx|]``, at offsets dx
-    up to about 1.5 nx. A `periodic` kernel has the periods nx and ny. Without `slabs` and `comm` this rank has all
-    rows. The attributes `defect` and `correction` are work arrays for the caller of `sweep`, shape (local rows, nx).
+    The function ``quadrant_rows(slice, columns)`` returns a few rows of the influence coefficients ``K[|dy|, |dx|]``,
+    at offsets dx up to about 1.5 nx. A `periodic` kernel has the periods nx and ny. Without `slabs` and `comm` this
+    rank has all rows. The attributes `defect` and `correction` are work arrays for the caller of `sweep`, shape (local
+    rows, nx).
     """
 
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
@@ -64,16 +67,16 @@ class GaussSeidel:
         self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def reset(self):
-        """Reset the number of columns to sweep over, which affects rounding."""
+        """Reset the number of columns, so that rounding ignores earlier sweeps."""
         self._width = 0
 
     @property
     def products_per_sweep(self):
         """Mean work of the sweeps so far, in products with A.
 
-        The operations are counted by a model that depends on the contact sets only: 2.5 N log2 N for a real transform
-        of length N, twice as many for a complex transform, and 2 for a multiplication and an addition. For the work in
-        its row, each contact cell is multiplied with half a segment.
+        The operations are counted by a model: 2.5 N log2 N for a real transform of length N, twice as many for a
+        complex transform, and 2 for a multiplication with addition. Within its row, each contact cell is multiplied
+        with half a segment. So the count depends on the contact sets only.
         """
         ny, nx = self.shape
         in_x, in_y = transform_length(nx), transform_length(ny)
@@ -129,7 +132,8 @@ class GaussSeidel:
     def _prepare(self, mask):
         """Make the tables if necessary; describe the contact set. Collective.
 
-        Return which rows of the grid have contact, the number of contact cells, and the columns to sweep over.
+        `mask` is the contact set on this rank's rows. Return which rows of the grid have contact, the number of contact
+        cells, and the columns to sweep over.
         """
         ny, nx = self.shape
         local = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
@@ -156,7 +160,7 @@ class GaussSeidel:
         return occupied, int(cells), slice(start, start + prepared)
 
     def _gather(self, mask):
-        """Gather the contact set on the rank that solves. Collective."""
+        """Gather the contact set on rank 0, which solves. Collective."""
         whole = np.empty((self.shape[0], mask.shape[1]) if self._solves else 0, bool)
         sizes = [count * mask.shape[1] for count in self.slabs.counts]
         self.comm.Gatherv(np.ascontiguousarray(mask), [whole, sizes] if self._solves else None)
@@ -202,7 +206,7 @@ class GaussSeidel:
     def _transfer(self, m, leaves, affected):
         """Add the effects of leaves before leaf m on later leaves.
 
-        Leaves are blocks of rows. The module's text says which leaves take part in these transfers.
+        A leaf is a block of rows. The module docstring says which leaves take part.
         """
         tables = self._tables
         if not tables.chunks[0]:
@@ -227,8 +231,8 @@ class GaussSeidel:
     def _rows_flops(self, cells, occupied):
         """Return the number of operations of a sweep, without transfers.
 
-        These are operations within rows, and between rows of the same leaf or of neighbouring leaves. Leaves are blocks
-        of rows; transfers, the effects between leaves further apart, are counted by `_transfer`.
+        They are the operations within rows, and between rows of the same leaf or of neighbouring leaves. A leaf is a
+        block of rows. Effects between leaves further apart (transfers) are counted by `_transfer`.
         """
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)

@@ -16,23 +16,23 @@ _BLOCK_ROWS = 32
 class KernelInX:
     """Transforms in x of the rows of an even kernel.
 
-    The kernel K[|dy|, |dx|] are the influence coefficients at offsets dy and dx. Its rows are made periodic with the
-    length Nx and transformed. The transforms are real, and multiplied by -1 / Nx for the use in a sweep: it subtracts
-    the effect of solved rows, and 1 / Nx is the scale of the inverse transform. Collective.
+    The kernel K[|dy|, |dx|] has the influence coefficients at offsets dy and dx. Its rows are made periodic with the
+    length Nx and transformed. The transforms are real, and multiplied by -1 / Nx: the sign, because a sweep subtracts
+    the effect of solved rows, and 1 / Nx, because this is the scale of the inverse transform. Collective.
 
-    Offsets from nx to Nx - nx do not occur. There K is blended into its mirror image, K(Nx - x), by the integral of a
+    Offsets from nx to Nx - nx are never used. There K is blended into its mirror image, K(Nx - x), by the integral of a
     Kaiser window. So K is smooth over the period, and short waves in x decay quickly in y.
 
-    ``quadrant_rows(slice, columns)`` returns rows of K at the first offsets in x. If K is `periodic` with an even
-    period nx, then Nx = nx. The ranks of `comm` share the work.
+    The function ``quadrant_rows(slice, columns)`` returns rows of K at the offsets 0 to `columns` - 1 in x. If K is
+    `periodic` with an even period nx, then Nx = nx. The ranks of `comm` share the work.
 
     Attributes
     ----------
     length, frequencies : int
         Nx, and the number of frequencies F = Nx/2 + 1.
     reach : ndarray of int, shape (F,)
-        Largest offset dy (lag) at which the kernel is not negligible, at this frequency or any higher one. Negligible
-        means below the rounding error of the largest value.
+        Largest offset dy (lag) at which the kernel is not negligible, at this frequency or any higher one. A value is
+        negligible if it is below the rounding error of the largest value.
     """
 
     def __init__(self, quadrant_rows, shape, comm=None, periodic=False):
@@ -64,8 +64,8 @@ class KernelInX:
     def rows(self, first, last):
         """Return rows of the kernel, transformed in x.
 
-        They are at lags `first` to `last` - 1. A lag is an offset in y, in rows. The transforms are multiplied by -1
-        / Nx, and zero from lag ny on.
+        They are at the lags `first` to `last` - 1; a lag is an offset in y, in rows. The transforms are multiplied by
+        -1 / Nx, and zero from lag ny on.
         """
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))
@@ -82,8 +82,9 @@ class KernelInX:
     def columns(self, edges):
         """Return the kernel by frequency in x and by lag. Collective.
 
-        A lag is an offset in y; all lags are returned. This rank gets the frequencies of ``first, last =
-        edges[rank]``; the shape is (last - first, ny). Call this only once, because it frees the data.
+        A lag is an offset in y, in rows; all ny lags are returned. This rank gets the frequencies `first` to `last` -
+        1, with ``first, last = edges[rank]``. The shape is (last - first, ny). Call this only once, because it frees
+        the data.
         """
         local = self._local[:, : edges[-1][1]].T.copy()  # The last rank has the last frequencies.
         del self._local

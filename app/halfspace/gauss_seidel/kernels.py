@@ -1,7 +1,8 @@
 """Compiled loops of a Gauss-Seidel sweep.
 
-Leaves and transfers are explained in `app.halfspace.gauss_seidel.gauss_seidel`. Frequencies are stored in chunks of
-`LANES`, so that a loop over the lanes of a chunk is vectorised.
+A leaf is a block of rows, a transfer the effect of leaves on later leaves; see
+`app.halfspace.gauss_seidel.gauss_seidel`. Frequencies are stored in chunks of `LANES`, so that a loop over the lanes of
+a chunk is vectorised.
 """
 
 from typing import NamedTuple
@@ -21,7 +22,10 @@ _1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets 
 
 
 class RowSolver(NamedTuple):
-    """Data to solve single rows, for compiled code."""
+    """Kernels, FFT plans and work arrays to solve single rows.
+
+    Compiled code uses these data.
+    """
 
     execute: int  # address of FFTW's execute
     plans: np.ndarray  # (TILE, 2), transforms of `solved` to a row of `tile`, and of that row to `cells`
@@ -45,9 +49,9 @@ class RowSolver(NamedTuple):
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
 def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
-    """Return sums of d[i] kernel[k + i], for four offsets k.
+    """Return the sums of d[i] kernel[k + i] for four offsets k.
 
-    The index i is from `start` to `stop` - 1.
+    The index i runs from `start` to `stop` - 1.
     """
     s0 = s1 = s2 = s3 = 0 * d[0]
     for index in range(start, stop):
@@ -62,7 +66,10 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
 
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
-    """Convolve ``rows.work`` with the kernel of spectrum `number`, in place."""
+    """Convolve ``rows.work`` in place with one of the stored kernels.
+
+    `number` is the number of the kernel's spectrum.
+    """
     start = uintp(rows.starts[number])
     execute(rows.execute, rows.part_plans[number, 0])
     for k in range(uintp(rows.lengths[number] // 2 + 1)):
@@ -74,7 +81,7 @@ def _convolve(rows, number):
 def _solve_run(rows, first, count):
     """Solve a row whose contact has no holes, by one convolution.
 
-    Contact has `count` cells from `first` on. Return False, without a solution, if `solve_row` is faster.
+    The contact cells are the `count` cells from `first` on. Return False, without a solution, if `solve_row` is faster.
     """
     number = rows.levels
     while number < len(rows.lengths) and rows.lengths[number] < 2 * count:
@@ -90,10 +97,10 @@ def _solve_run(rows, first, count):
 
 @njit()
 def solve_row(rows, count, weight):
-    """Solve d + weight L_C d = weight x on a row.
+    """Solve d + weight L_C d = weight x in a row.
 
-    x is ``rows.cells``, d is ``rows.solved``. L_C couples each of the `count` contact cells to those before it. The
-    weight is omega over the diagonal of A.
+    x is ``rows.cells``, the solution d is ``rows.solved``. The matrix L_C couples each of the `count` contact cells to
+    the contact cells before it. The weight is omega divided by the diagonal of A.
     """
     x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
     last = len(kernel) - 1
@@ -143,7 +150,7 @@ def solve_row(rows, count, weight):
 
 @njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
-    """Add the effect of four solved rows w on later rows y."""
+    """Add the effect of four solved rows w on four later rows y."""
     # y[t] += sum_s kernel[k + t - s + 3] w[b + s]
     for index in range(width):
         f = uintp(index)
@@ -172,10 +179,11 @@ def _multiply_add(y, kernel, x):
 
 @njit()
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
-    """Add the effect of earlier rows on a tile y.
+    """Add the effect of earlier tiles on a tile y.
 
-    The lags of tiles, distances in rows, are from `least` to `most`. `source` and `start` are the offsets of lag 0 in
-    the rows `flat` and in the kernel `near`. `filled` says which tiles have contact; the index of y in it is `place`.
+    A tile is a group of TILE rows. The earlier tiles are those at distances (lags) from `least` to `most` rows. At lag
+    0 the array of rows `flat` has the index `source`, and the kernel `near` the index `start`. `filled` marks the tiles
+    with contact; the tile y has the index `place` in it.
     """
     for lag in range(least, most + 1, TILE):
         if lag - TILE >= reach:
@@ -196,7 +204,7 @@ def _count(row):
 def find_contact_extent(mask, occupied):
     """Return first and end column of contact, and its cell count.
 
-    Sets `occupied[j]` where row j has contact cells.
+    ``occupied[j]`` is set to true if row j has contact cells.
     """
     start, stop, cells = mask.shape[1], 0, 0
     for j in range(mask.shape[0]):
@@ -219,20 +227,20 @@ def _list_contact(contact, mask):
 
 @njit()
 def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of leaf number m in the sweep.
+    """Solve the rows of a leaf, a block of rows.
 
-    On entry w[now] is the effect of the leaves up to m - 2 on the rows of leaf m, and on return it is these rows,
-    solved and transformed in x.
+    Let m be the number of the leaf. On entry w[now] is the effect of the leaves up to m - 2 on the rows of leaf m. On
+    return w[now] has these rows, solved and transformed in x.
 
     Parameters
     ----------
     w : ndarray, shape (2, chunks, rows, 2 LANES)
-        This leaf, w[now], and the leaf before. In chunks from `summed` on the effect of the leaves up to m - 2 is zero,
-        and w[now] is not set.
+        This leaf, w[now], and the leaf before. In chunks of frequencies from `summed` on, the effect of the leaves up
+        to m - 2 is zero; there w[now] need not be set on entry.
     near, reach : ndarray, shapes (chunks * 2 rows * 2 LANES,), (chunks,)
-        Kernel at all lags between the two leaves, and the lag beyond which the kernel is negligible.
+        Kernel at all lags (distances in rows) between the two leaves. Lag beyond which the kernel is negligible.
     filled : ndarray of bool, shape (2 rows / TILE,)
-        True for tiles with contact: those of the leaf before, then those of this leaf.
+        True for tiles (groups of TILE rows) with contact: first those of the leaf before, then those of this leaf.
     rows : RowSolver
         Data to solve single rows.
     r, mask, d : ndarray, shape (<= rows, >= column + nx)
@@ -278,7 +286,8 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
 def _solve_tile(rows, r, mask, d, weight):
     """Solve the rows of a tile one after the other.
 
-    On entry ``rows.tile`` is the effect of earlier tiles on these rows, and on return it is these rows, transformed.
+    A tile is a group of TILE rows. On entry ``rows.tile`` is the effect of earlier tiles on these rows. On return it
+    has these rows, solved and transformed.
     """
     solved = 0  # bits
     for q in range(TILE):
@@ -323,13 +332,13 @@ def _add(rows, cells, start):
 
 @njit()
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
-    """Add the effect of `sources` leaves on `targets` later leaves.
+    """Add the effect of some leaves on later leaves.
 
-    Leaves are blocks of rows; chunks are groups of LANES frequencies. The sources are the leaves just before leaf
-    `end`, the targets those just after it. `w` has all leaves, shape (leaves, chunks, rows, LANES). Only chunks `first`
-    to `last` - 1 are computed. `far` has the kernel's transforms in y, for lags of one leaf or more, shape
-    (>= last, LANES, length / 2 + 1). `fftw` is the address of FFTW's ``execute``. `forward` and `backward` are the
-    addresses of the plans between the work arrays `cells` and `spectrum`.
+    A leaf is a block of rows, a chunk a group of LANES frequencies. The `sources` leaves just before leaf `end` act on
+    the `targets` leaves just after leaf `end`. The array `w` has all leaves, shape (leaves, chunks, rows, LANES). Only
+    chunks `first` to `last` - 1 are computed. The array `far` has the kernel's transforms in y, for lags of one leaf or
+    more, shape (>= last, LANES, length / 2 + 1). `fftw` is the address of FFTW's ``execute``. `forward` and `backward`
+    are the addresses of the plans between the work arrays `cells` and `spectrum`.
     """
     rows, lanes = w.shape[2:]
     batch, length = cells.shape

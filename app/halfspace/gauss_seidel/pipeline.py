@@ -1,16 +1,16 @@
 """Messages of a sweep on several ranks.
 
-Rank 0 solves the leaves (blocks of rows), the other ranks compute transfers between them. Only two parts of a sweep are
-sequential: rows are solved one after the other, and act on their own leaf and on the next. All other effects, the
-transfers of `app.halfspace.gauss_seidel.gauss_seidel`, are dealt to the ranks by frequencies. A leaf does not need the
-transfers of the leaf just before it, so transfers run while rank 0 solves:
+A leaf is a block of rows. Rank 0 solves one leaf after the other, and adds the effect of a solved leaf on the next one.
+The effects on leaves further away (transfers, see `app.halfspace.gauss_seidel.gauss_seidel`) are computed by the other
+ranks, each for some frequencies. A leaf does not need the transfers of the leaf just before it, so transfers run while
+rank 0 solves:
 
     rank 0      ... solve 7    solve 8    solve 9  ...        needs for leaf m: effects of leaves up to m - 2
     others      ... transfers  transfers  transfers           have after leaf m: transfers to leaf m + 2 and later
                     of 6       of 7       of 8
 
-The ranks that own the rows of a leaf send the defect to rank 0 and receive the correction. All messages are point to
-point. Rank 0 waits for effects from the other ranks, and these wait for solved leaves.
+The ranks that own the rows of a leaf send the defect to rank 0, and receive the correction. All messages are point to
+point. Rank 0 waits for transfers from the other ranks, and the other ranks wait for solved leaves.
 """
 
 import itertools
@@ -25,8 +25,8 @@ _DEFECT, _CORRECTION, _EFFECT, _SOLVED = range(1, 5)  # tags
 def deal_chunks(weights, ranks):
     """Deal chunks of frequencies to ranks, with about equal work.
 
-    `weights` are the work of each chunk. Return first and end chunk of each rank. Rank 0 gets no chunks if there are
-    several ranks.
+    `weights` are the work of each chunk, `ranks` the number of ranks. Return a pair for each rank: its first and its
+    end chunk. Rank 0 gets no chunks if there are several ranks.
     """
     helpers = max(ranks - 1, 1)
     middle = (np.cumsum(weights) - np.asarray(weights) / 2) / max(np.sum(weights), 1)
@@ -38,9 +38,9 @@ def deal_chunks(weights, ranks):
 class SweepMessages:
     """Messages of one sweep, point to point.
 
-    `edges` are first and end chunk of each rank, from `deal_chunks`. `leaves` has the slice of rows of each leaf, or
-    None for a leaf without contact. `r` and `d` are defect and correction on the rows of this rank, contiguous arrays
-    of float64.
+    A leaf is a block of rows, a chunk a group of frequencies. `edges` are the first and the end chunk of each rank,
+    from `deal_chunks`. `leaves` has the slice of rows of each leaf, or None for a leaf without contact. `r` and `d` are
+    defect and correction on the rows of this rank, contiguous arrays of float64.
     """
 
     def __init__(self, comm, slabs, edges, leaves, r, d):
@@ -60,7 +60,8 @@ class SweepMessages:
     def _parts(self, leaf, field=None):
         """Yield each rank that owns rows of a leaf, and these rows.
 
-        Yield also these rows of `field`, an array on the rows of the leaf, or None without a field.
+        `leaf` is the slice of the leaf's rows. `field` is an array on the rows of the leaf, or None. Yield as third
+        value its part on the rows of the rank, or None.
         """
         for owner, (first, last) in enumerate(itertools.pairwise(self._starts)):
             a, b = max(first, leaf.start), min(last, leaf.stop)
@@ -74,7 +75,10 @@ class SweepMessages:
     # -- rank 0 --------------------------------------------------------------------------------------------
 
     def fields(self, m):
-        """Return the defect on leaf m, and an array for its correction."""
+        """Return the defect on leaf m, and an array for its correction.
+
+        A leaf is a block of rows.
+        """
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
@@ -87,7 +91,10 @@ class SweepMessages:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Send the correction on leaf m to the owners of its rows."""
+        """Send the correction d on leaf m to the rows' owners.
+
+        The rows are those of the leaf; their owners are the ranks that store them.
+        """
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
@@ -98,15 +105,19 @@ class SweepMessages:
                 self._d[rows] = part
 
     def collect(self, block):
-        """Receive the effects on a leaf from the ranks that compute them."""
+        """Receive the effects of earlier leaves on a leaf into `block`.
+
+        Each rank sends the chunks of frequencies that it computes.
+        """
         for rank, (first, last) in enumerate(self._edges):
             if rank and first < last:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send each other rank its chunks of frequencies of a solved leaf.
+        """Send each other rank its frequencies of a solved leaf.
 
-        Wait until they are sent, because MPI may progress messages only inside of its calls.
+        `block` has the rows of the leaf, transformed in x, by chunks of frequencies. Wait until the messages are sent,
+        because MPI may progress messages only inside of its calls.
         """
         parts = [(rank, block[slice(*edges)]) for rank, edges in enumerate(self._edges) if rank]
         MPI.Request.Waitall([self._comm.Isend(part, rank, _SOLVED) for rank, part in parts if len(part)])
@@ -114,15 +125,21 @@ class SweepMessages:
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send rank 0 what earlier blocks of rows add to leaf m."""
+        """Send rank 0 the effects of earlier leaves on leaf m.
+
+        `block` has these effects for the frequencies of this rank.
+        """
         self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
     def receive_solved(self, m, block):
-        """Receive the solved leaf m; it overwrites the effects on this leaf."""
+        """Receive the solved leaf m into `block`.
+
+        It overwrites the effects of earlier leaves on leaf m.
+        """
         if m in self._effects:
             self._effects.pop(m).Wait()
         self._comm.Recv(block, 0, _SOLVED)
 
     def finish(self):
-        """Wait until all messages are complete."""
+        """Wait until all messages of the sweep are complete."""
         MPI.Request.Waitall([request for request, _ in self._sent])

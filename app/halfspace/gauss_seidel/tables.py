@@ -18,30 +18,30 @@ class SweepTables:
     """Kernels, FFT plans and storage of sweeps. Collective over `comm`.
 
     A leaf is a block of `leaf_rows` rows. A transfer adds the effect of leaves on later leaves, by transforms in y. A
-    chunk is a group of `LANES` frequencies in x. Rank 0 has the tables for rows and leaves. Each rank that computes
-    transfers has the tables for its chunks.
+    chunk is a group of `LANES` frequencies in x. Rank 0 has the tables to solve leaves. Each rank that computes
+    transfers has the tables of transfers for its chunks.
 
-    The tables are for ``(ny, nx) = shape``: all rows of the grid, and the number of columns to sweep over. If
+    In ``(ny, nx) = shape``, ny is the number of rows of the grid, and nx the number of columns to sweep over. If
     `periodic`, nx is the period of the kernel.
 
     Attributes
     ----------
     length, frequencies : int
-        Length Nx of the transforms in x, and their number of frequencies F.
+        Length Nx of the transforms in x, and number F of their frequencies.
     reach : ndarray, shape (chunks,)
         Lag (distance in rows) beyond which the kernel is negligible.
     chunks : list of int
-        Number n of chunks in a transfer of 2^k leaves, for k = 0, 1, ...: the transfer needs only the first n chunks.
+        Entry k is the number of chunks that a transfer of 2^k leaves needs; these are the first chunks.
     edges : list of (int, int)
         First and end chunk of each rank. The first chunk of this rank is `first`.
     near : ndarray
         Kernel between the rows of a leaf and the rows of the leaf before.
     ring : ndarray, shape (2, chunks, leaf rows, LANES)
-        The last two leaves.
+        The last two leaves, transformed in x.
     stored : ndarray, shape (leaves, own chunks, leaf rows, LANES)
-        Solved leaves, and their effects on later ones.
+        For each leaf: the effects of earlier leaves until it is solved, then the solved rows.
     transfers : list of tuple
-        Spectra of the kernel, FFT plans and work arrays for the transfers of 2^k leaves.
+        Entry k has spectra of the kernel, FFT plans and work arrays for transfers of 2^k leaves.
     """
 
     def __init__(self, quadrant_rows, shape, comm, periodic):
@@ -77,12 +77,18 @@ class SweepTables:
 
     @staticmethod
     def _with_spectrum(length):
-        """Return a real array and its spectrum in the same memory."""
+        """Return a real array for transforms in place, and its spectrum.
+
+        Both have the same memory.
+        """
         spectrum = aligned(length // 2 + 1, complex)
         return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
-        """Return FFT plans, kernel and work arrays to solve single rows."""
+        """Return a `RowSolver`: FFT plans, kernel and work arrays.
+
+        `first_row` has the influence coefficients within a row.
+        """
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)
@@ -115,10 +121,10 @@ class SweepTables:
         )  # fmt: skip
 
     def invert_triangle(self, weight):
-        """Compute the spectra that solve rows without holes.
+        """Compute the spectra that solve rows whose contact has no holes.
 
-        Such a row is multiplied by the inverse of the triangle ``I / weight + L``, where L couples a cell to the cells
-        before it in the row, and `weight` is omega over the diagonal of A. The inverse is Toeplitz, so its first column
+        Such a row is multiplied by the inverse of the matrix ``I / weight + L``. L couples a cell to the cells before
+        it in the row, and `weight` is omega divided by the diagonal of A. The inverse is Toeplitz, so its first column
         is enough.
         """
         rows, nx = self.rows, self.shape[1]
@@ -133,9 +139,9 @@ class SweepTables:
             rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
 
     def _prepare_transfers(self, kernel):
-        """Return spectra, FFT plans and work arrays of all transfers.
+        """Return spectra, FFT plans and work arrays for all transfers.
 
-        A transfer is the effect of solved leaves (blocks of rows) on later ones.
+        A transfer is the effect of solved leaves (blocks of rows) on later leaves.
         """
         edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
         columns, rows = kernel.columns(edges), self.leaf_rows

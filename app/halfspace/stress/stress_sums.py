@@ -7,10 +7,11 @@
       yy  -p (ny^2 (1 - s) + 2 nu nx^2) e^-s      xz  i p nx s e^-s
       zz  -p (1 + s) e^-s                         yz  i p ny s e^-s
 
-  The mean pressure p compresses a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. The same waves are used
-  for both periodic symbols, ``spectral`` and ``love``, because these agree at depths of more than a cell.
-- Free patch: the stress below a uniformly loaded rectangle has a closed form (Love 1929). It is summed over the cells
-  by zero-padded FFTs. There are no images, so the result is exact for a pressure that is constant on cells.
+  The mean pressure p compresses a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p, zz = -p. The same
+  formulas are used for both periodic symbols, ``spectral`` and ``love``, because the stresses agree at depths of more
+  than a cell.
+- Free patch: the stress below a uniformly loaded rectangle has a closed form (Love 1929). Zero-padded FFTs sum the
+  stresses of all cells. The result is exact for a pressure that is constant on cells.
 
 References
 ----------
@@ -50,7 +51,7 @@ class PeriodicStress:
                      np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
 
     def _waves(self, depth):
-        """Yield the Fourier transforms of the stress components at a depth."""
+        """Yield the Fourier transform of each stress component at a depth."""
         s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
         p = self._transform * np.exp(-s)
         two_nu = 2 * self.nu
@@ -151,8 +152,8 @@ class FreeStress:
 def _edges(offsets, step):
     """Return a point's offsets from cell edges [mm].
 
-    `offsets` are those from the cell centres. Stresses at the surface jump between cells. A point that is on an edge,
-    except for rounding, gets the mean of both sides.
+    `offsets` are those from the cell centres, `step` is the side of a cell. Stresses at the surface jump between cells.
+    So a point that is on an edge, except for rounding, is placed exactly on it, and gets the mean of both sides.
     """
     edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
     edges[np.abs(edges) < _EDGE_TOLERANCE * step] = 0.0
@@ -160,9 +161,9 @@ def _edges(offsets, step):
 
 
 class _Mirror:
-    """Kernel of cells in one direction, from values at their positive edges.
+    """Stresses of cells in one direction, from values at their positive edges.
 
-    There are `count` cells, at offsets of `first` cells and more. Values at negative edges follow by symmetry.
+    There are `count` cells; the first has an offset of `first` cells. Values at negative edges follow by symmetry.
     """
 
     def __init__(self, first, count):
@@ -177,8 +178,9 @@ class _Mirror:
     def difference(self, corners, axis, odd):
         """Return the differences of values between both edges of each cell.
 
-        `corners` are values at the positive edges. They are integrals of the kernel, so they are even if the kernel is
-        `odd` in this direction, and odd otherwise.
+        A difference is the value at the upper edge minus that at the lower edge. `corners` are values at the positive
+        edges, along `axis`. They are integrals of a stress component. `odd` is true if the component is odd in this
+        direction; its integral is then even.
         """
         mirrored = corners.take(self._index, axis)
         if not odd:
@@ -189,10 +191,10 @@ class _Mirror:
 
 @njit()
 def _corner(x, y, z, nu):
-    """Return 2 pi times one corner's part of a rectangle's stress.
+    """Return the part of one corner in a rectangle's stress.
 
-    (x, y, z) is the point seen from the corner. The stress below a rectangle under unit pressure is a sum of the parts
-    of its corners, with signs.
+    It is multiplied by 2 pi. (x, y, z) is the point seen from the corner. The stress below a rectangle under unit
+    pressure is the sum of the parts of its four corners, with alternating signs.
     """
     xx, yy, zz = x * x, y * y, z * z
     r = sqrt(xx + yy + zz)

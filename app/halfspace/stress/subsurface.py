@@ -3,8 +3,9 @@
 z points into the body. Both bodies of a contact have the same surface pressure p. The stress depends on Poisson's ratio
 of the body, not on Young's modulus. Compression is negative: sigma_zz = -p at z = 0. `stress_sums` has the formulas.
 
-On a free patch the sums are over the bounding box of the loaded cells only. A horizontal plane needs memory for about
-twenty arrays with as many cells as the patch and the loaded cells together, a vertical section for a few rows of these.
+On a free patch the sums are over the bounding box of the loaded cells only. Memory on a free patch: a horizontal plane
+needs about twenty arrays, each with as many cells as the patch and the bounding box together. A vertical section needs
+a few rows of these arrays.
 """
 
 from dataclasses import dataclass, replace
@@ -61,9 +62,9 @@ def max_shear(stress):
 
 
 def _shear_where_large(stress):
-    """Return `max_shear` at points where it can be largest, else 0.
+    """Return `max_shear` where it may be largest, 0 at other points.
 
-    The other points, with a small von Mises stress, are skipped to save time.
+    Points with a small von Mises stress are skipped to save time.
     """
     mises = von_mises(stress)
     large = mises >= 0.86 * mises.max()  # The shear stress is 1/2 to 1/sqrt(3) of it.
@@ -104,9 +105,9 @@ class SubsurfaceStress:
         return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
 
     def plot(self, along="x"):
-        """Draw the stress on a vertical section and line; return figure, axes.
+        """Draw the stress on a vertical section and on a vertical line.
 
-        Both contain the point of the largest von Mises stress. The section is along x or y.
+        Both contain the point of the largest von Mises stress. The section is along x or y. Return figure and axes.
         """
         return views.load().plot_stress(self, along)
 
@@ -145,18 +146,25 @@ class SubsurfaceStress:
     def maximum(self):
         """Return the largest von Mises stress, a `StressMaximum`.
 
-        The search compares horizontal planes down to a depth of the width of the loaded part. Deep planes have larger
-        cells. Then the depth is refined below the three most stressed cells. Below other asperities it is not refined;
-        their maximum would be missed by at most 2%. Without pressure the returned point is at the surface.
+        The search compares horizontal planes, down to a depth equal to the width of the loaded part. On deep planes the
+        cells are larger. Then the depth of the maximum is refined below the three most stressed cells. Below all other
+        cells the depth is not refined; a maximum there would be underestimated by at most 2%. Without pressure the
+        returned point is at the surface.
         """
         return self._search(von_mises)[0]
 
     def maxima(self):
-        """Return the maxima of the von Mises and shear stresses, two `StressMaximum`."""
+        """Return the largest von Mises stress and the largest shear stress.
+
+        Both are a `StressMaximum`.
+        """
         return self._search(von_mises, _shear_where_large)
 
     def _search(self, *measures):
-        """Return the maximum of each measure: von Mises or shear stress."""
+        """Return the maximum of each measure, a `StressMaximum`.
+
+        A measure is a function of the stress components: `von_mises` or `max_shear`.
+        """
         sums, grid, peaks = self._sums, self.grid, [[] for _ in measures]
         first = _FIRST_DEPTH * min(grid.dx, grid.dy)
         count = max(1, int(np.ceil(2 * np.log2(max(sums.extent) / first))))
@@ -174,7 +182,7 @@ class SubsurfaceStress:
         return [self._refine(*pair, depths) for pair in zip(measures, peaks, strict=True)]
 
     def _refine(self, measure, peaks, depths):
-        """Find the maximum of a measure in depth, below the highest peaks."""
+        """Return the maximum of a measure in depth, below the highest peaks."""
         from scipy.optimize import minimize_scalar
 
         stresses = {}
@@ -213,7 +221,7 @@ def _depths(depths):
 
 
 def _find_peaks(field):
-    """Return the cells of the largest values, without their neighbours."""
+    """Return the cells of a field's largest values, without their neighbours."""
     count = min(field.size, 50 * _REFINED_PEAKS)
     largest = np.argpartition(field, -count, axis=None)[-count:]
     peaks, largest = [], largest[np.argsort(field.ravel()[largest])[::-1]]
@@ -226,7 +234,7 @@ def _find_peaks(field):
 def _coarsen(pressure, grid):
     """Return pressure and grid with cells of twice the size.
 
-    A direction with an odd number of cells keeps its cells. Return None if both do.
+    A direction with an odd number of cells keeps its cells. Return None if both directions keep their cells.
     """
     fy, fx = (1 if n % 2 or n < 4 else 2 for n in grid.shape)
     if fx == fy == 1:
