@@ -30,6 +30,8 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "surfaces": "Surfaces and materials",
         "load-paths": "Load curves",
         "periodic": None,
+        "conductance": None,
+        "sensitivities": None,
         "methods": None,
         "operator": "The operator as a Mat",
         "results": None,

@@ -13,7 +13,6 @@ on a self-affine surface of 512 x 512 cells::
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from numbers import Number
 from pathlib import Path
 
@@ -50,7 +49,7 @@ class LoadPath:
     numbers : sequence of float
         Prescribed values, one for each step, in any order.
     stiffness : bool
-        Solve for the exact stiffness of every step, too.
+        Solve for the exact stiffness and the conductance of every step, too.
     rows : sequence of dict, optional
         Rows of finished steps of the same path, from the first step on. These steps are not solved again, except the
         last one of the path.
@@ -133,17 +132,19 @@ class LoadPath:
                 raise InputError("path: its solver has been given another problem; make a path of that")
             solution = self._solver.solve(**{self._kind: self.numbers[step]})
             if self._with_stiffness:
-                solution = replace(solution, stiffness=self._solver.stiffness(solution))
+                solution = self._solver.with_stiffness(solution)
             self.operator_applications += solution.operator_applications
             self.solve_seconds += solution.solve_seconds
             self.rows[step:] = [self._row(step, solution)]
             yield solution
 
     def _row(self, step, solution):
-        row = {"step": step + 1} | numbers_of(solution)
-        if self._with_stiffness:
-            row["stiffness"] = solution.stiffness
-        return row | {"converged": solution.converged}
+        return {
+            "step": step + 1,
+            **numbers_of(solution),
+            **solution.stiffness_numbers,
+            "converged": solution.converged,
+        }
 
     @property
     def converged(self):

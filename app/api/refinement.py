@@ -86,7 +86,7 @@ def refine(
     method, options, comm, listeners, prefix
         Those of `ContactSolver`; -lcp_rtol applies to the first grid.
     stiffness : bool
-        Solve for the stiffness on the finest grid, too.
+        Solve for the stiffness and the conductance on the finest grid, too.
     progress : bool
         Show the finished grids by a progress bar (tqdm) on rank 0.
     **loading : float
@@ -144,7 +144,7 @@ def refine(
                     )
                     solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
-                    solution = replace(solution, stiffness=solver.stiffness(solution))
+                    solution = solver.with_stiffness(solution)
                 exact = solution.stiffness if stiffness else float("nan")
                 NoteWarnings().issue(problem, solution.notes)
                 if bar is not None:

@@ -13,8 +13,13 @@ from app.parallel.communicator import Traffic
 from app.parallel.slabs import Slabs
 from app.problems.arrays import real_numbers
 
+STIFFNESS_NUMBERS = (  # None unless requested
+    "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance", "thermal_conductance",
+)  # fmt: skip
 # Attributes that the caller of `save` may replace: those of a whole run, and errors from more grids.
-RUN_ATTRIBUTES = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
+RUN_ATTRIBUTES = {
+    "command_line", "notes", "options", "setup_seconds", *STIFFNESS_NUMBERS, *GridErrors._fields,
+}  # fmt: skip
 _MAX_ATTRIBUTE_BYTES = 65_000  # HDF5 stores no larger ones, texts excepted
 _COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are not numbers of a Solution
 
@@ -36,6 +41,8 @@ class Solution(ContactFields):
         Contact set unchanged, (5.1) satisfied, and error within -lcp_error_bound.
     message : str
         Why the iteration ended.
+    prescribed : str
+        Prescribed quantity: load (also as mean pressure), approach or mean_gap.
     load, approach, indentation : float
         Load [N], approach [mm], and approach beyond first touch [mm].
     mean_pressure, mean_gap : float
@@ -83,8 +90,13 @@ class Solution(ContactFields):
     slabs : Slabs
         Distribution of the rows over the ranks.
     comm : mpi4py communicator
-    stiffness : float or None
-        dF/d(approach) [N/mm]; None unless requested, see `ContactSolver.path`.
+    stiffness, unloading_stiffness : float or None
+        dF/d(approach), and that of the whole contact while it unloads [N/mm]. These and the next three numbers are None
+        unless requested, see `ContactSolver.with_stiffness`.
+    conductance_width : float or None
+        Diameter of the circular contact with the same conductance [mm].
+    electrical_conductance, thermal_conductance : float or None
+        Conductance of the contact [S] and [W/K]; only for a material with the constants of `Material.conducting`.
     plastic : ndarray of bool, or None
         Cells at the hardness; None without a hardness.
     """
@@ -94,6 +106,7 @@ class Solution(ContactFields):
     contact: np.ndarray
     converged: bool
     message: str
+    prescribed: str
     load: float
     approach: float
     indentation: float
@@ -144,6 +157,10 @@ class Solution(ContactFields):
     comm: object
     distance: object  # function that returns `undeformed_distance`
     stiffness: float | None = None
+    unloading_stiffness: float | None = None
+    conductance_width: float | None = None
+    electrical_conductance: float | None = None
+    thermal_conductance: float | None = None
     plastic: np.ndarray | None = None
 
     def __getstate__(self):
@@ -184,6 +201,12 @@ class Solution(ContactFields):
         return self.grid.y(self.slabs.rows)
 
     @property
+    def stiffness_numbers(self):
+        """Stiffness and conductance by name, if they were requested."""
+        values = {name: getattr(self, name) for name in STIFFNESS_NUMBERS}
+        return {name: value for name, value in values.items() if value is not None}
+
+    @property
     def attributes(self):
         """Numbers and texts that a result file has as root attributes."""
         from app import __version__
@@ -192,7 +215,7 @@ class Solution(ContactFields):
         return {
             **self.problem,
             **{ATTRIBUTE_NAMES.get(name, name): getattr(self, name) for name in numbers},
-            **({} if self.stiffness is None else {"stiffness": self.stiffness}),
+            **self.stiffness_numbers,
             **vars(self.certificate),
             **vars(self.traffic),
             "cell_size": [self.grid.dx, self.grid.dy],

@@ -20,10 +20,10 @@ import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import parse_arguments
+from app.api.derivatives import Derivatives
 from app.api.load_path import LoadPath, check_one_kind
 from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
-from app.api.stiffness import contact_stiffness
 from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.petsc import Resources, mpi_comm, synchronized
@@ -81,7 +81,7 @@ def solve(
         )
 
 
-class ContactSolver:
+class ContactSolver(Derivatives):
     """Solver of a contact problem for any loading.
 
     Collective over `comm`, as are all its methods. `update` replaces the problem. A ``with`` block frees the solver at
@@ -295,7 +295,7 @@ class ContactSolver:
         Parameters
         ----------
         stiffness : bool
-            Solve for the exact stiffness of every step, too.
+            Solve for the exact stiffness and the conductance of every step, too.
         rows : sequence of dict, optional
             Rows of finished steps, which are not solved again; see `app.api.load_path.LoadPath`.
         progress : bool
@@ -343,28 +343,6 @@ class ContactSolver:
             self.problem, self._was_interrupted = before, True
             raise
 
-    @synchronized
-    def stiffness(self, solution):
-        """Compute the contact stiffness dF/d(approach) of a solution.
-
-        It takes one more linear solve.
-
-        Parameters
-        ----------
-        solution : Solution
-            Solution of this problem, grid and communicator.
-
-        Returns
-        -------
-        float
-            Stiffness [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver
-            does not converge.
-        """
-        self._check_open()
-        self._strategy.check(solution, "solution")
-        with self.options.inserted():
-            return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
-
     def _check_open(self):
         if not self._finalizer.alive:
             raise InputError("the solver is closed")
@@ -395,6 +373,7 @@ class ContactSolver:
             plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
             converged=outcome.converged,
             message=outcome.reason,
+            prescribed=loading.kind,
             approach=approach,
             indentation=depth - distance.zero_load_depth,
             residual=outcome.residual,

@@ -109,8 +109,27 @@ def _describe_pressure(facts, grid):
             f"the longer at {round_to_cell(facts['major_axis_angle'], 0.01):.4g} degrees from x{centre}"
         )
     if "stiffness" in facts:
-        lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")
+        lines += _describe_stiffness(facts, grid)
     return lines
+
+
+def _describe_stiffness(facts, grid):
+    """Return lines with stiffness and conductance."""
+    lines = [f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve"]
+    if facts.get("unloading_stiffness", facts["stiffness"]) != facts["stiffness"]:
+        lines[0] += f"; while unloading {facts['unloading_stiffness']:.8g} N/mm"
+    width, area = facts.get("conductance_width", 0.0), grid.nx * grid.dx * grid.ny * grid.dy
+    if not width > 0:
+        return lines
+    text = f"conductance of a circular contact of diameter {width:.6g} mm"
+    if (electrical := facts.get("electrical_conductance")) is not None:
+        text += f"; electrical conductance {electrical:.6g} S"
+        text += f" ({1 / electrical:.6g} ohm)" if electrical > 0 else ""
+    if (thermal := facts.get("thermal_conductance")) is not None:
+        text += f"; thermal conductance {thermal:.6g} W/K"
+        # The patch is the nominal area of contact if it is periodic.
+        text += f" ({1e6 * thermal / area:.6g} W/(m2 K))" if facts.get("periodic") else ""
+    return [*lines, text]
 
 
 def _describe_accuracy(facts):

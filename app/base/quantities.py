@@ -43,6 +43,16 @@ QUANTITIES = {
     "contact_patches": Quantity("1", "contact spots", "sets of contact cells connected by edges"),
     "largest_patch": Quantity("mm2", "largest patch"),
     "stiffness": Quantity("N/mm", "stiffness", "dF/dδ, change of the load with the approach", "dF/dδ"),
+    "unloading_stiffness": Quantity(
+        "N/mm", "unloading stiffness", "dF/dδ of the whole contact while it unloads"
+    ),
+    "conductance_width": Quantity(
+        "mm", "conductance width", "diameter of a circular contact with the same conductance"
+    ),
+    "electrical_conductance": Quantity(
+        "S", "electrical conductance", "without films; resistance = 1/conductance"
+    ),
+    "thermal_conductance": Quantity("W/K", "thermal conductance", "without gas in the gap and radiation"),
     "stiffness_by_differences": Quantity("N/mm", "stiffness by differences"),
     "seconds": Quantity("s"),
     "contact_cells": Quantity("1", "cells in contact"),

@@ -34,6 +34,8 @@ grid_size = pair("nx,ny or n, whole numbers of at least 1")
 frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
+resistivities = pair_of_reals("rho1,rho2, numbers of at least 0", lowest=0)
+conductivities = pair_of_reals("k1,k2, positive numbers", above=0, highest=np.inf)
 radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True, highest=np.inf)
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
@@ -50,6 +52,8 @@ MATERIAL_OPTIONS = [
     Option("poisson", ratios, REQUIRED, "nu1,nu2: their Poisson's ratios"),
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
     Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
+    Option("resistivity", resistivities, None, "rho1,rho2: with -stiffness, for the electrical conductance [ohm m]"),
+    Option("thermal_conductivity", conductivities, None, "k1,k2: with -stiffness, for the thermal one [W/(m K)]"),
 ]  # fmt: skip
 SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "roller", "cone")
 GEOMETRY_OPTIONS = [
@@ -160,6 +164,13 @@ def make_problem(options, texts, comm):
 
 
 def _make_material(options):
+    material = _make_elastic_material(options)
+    if not (options.given("stiffness") and options["stiffness"]):
+        return material
+    return material.conducting(options["resistivity"], options["thermal_conductivity"])
+
+
+def _make_elastic_material(options):
     from app.halfspace.material import Material
 
     if options.given("contact_modulus"):

@@ -32,7 +32,7 @@ PROBLEM_OPTIONS = [
     Option("mean_pressure", real(), None, "load over the area of the patch, holes and all [N/mm2]"),
     Option("mean_gap", real(), None, "mean gap of a periodic patch without holes [mm]"),
     *load_path.OPTIONS,
-    Option("stiffness", flag, False, "dF/d(approach), exactly, by one more linear solve"),
+    Option("stiffness", flag, False, "dF/d(approach), exactly, and conductance, by one more linear solve"),
     Option("refine_until", share, None, "double the cells both ways until the grid error is below"),
     Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),

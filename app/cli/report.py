@@ -31,7 +31,8 @@ _QUANTITIES = (
     "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
     "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
     "largest_patch", "perimeter", "semi_axis_major", "semi_axis_minor", "pressure_centre_x", "pressure_centre_y",
-    "mean_gap", "stiffness", "contact_modulus", "rms_height", "rms_slope",
+    "mean_gap", "stiffness", "unloading_stiffness", "conductance_width",
+    "electrical_conductance", "thermal_conductance", "contact_modulus", "rms_height", "rms_slope",
 )  # fmt: skip
 _ORIGIN = {
     "version": "version",
@@ -45,7 +46,7 @@ _ORIGIN = {
 }
 _REQUESTED = (
     "hertz_", "sphere_", "cylinder_", "roller_", "cone_", "punch_", "surface_", "body",
-    "young", "poisson", "shear_", "gap_",
+    "young", "poisson", "shear_", "gap_", "resistivity", "thermal_conductivity",
 )  # fmt: skip
 _IN_SUMMARY = ("contact", "pressure", "history")  # figures
 _MAX_ROWS = 200

@@ -20,7 +20,6 @@ def main(parsed):
     import time
     import warnings
     from contextlib import nullcontext
-    from dataclasses import replace
 
     from petsc4py import PETSc
 
@@ -86,7 +85,7 @@ def main(parsed):
             with solver:
                 solution = solver.solve(**request.loading)
                 if request.stiffness:
-                    solution = replace(solution, stiffness=solver.stiffness(solution))
+                    solution = solver.with_stiffness(solution)
             notes = solution.notes
     (refined if request.refine_until else solver).options.insert_for_good(request.texts)
     with PETSc.Log.Stage("Output"):

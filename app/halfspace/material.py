@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,6 +29,8 @@ class Material:
     bodies : mapping or None
         ``young`` and ``poisson`` of both bodies, if the material was made from these. Empty if it was made from E*
         alone; None if it was made from G and nu.
+    resistivity, thermal_conductivity : tuple of float, or None
+        Constants of the two bodies, see `conducting`.
 
     Notes
     -----
@@ -38,6 +41,8 @@ class Material:
     shear_modulus: float
     poisson_ratio: float
     bodies: Mapping | None = field(default=None, init=False, repr=False, compare=False)
+    resistivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
+    thermal_conductivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None):
         if unnamed or shear_modulus is None or poisson_ratio is None:
@@ -134,11 +139,54 @@ class Material:
         object.__setattr__(self, "bodies", bodies)
         return self
 
+    def conducting(self, resistivity=None, thermal_conductivity=None):
+        """Return a copy with constants for the conductance of the contact.
+
+        Parameters
+        ----------
+        resistivity : float or two floats, optional
+            Electrical resistivity of each body [ohm m], at least 0; 0: a perfect conductor, one of the two at most.
+        thermal_conductivity : float or two floats, optional
+            Thermal conductivity of each body [W/(m K)], above 0; inf: a perfect conductor, one of the two at most.
+
+        Examples
+        --------
+        >>> copper = Material.isotropic(120e3, 0.34).conducting(resistivity=1.7e-8, thermal_conductivity=390)
+        >>> copper.resistivity
+        (1.7e-08, 1.7e-08)
+        """
+        copied = copy(self)
+        for name, values, wanted, is_allowed in (
+            ("resistivity", resistivity, "at least 0, and one above 0 [ohm m]", _are_resistivities),
+            (
+                "thermal_conductivity",
+                thermal_conductivity,
+                "above 0, and one finite [W/(m K)]",
+                _are_conductivities,
+            ),
+        ):
+            if values is None:
+                continue
+            try:
+                pair = np.broadcast_to(np.asarray(values, dtype=float), 2)
+            except (TypeError, ValueError):
+                pair = np.full(2, np.nan)
+            if not is_allowed(pair):
+                raise InputError(f"{name} {values}: must be a number or one for each body, {wanted}")
+            object.__setattr__(copied, name, tuple(pair.tolist()))
+        return copied
+
     def describe(self):
         """Return E* and the constants that the material was made from."""
         pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
-        return {**({} if self.bodies == {} else pair), **bodies, "contact_modulus": self.contact_modulus}
+        constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}
+        return {
+            **({} if self.bodies == {} else pair),
+            **bodies,
+            "contact_modulus": self.contact_modulus,
+            **{name: list(values) for name, values in constants.items() if values is not None},
+        }
 
     @property
     def compliance(self):
@@ -159,6 +207,14 @@ def _real(name, value):
         return float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} {value!r}: must be a number") from None
+
+
+def _are_resistivities(pair):
+    return np.isfinite(pair).all() and (pair >= 0).all() and pair.any()
+
+
+def _are_conductivities(pair):
+    return (pair > 0).all() and np.isfinite(pair).any()
 
 
 def _listed(numbers):

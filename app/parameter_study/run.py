@@ -28,7 +28,8 @@ _WORK = (
     "solve_seconds",
 )  # fmt: skip
 WHERE_KNOWN = (  # columns only if a run has them
-    "indentation", "contact_area", "mean_contact_pressure", "stiffness", "contact_patches", "largest_patch",
+    "indentation", "contact_area", "mean_contact_pressure", "stiffness", "unloading_stiffness", "conductance_width",
+    "electrical_conductance", "thermal_conductance", "contact_patches", "largest_patch",
     "persson_fraction", "rms_height", "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error",
     "max_pressure_error", "contact_area_error",
 )  # fmt: skip

@@ -23,6 +23,8 @@ _UNITS = (
     ("N", "load|.+_design_load"),
     ("N/mm²", "young|.+_modulus|mean_pressure"),
     ("degrees", ".+_angle"),
+    ("ohm m", "resistivity"),
+    ("W/(m K)", "thermal_conductivity"),
     (
         "mm",
         "domain|roller_(end_chamfer|profile)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",

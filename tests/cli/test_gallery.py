@@ -37,8 +37,8 @@ def test_script_is_short_and_on_the_page_with_a_small_picture(script):
     assert script.with_suffix(".png").stat().st_size < MAX_BYTES
 
 
-def test_there_are_eight_scripts():
-    assert len(SCRIPTS) == 8 and len({*GALLERY.glob("*.png")}) == 8
+def test_every_picture_has_its_script():
+    assert {path.stem for path in GALLERY.glob("*.png")} == {path.stem for path in SCRIPTS}
 
 
 def test_ball_has_the_numbers_of_hertz(run_script, tmp_path):
@@ -58,6 +58,20 @@ def test_logarithmic_roller_has_the_pressure_of_line_contact(run_script, tmp_pat
     along, line = names["along"], names["line"]  # of the last roller
     assert along[len(along) // 2] == pytest.approx(line.max_pressure, rel=5e-3)
     assert (tmp_path / "crowned_roller.png").is_file()
+
+
+def test_the_best_crown_has_almost_the_pressure_of_line_contact(run_script, tmp_path):
+    names = run_script("optimal_crown")
+    largest = {name: solution.max_pressure for name, solution in names["solutions"].items()}
+    assert largest["best"] < 1.05 * names["line"].max_pressure < 0.7 * largest["arc of 1.5 m"]
+    assert (tmp_path / "optimal_crown.png").is_file()
+
+
+def test_resistance_falls_with_the_load_as_that_of_spots(run_script, tmp_path):
+    names = run_script("contact_resistance")
+    assert names["power"] == pytest.approx(-1, abs=0.05)
+    assert (names["resistance"] < names["cluster"]).all()
+    assert (tmp_path / "contact_resistance.png").is_file()
 
 
 def test_wheel_is_stressed_most_below_the_surface(run_script, tmp_path):

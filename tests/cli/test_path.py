@@ -156,12 +156,17 @@ def test_resume_refuses_another_module(cli, tmp_path):
 
 @pytest.mark.ranks(2)
 def test_rank_0_writes_the_table_of_a_path(cli, tmp_path, ranks):
-    done = cli(*PATH, "-path_csv", tmp_path / "a.csv", "-stiffness", ranks=ranks)
+    constants = "-resistivity", "1e-7,2e-7"
+    done = cli(*PATH, "-path_csv", tmp_path / "a.csv", "-stiffness", *constants, ranks=ranks)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("step ") == 4
     columns = table(tmp_path / "a.csv")
     assert [float(load) for load in columns["load"]] == pytest.approx(np.geomspace(1000, 80000, 4))
     assert set(columns["converged"]) == {"True"}
+    widths, conductances = (
+        np.array(columns[name], float) for name in ("conductance_width", "electrical_conductance")
+    )
+    assert conductances == pytest.approx(2e-3 * widths / 3e-7)
     assert float(columns["stiffness"][1]) == pytest.approx(
         float(columns["stiffness_by_differences"][1]), rel=0.1
     )
@@ -213,7 +218,8 @@ def test_misspelt_loading_is_named(cli_here):
 
 
 def test_refinement_stops_below_the_error(cli_here, tmp_path):
-    fine = cli_here(*HERTZ, "-refine_until", "0.02", "-stiffness", "-output", tmp_path / "a.h5")
+    output = "-thermal_conductivity", "45,45", "-stiffness", "-output", tmp_path / "a.h5"
+    fine = cli_here(*HERTZ, "-refine_until", "0.02", *output)
     assert fine.returncode == 0, fine.stderr
     assert "is below 0.02" in fine.stdout
     result = read_result(tmp_path / "a.h5")
@@ -223,6 +229,15 @@ def test_refinement_stops_below_the_error(cli_here, tmp_path):
     assert result.attributes["refinement_load"][-1] == result.load
     assert 0 < result.attributes["load_error"] < result.attributes["contact_area_error"] <= 0.02
     assert result.attributes["stiffness"] == pytest.approx(result.attributes["analytic_stiffness"], rel=0.02)
+    assert result.attributes["thermal_conductance"] == pytest.approx(
+        45e-3 * result.attributes["conductance_width"]
+    )
+    assert f"thermal conductance {result.attributes['thermal_conductance']:.6g} W/K" in fine.stdout
+    alone = cli_here(*HERTZ, "-load", "1e4", "-resistivity", "1e-7,1e-7")
+    assert (
+        alone.returncode == 2
+        and "-resistivity: has no effect here; it is: rho1,rho2: with -stiff" in alone.stderr
+    )
     coarse = cli_here(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000, "-output", tmp_path / "b.h5")
     assert coarse.returncode == 3
     assert "is NOT below 0.001" in coarse.stdout

@@ -66,6 +66,7 @@ def test_every_step_has_its_stiffness_and_the_analytic_values(tmp_path):
     assert [float(row["stiffness"]) for row in rows] == [step["stiffness"] for step in steps]
     assert np.isnan(path.table["analytic_load"][0])
     assert [float(row["analytic_load"]) for row in rows[1:]] == [step["analytic_load"] for step in steps[1:]]
+    assert (path.table["conductance_width"] == path.table["stiffness"] / steps[0]["contact_modulus"]).all()
     assert path.table["stiffness"][2] == pytest.approx(path.table["analytic_stiffness"][2], rel=0.05)
 
 

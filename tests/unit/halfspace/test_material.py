@@ -54,6 +54,33 @@ def test_contact_modulus_combines_both_bodies(young):
     assert Material.pair(young, poisson).contact_modulus == pytest.approx(expected, rel=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("constants", "message"),
+    [
+        ({"resistivity": (0, 0)}, r"resistivity \(0, 0\): must be .* at least 0, and one above 0 \[ohm m\]"),
+        ({"resistivity": -1}, "resistivity -1: must be"),
+        ({"resistivity": (1, np.inf)}, "resistivity .*: must be"),
+        ({"resistivity": (1, 2, 3)}, "resistivity .*: must be a number or one for each body"),
+        ({"resistivity": "copper"}, "resistivity copper: must be"),
+        ({"thermal_conductivity": (0, 1)}, r"thermal_conductivity .*: must be .* above 0, .* \[W/\(m K\)\]"),
+        ({"thermal_conductivity": np.inf}, "thermal_conductivity inf: must be .* one finite"),
+        ({"thermal_conductivity": np.nan}, "thermal_conductivity nan: must be"),
+    ],
+)
+def test_invalid_constants_of_conductance_are_refused(constants, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        Material.isotropic(210e3, 0.3).conducting(**constants)
+
+
+def test_conducting_material_is_a_copy_that_fits_the_same_solver():
+    steel = Material.isotropic(210e3, 0.3)
+    both = steel.conducting(1e-7).conducting(thermal_conductivity=(45, np.inf))
+    assert both == steel and steel.resistivity is None
+    assert both.describe() == steel.describe() | {
+        "resistivity": [1e-7, 1e-7], "thermal_conductivity": [45.0, np.inf],
+    }  # fmt: skip
+
+
 def test_steel_on_polymer():
     material = made(young="210e3,3e3", poisson="0.3,0.35")
     assert material.contact_modulus == pytest.approx(3369, abs=0.5)

@@ -1,0 +1,273 @@
+"""Derivatives of solutions: stiffness, conductance and sensitivities.
+
+They follow from linear systems ``A y = g`` on contact cells, with y = 0 elsewhere. While no cell changes its state,
+the pressure of a contact cell between its bounds follows from A p = approach - shape there, so a change of the shape by
+s changes p by -y, where A y = s. Cells enter and leave contact without pressure, so the load is differentiable in any
+case. Let q be the solution for g = 1:
+
+- The stiffness dF/d(approach) is dx dy sum(q).
+- At a fixed approach, J(p) with dJ/dp = g has dJ/d(shape) = -y. For the load, y = dx dy q.
+- At a fixed load, the approach changes by s.q / sum(q). So dJ/d(shape) = -y + q sum(y) / sum(q).
+- At a fixed mean gap, the approach changes by mean(s). So dJ/d(shape) = -y + sum(y) / cells.
+
+By Barber's theorem, the electrical and thermal conductance of two half-spaces in contact are proportional to the
+incremental stiffness of that contact [1]_.
+
+.. [1] J. R. Barber, Bounds on the electrical resistance between contacting elastic rough bodies, Proc. R. Soc. Lond. A
+   459 (2003) 53-66.
+"""
+
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks
+from app.base.petsc import synchronized
+from app.contact.periodic_state import contact_state
+from app.multigrid.linear_solver import LinearSolver
+from app.options.solver_options import temporary_options
+from app.parallel.reductions import sum_over
+from app.problems.arrays import real_numbers
+
+RTOL = 1e-8  # of ||A q - 1||; the error of the stiffness is smaller
+SENSITIVITY_RTOL = 1e-10  # of ||A y - g||; the error of y itself is larger
+_MAX_IT = 2000
+_OPTIONS = {
+    "ksp_type": "cg",
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_atol": "0",
+    "ksp_max_it": str(_MAX_IT),
+    "pc_type": "python",
+    "pc_python_type": "app.methods.free.circulant.Circulant",
+    "pc_circulant_extend": "0",
+}
+_MM = 1e-3  # m
+
+
+def find_elastic_cells(solution):
+    """Return a mask of the contact cells whose pressure is between its bounds."""
+    return solution.contact
+
+
+@contextmanager
+def contact_system(hierarchy, distance, cells, rtol):
+    """Make a function that solves ``A y = g`` on some cells. Collective.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    distance : UndeformedDistance
+        Undeformed distance on the target grid.
+    cells : ndarray of bool, shape (local rows, nx)
+    rtol : float
+        Relative tolerance of the residual's norm.
+
+    Yields
+    ------
+    function
+        ``solve(g)`` returns y, which is 0 on other cells, and NaN everywhere if the linear solver does not converge.
+    """
+    operator = hierarchy.target
+    state = contact_state(operator, distance)
+    with ExitStack() as stack:
+        stack.callback(state.destroy)
+        state.contact[...] = cells
+        stack.enter_context(operator.double_precision())
+        options = _OPTIONS | {"ksp_rtol": str(rtol)}
+        stack.enter_context(temporary_options(hierarchy.prefix, {}, options))
+        solver = LinearSolver(hierarchy, operator=operator)
+        stack.callback(solver.destroy)
+        solver.set_contact()
+
+        def solve(g):
+            state.right.setArray(np.where(cells, g, 0.0).reshape(-1))
+            y, iterations, failure = solver.solve(state.right, np.inf)
+            has_converged = not failure and iterations < _MAX_IT
+            return y.getArray(readonly=True).reshape(cells.shape) * (1.0 if has_converged else np.nan)
+
+        yield solve
+
+
+def conductances(material, width):
+    """Return the electrical [S] and thermal [W/K] conductance of a contact.
+
+    Parameters
+    ----------
+    material : Material
+        Its resistivities [ohm m] and thermal conductivities [W/(m K)] may be None.
+    width : float
+        Unloading stiffness over E* [mm].
+
+    Returns
+    -------
+    dict of str to float
+        ``electrical_conductance`` and ``thermal_conductance``, if the material has the constants.
+    """
+    result = {}
+    if material.resistivity is not None:
+        result["electrical_conductance"] = 2 * _MM * width / sum(material.resistivity)
+    if material.thermal_conductivity is not None:
+        result["thermal_conductance"] = 2 * _MM * width / sum(1 / k for k in material.thermal_conductivity)
+    return result
+
+
+class Derivatives:
+    """Methods of `ContactSolver` that compute derivatives of its solutions."""
+
+    @synchronized
+    def stiffness(self, solution):
+        """Compute the contact stiffness dF/d(approach) of a solution.
+
+        It takes one more linear solve.
+
+        Parameters
+        ----------
+        solution : Solution
+            Solution of this problem, grid and communicator.
+
+        Returns
+        -------
+        float
+            Stiffness [N/mm]; 0 without contact, infinite for full contact on a periodic patch, NaN if the linear solver
+            does not converge.
+        """
+        self._check_solution(solution)
+        return self._stiffness_of(find_elastic_cells(solution))
+
+    @synchronized
+    def with_stiffness(self, solution):
+        """Return a solution with its stiffness and conductance.
+
+        It takes one more linear solve.
+
+        Parameters
+        ----------
+        solution : Solution
+            Solution of this problem, grid and communicator.
+
+        Returns
+        -------
+        Solution
+            A copy with `stiffness`, `unloading_stiffness` and `conductance_width`. It has `electrical_conductance` and
+            `thermal_conductance` if the problem's material has the constants, see `Material.conducting`.
+        """
+        self._check_solution(solution)
+        unloading = stiffness = self._stiffness_of(solution.contact)
+        width = unloading / self.problem.material.contact_modulus
+        return replace(
+            solution,
+            stiffness=stiffness,
+            unloading_stiffness=unloading,
+            conductance_width=width,
+            **conductances(self.problem.material, width),
+        )
+
+    @synchronized
+    def sensitivity(self, solution, of="load"):
+        """Compute the derivatives of a number with respect to the shape.
+
+        The shape of a cell is its undeformed distance [mm]; heights count with the opposite sign. The derivatives hold
+        while no cell enters or leaves contact. A contact cell without pressure, or an open cell without gap, has
+        one-sided derivatives only. The contact area on cells is piecewise constant and has no derivative.
+
+        Parameters
+        ----------
+        solution : Solution
+            Solution of this problem, grid and communicator.
+        of : {"load", "approach"} or ndarray
+            ``"load"``: the load [N] at fixed approach. ``"approach"``: the approach [mm] at fixed load. An array, of
+            the local rows or the whole grid: dJ/dp of a number J(p), p the cells' pressures [N/mm2]; fixed is the
+            prescribed quantity of the solution.
+
+        Returns
+        -------
+        ndarray of float64, shape (local rows, nx)
+            Derivatives [1/mm times the unit of the number]; NaN if the linear solver does not converge.
+
+        Raises
+        ------
+        InputError
+            If `of` is not allowed, or the number has no derivative: the approach without contact, and other numbers
+            at a fixed approach or mean gap in full contact of a periodic patch.
+        """
+        self._check_solution(solution)
+        g, fixed = call_collectively(self.comm, _read_number, of, solution)
+        check_equal_on_ranks(self.comm, (of if isinstance(of, str) else "", fixed), "sensitivity: of")
+        cells, grid = find_elastic_cells(solution), self.hierarchy.target.grid
+        count = self._sum(cells)
+        if not count:
+            if g is None:
+                raise InputError(
+                    "sensitivity: of approach: the solution has no contact that could carry a load"
+                )
+            return np.zeros(cells.shape)
+        if grid.periodic and count == grid.n:
+            return self._in_full_contact(g, fixed)
+        with self._system(cells, SENSITIVITY_RTOL) as solve:
+            q = solve(1.0) if fixed == "load" else None
+            if g is None:
+                return q / self._sum(q)
+            y = solve(g)
+        if fixed == "approach":
+            return -y
+        if fixed == "load":
+            return q * (self._sum(y) / self._sum(q)) - y
+        return self._sum(y) / grid.n - y
+
+    def _in_full_contact(self, g, fixed):
+        """Return the derivatives in full contact of a periodic patch."""
+        operator = self.hierarchy.target
+        if fixed != "load":
+            raise InputError(
+                f"sensitivity: full contact has no derivatives at a fixed {fixed.replace('_', ' ')}"
+            )
+        if g is None:
+            return np.full(operator.local_shape, 1 / operator.grid.n)
+        y = np.array(g, dtype=float)
+        operator.exact_inverse.apply(y, y)
+        return -y
+
+    def _check_solution(self, solution):
+        self._check_open()
+        self._strategy.check(solution, "solution")
+
+    @contextmanager
+    def _system(self, cells, rtol):
+        with (
+            self.options.inserted(),
+            contact_system(self.hierarchy, self._distances[-1], cells, rtol) as solve,
+        ):
+            yield solve
+
+    def _stiffness_of(self, cells):
+        """Return dx dy sum(q) [N/mm], with A q = 1 on `cells`. Collective."""
+        grid, count = self.hierarchy.target.grid, self._sum(cells)
+        if not count or (grid.periodic and count == grid.n):
+            return np.inf if count else 0.0
+        with self._system(cells, RTOL) as solve:
+            return float(grid.cell_area * self._sum(solve(1.0)))
+
+    def _sum(self, field):
+        """Return the sum of a field over all cells. Collective."""
+        return sum_over(self.hierarchy.target.comm, [np.sum(field)])[0]
+
+
+def _read_number(of, solution):
+    """Return dJ/dp as local rows, None for the approach, and what is fixed."""
+    if isinstance(of, str):
+        if of == "load":
+            return np.full(solution.contact.shape, solution.grid.cell_area), "approach"
+        if of == "approach":
+            return None, "load"
+        raise InputError(f"sensitivity: of {of!r}: must be 'load', 'approach' or an array dJ/dp")
+    g = real_numbers("sensitivity: of", of, "an array of real numbers, 'load' or 'approach'")
+    if g.shape == solution.grid.shape:
+        g = g[solution.slabs.rows]
+    if g.shape != solution.contact.shape:
+        raise InputError(
+            f"sensitivity: of: has shape {np.shape(of)}; must be {solution.grid.shape}, or the local rows"
+        )
+    if not np.isfinite(g[solution.contact]).all():
+        raise InputError("sensitivity: of: must be finite in contact")
+    return g, solution.prescribed

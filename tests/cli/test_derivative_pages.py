@@ -1,0 +1,32 @@
+"""docs/conductance.md and docs/sensitivities.md: their code runs."""
+
+import numpy as np
+import pytest
+from documents import ROOT, code_blocks, run_blocks
+
+
+def blocks_of(page):
+    return code_blocks((ROOT / "docs" / page).read_text(encoding="utf-8"))
+
+
+def test_conductance_of_the_page_is_near_that_of_a_circle():
+    names = run_blocks(blocks_of("conductance.md"))
+    solution, table = names["solution"], names["path"].table
+    assert solution.conductance_width == pytest.approx(2 * np.sqrt(solution.contact_area / np.pi), rel=0.01)
+    assert table["electrical_conductance"][1] == pytest.approx(solution.electrical_conductance, rel=1e-6)
+
+
+def test_sensitivities_of_the_page_are_derivatives():
+    names = run_blocks(blocks_of("sensitivities.md")[:1])
+    solver, solution, sphere, x = (names[name] for name in ("solver", "solution", "sphere", "x"))
+    solver.update(names["ContactProblem"](names["grid"], names["material"], sphere + 1e-4 * x**2))
+    moved = solver.solve(approach=solution.approach)
+    assert moved.load - solution.load == pytest.approx(1e-4 * np.sum(names["of_load"] * x**2), rel=1e-2)
+
+
+def test_wrapped_pressure_is_differentiable():
+    pytest.importorskip("jax")
+    names = run_blocks(blocks_of("sensitivities.md"))
+    loss, step = names["loss"], 1e-3
+    slope = (loss(20 + step) - loss(20 - step)) / (2 * step)
+    assert names["jax"].grad(loss)(20.0) == pytest.approx(float(slope), rel=1e-3)
