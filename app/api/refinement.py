@@ -4,6 +4,8 @@ from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
+import numpy as np
+
 from app.api.arguments import check_type
 from app.api.notes import NoteWarnings
 from app.api.solution import Solution
@@ -171,6 +173,10 @@ def check(problem, until, most_cells):
         raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")
     if not (isinstance(most_cells, Real) and most_cells > 0):
         raise InputError(f"refine most_cells {most_cells!r}: must be a positive number")
+    if np.ndim(problem.hardness):
+        raise InputError(
+            f"problem {problem.name}: its hardness is known on its own grid only; must be one number"
+        )
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "

@@ -39,6 +39,7 @@ conductivities = pair_of_reals("k1,k2, positive numbers", above=0, highest=np.in
 radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True, highest=np.inf)
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
+hardness = real("a positive number; inf: elastic", above=0, highest=np.inf)
 
 
 def domain_or_auto(text):
@@ -54,6 +55,8 @@ MATERIAL_OPTIONS = [
     Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
     Option("resistivity", resistivities, None, "rho1,rho2: with -stiffness, for the electrical conductance [ohm m]"),
     Option("thermal_conductivity", conductivities, None, "k1,k2: with -stiffness, for the thermal one [W/(m K)]"),
+    Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),
+    Option("hardness_file", word, None, "hardness (ny, nx): .npy, .npz, .h5[:/dataset] or text; inf: elastic"),
 ]  # fmt: skip
 SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "roller", "cone")
 GEOMETRY_OPTIONS = [
@@ -106,9 +109,10 @@ GEOMETRY_OPTIONS = [
 MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
-ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # at most one of each
+HARDNESS = ("hardness", "hardness_file")
+ALTERNATIVES = (MATERIAL, HARDNESS, ROUGHNESS, RADII)  # at most one of each
 SURFACE_FILES = ("surface_file", "surface_file2")
-FILES = ("gap_file", "problem_type", "roller_profile", *SURFACE_FILES)
+FILES = ("gap_file", "hardness_file", "problem_type", "roller_profile", *SURFACE_FILES)
 _WAVY = ("surface_sigma", "surface_decay", "surface_modes")
 _SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
 
@@ -155,9 +159,10 @@ def make_problem(options, texts, comm):
 
         check_strip(grid)
     surfaces = (*measured, *_make_random_surfaces(options, name, grid, bool(measured)))
-    if name == "python" and not surfaces:
+    limit = _read_hardness(options, grid)
+    if name == "python" and not surfaces and limit is None:
         return shape, own
-    problem = ContactProblem(grid, material, shape, surfaces=surfaces)
+    problem = ContactProblem(grid, material, shape, surfaces=surfaces, hardness=limit)
     if name == "file":
         shape.check(rows)
     return problem, own
@@ -183,6 +188,17 @@ def _make_elastic_material(options):
             "-shear_modulus [N/mm2] with -poisson_ratio is given: exactly one of these ways is needed"
         )
     return Material.combined(options["shear_modulus"], options["poisson_ratio"])
+
+
+def _read_hardness(options, grid):
+    """Return the hardness [N/mm2], an array of a file's, or None."""
+    from app.problems.gap_file import HardnessFile
+
+    return (
+        HardnessFile(options["hardness_file"]).values_on(grid)
+        if options["hardness_file"]
+        else options["hardness"]
+    )
 
 
 def _read_symbol(options):

@@ -18,6 +18,7 @@ from app.halfspace.grid import plan_grids
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.multigrid.transfer import Transfer
 from app.parallel.rank_groups import RankGroups
+from app.problems.arrays import check_hardness
 from app.problems.problem import evaluate_shape
 
 _COMPARED_ROWS = 0.08, 0.37, 0.79  # positions of the rows that ranks compare, over the number of rows
@@ -213,7 +214,7 @@ class Hierarchy:
 
         Arrays are averaged, so that a cell is elastic if one of its children is.
         """
-        hardness = problem.hardness
+        hardness = check_hardness(problem.hardness, problem.grid)
         if hardness is None:
             return None
         if np.ndim(hardness) == 0:

@@ -46,23 +46,23 @@ def check_size(label, values, first_row=0):
         )
 
 
-def check_hardness(hardness, grid):
+def check_hardness(hardness, grid, label="hardness"):
     """Return the hardness as None, a number, or an array of the cells of a grid.
 
     Raises InputError unless all values are positive; they may be infinite. None is returned if all are.
     """
     if hardness is None:
         return None
-    values = real_numbers("hardness", hardness, "a positive number, or an array of them [N/mm2]")
+    values = real_numbers(label, hardness, "a positive number, or an array of them [N/mm2]")
     if values.ndim and values.shape != grid.shape:
-        raise InputError(f"hardness: has shape {values.shape}; the grid needs (ny, nx) = {grid.shape}")
+        raise InputError(f"{label}: has shape {values.shape}; the grid needs (ny, nx) = {grid.shape}")
     allowed = (values >= 1 / LARGEST) & ((values <= LARGEST) | (values == np.inf))
     if not allowed.all():
         where = np.argwhere(~allowed)[0].tolist()
         place = f" in row {where[0]}, column {where[1]}" if where else ""
         wrong = format_exact(float(values[tuple(where)]))
         raise InputError(
-            f"hardness: {wrong}{place}; must be above 0 N/mm2, {1 / LARGEST:g} to {LARGEST:g}, or inf (elastic)"
+            f"{label}: {wrong}{place}; must be above 0 N/mm2, {1 / LARGEST:g} to {LARGEST:g}, or inf (elastic)"
         )
     if np.isinf(values).all():
         return None

@@ -89,7 +89,7 @@ class ContactProblem(Problem):
         (`app.read_surface`).
     hardness : float or array_like, shape (ny, nx), [N/mm2], optional
         Largest pressure of the softer body, positive; infinite where it stays elastic. Coarser grids average an array.
-        Default: no limit.
+        Default: no limit, or that of a problem given as `gap`.
 
     Examples
     --------
@@ -148,7 +148,8 @@ class ContactProblem(Problem):
         for part in (shape, *surfaces):
             if hasattr(part, "check_grid"):
                 part.check_grid(self.grid)
-        object.__setattr__(self, "hardness", check_hardness(self.hardness, self.grid))
+        hardness = getattr(shape, "hardness", None) if self.hardness is None else self.hardness
+        object.__setattr__(self, "hardness", check_hardness(hardness, self.grid))
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "surfaces", surfaces)
         object.__setattr__(self, "name", shape.name)

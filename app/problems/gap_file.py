@@ -1,41 +1,61 @@
-"""Undeformed distance from a file, as a base shape."""
+"""Fields of the cells from files: undeformed distance, hardness."""
 
 from app.base.errors import InputError
-from app.problems.arrays import check_size
+from app.problems.arrays import check_hardness, check_size
 from app.problems.surfaces.array_file import StoredArray, read_array
 from app.problems.surfaces.points import detect_list
 from app.problems.surfaces.text_heads import read_gwyddion_head
 
 
-class GapFile(StoredArray):
-    """Undeformed distance [mm] from a file; NaN where contact is impossible."""
+class FieldFile(StoredArray):
+    """Array with a number for each cell, from a file.
 
-    label = "gap file"
-    name, sampled = "file", True
+    Subclasses have a `label`, and the `quantity` and `unit` of the numbers.
+    """
+
+    quantity, unit = "number", ""
 
     def __init__(self, file):
         content = read_array(file, self.label)
         super().__init__(str(file), content.array)
         unit, _ = read_gwyddion_head(content.comments)
-        if unit not in (None, "mm"):
-            raise InputError(f"gap file {file}: says {unit}; must be mm")
+        if unit not in (None, self.unit):
+            raise InputError(f"{self.label} {file}: says {unit}; must be {self.unit}")
         if kind := content.is_text and detect_list(self._array):
             raise InputError(
-                f"gap file {file}: {self.shape[0]} lines of {self.shape[1]} numbers are {kind}, not a map; must be the "
-                "gap of all cells in rows and columns, without x and y; such narrow ones as .npy"
+                f"{self.label} {file}: {self.shape[0]} lines of {self.shape[1]} numbers are {kind}, not a map; must be "
+                f"the {self.quantity} of all cells in rows and columns, without x and y; such narrow ones as .npy"
             )
-
-    def check(self, rows):
-        """Raise if values in some rows are too large."""
-        check_size(f"gap file {self.file}", self.rows(rows), rows.start or 0)
 
     def check_grid(self, grid):
         """Raise if a grid has another shape than the file's array."""
         if self.shape != grid.shape:
             raise InputError(
-                f"gap file {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
+                f"{self.label} {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
                 f"needs (ny, nx) = {grid.shape}"
             )
+
+
+class HardnessFile(FieldFile):
+    """Hardness [N/mm2] from a file; infinite where a cell stays elastic."""
+
+    label, quantity, unit = "hardness file", "hardness", "N/mm2"
+
+    def values_on(self, grid):
+        """Return the validated hardness of a grid's cells; None if all are elastic."""
+        self.check_grid(grid)
+        return check_hardness(self.rows(), grid, f"{self.label} {self.file}")
+
+
+class GapFile(FieldFile):
+    """Undeformed distance [mm] from a file; NaN where contact is impossible."""
+
+    label, quantity, unit = "gap file", "gap", "mm"
+    name, sampled = "file", True
+
+    def check(self, rows):
+        """Raise if values in some rows are too large."""
+        check_size(f"gap file {self.file}", self.rows(rows), rows.start or 0)
 
     def shape_on(self, grid, rows=slice(None)):
         """Return some rows of the file's array, on its own grid only."""

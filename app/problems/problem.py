@@ -51,7 +51,7 @@ class Problem:
     @property
     def refinable(self):
         """True if the shape is defined on finer grids, too."""
-        return not self.sampled
+        return not self.sampled and np.ndim(self.hardness) == 0
 
     def on(self, grid):
         """Return the problem on another grid of the same patch."""
@@ -70,11 +70,7 @@ class Problem:
             **self.material.describe(),
             "periodic": int(bool(self.grid.periodic)),
             "periodic_symbol": self.grid.periodic,
-            **(
-                {"hardness": self.hardness}
-                if np.ndim(self.hardness) == 0 and self.hardness is not None
-                else {}
-            ),
+            **({} if self.hardness is None or np.ndim(self.hardness) else {"hardness": self.hardness}),
         }
 
 

@@ -191,3 +191,39 @@ def test_default_patch_suits_the_largest_step(kind):
     assert patch(**{f"{kind}_path": "0.01,1,0.1"}) == patch(**{kind: "1"}) != patch(**{kind: "0.1"})
     with pytest.raises(InputError, match="-domain is missing: without contact"):
         patch(**{f"{kind}_path": "0,0"})
+
+
+@pytest.mark.parametrize("own", ["", "class"])
+def test_hardness_is_an_option_of_any_problem(tmp_path, monkeypatch, own):
+    monkeypatch.chdir(tmp_path)
+    hardness = np.full((24, 24), 700.0)
+    hardness[:12] = np.inf
+    np.save("hardness.npy", hardness)
+    shape = "lambda x, y: x**2 + y**2"
+    if own:
+        shape = "type('Bowl', (Problem,), {'shape_on': lambda self, g, r: (g.x() + g.y(r)[:, None]) ** 2})"
+    (tmp_path / "mine.py").write_text(f"from app.problems.problem import Problem\nbowl = {shape}\n")
+    patch = {"grid": "24", "domain": "-1,1,-1,1", "contact_modulus": 100}
+    for kind in {"problem": "cone", "cone_angle": 5}, {"problem": "python", "problem_type": "mine.py:bowl"}:
+        assert problem_from(**kind, **patch).hardness is None
+        assert problem_from(**kind, **patch, hardness=700).hardness == 700
+        assert problem_from(**kind, **patch, hardness="inf").hardness is None
+        of_file = problem_from(**kind, **patch, hardness_file="hardness.npy")
+        np.testing.assert_array_equal(of_file.hardness, hardness)
+        assert not of_file.refinable
+
+
+@pytest.mark.parametrize("wrong", [0, -1, np.nan])
+def test_wrong_hardness_of_a_file_is_refused_with_its_place(tmp_path, wrong):
+    hardness = np.ones((24, 24))
+    hardness[3, 4] = wrong
+    np.save(tmp_path / "hardness.npy", hardness)
+    options = {
+        "problem": "cone",
+        "cone_angle": 5,
+        "grid": "24",
+        "domain": "-1,1,-1,1",
+        "contact_modulus": 100,
+    }
+    with pytest.raises(InputError, match="hardness.npy: .* in row 3, column 4; must be above 0 N/mm2"):
+        problem_from(**options, hardness_file=str(tmp_path / "hardness.npy"))

@@ -1,4 +1,4 @@
-"""Gaps from files."""
+"""Gaps and hardness from files."""
 
 import re
 
@@ -10,7 +10,7 @@ from running import solve
 from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
-from app.problems.gap_file import GapFile
+from app.problems.gap_file import GapFile, HardnessFile
 
 
 def test_a_gap_from_a_file_is_the_same_problem(tmp_path):
@@ -80,3 +80,14 @@ def test_dataset_linked_to_itself(tmp_path, link):
         file["other"] = h5py.SoftLink("/gap")
     with pytest.raises(ValueError, match="cannot be read: .*too many links"):
         GapFile(f"{tmp_path}/gap.h5:/gap")
+
+
+@pytest.mark.parametrize("file", ["hardness.npy", "hardness.txt"])
+def test_hardness_of_a_file_may_be_infinite(tmp_path, file):
+    hardness = np.full((8, 9), 5.0)
+    hardness[2:4] = np.inf
+    (np.save if file.endswith("npy") else np.savetxt)(tmp_path / file, hardness)
+    grid = Grid(9, 8, 1.0, 1.0)
+    np.testing.assert_array_equal(HardnessFile(tmp_path / file).values_on(grid), hardness)
+    with pytest.raises(ValueError, match=r"^hardness file .* has shape \(8, 9\); -grid 8,9 needs"):
+        HardnessFile(tmp_path / file).values_on(Grid(8, 9, 1.0, 1.0))
