@@ -7,6 +7,8 @@ be imported without mpi4py.
 import os
 from contextlib import contextmanager
 
+from app.base.missing_packages import missing
+
 # First letters of variables of launchers other than Open MPI's mpiexec. With these the number of hosts is unknown.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 
@@ -30,8 +32,6 @@ def __getattr__(name):
         except RuntimeError as error:  # pip's mpi4py brings no MPI library
             if "MPI library" not in str(error):
                 raise
-            from app.base.packages import missing
-
             raise missing("mpi4py") from None
 
     for variable in _OF_SINGLE_RANK:

@@ -6,7 +6,6 @@ then prints a long notice and a traceback for each module of such a package.
 
 import io
 import os
-import platform
 import sys
 from contextlib import redirect_stderr, suppress
 from functools import partial
@@ -14,20 +13,9 @@ from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from app.base.mpi import single_host_variables, temporary_environment
+from app.base import mpi
+from app.base.missing_packages import SOURCES, missing
 
-# Package -> what to install for it: by apt-get, from conda-forge, as wheels, and by pip otherwise.
-_SOURCES = {
-    "mpi4py": ("python3-mpi4py", "mpi4py", "mpich", "mpich"),  # pip's mpi4py has no MPI library
-    "petsc4py": (
-        "python3-petsc4py-real",
-        "'petsc=*=real*' petsc4py",
-        "dolfinx-solver-real",
-        "petsc petsc4py",
-    ),
-    "h5py": ("python3-h5py-mpi", "'h5py=*=mpi*'", "h5py", "h5py"),
-    "pyfftw": ("python3-pyfftw", "pyfftw", "pyfftw", "pyfftw"),
-}
 _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 
 
@@ -36,10 +24,10 @@ class MissingPackageFinder:
 
     @staticmethod
     def find_spec(name, path=None, target=None):
-        """Raise `PackageMissing` for a package of `_SOURCES`."""
+        """Raise `PackageMissing` for a package of `SOURCES`."""
         if name == "petsc4py":
-            import_module("app.base.mpi").MPI  # noqa: B018  reports a missing MPI library, too
-        if name in _SOURCES and name != "mpi4py":
+            mpi.MPI  # noqa: B018  reports a missing MPI library, too
+        if name in SOURCES and name != "mpi4py":
             _raise(missing(name))
 
 
@@ -54,6 +42,8 @@ class CompiledPackageFinder:
         if cls._loading or name.partition(".")[0] not in _COMPILED:
             return None
         spec = PathFinder.find_spec(name, path, target)
+        if spec is not None and spec.origin is None:  # a folder without code
+            return MissingPackageFinder.find_spec(name)
         if spec is not None and spec.loader is not None:
             spec.loader.exec_module = partial(cls._load, name, spec.loader.exec_module)
         return spec
@@ -62,11 +52,11 @@ class CompiledPackageFinder:
     def _load(cls, name, exec_module, module):
         """Import a module; replace errors of a wrong numpy by one line."""
         if name == "petsc4py":
-            import_module("app.base.mpi").MPI  # noqa: B018  in a wheel, petsc4py needs the library that mpi4py loads
+            mpi.MPI  # noqa: B018  in a wheel, petsc4py needs the library that mpi4py loads
         cls._loading, printed, error = True, io.StringIO(), None
         try:
             # h5py and petsc4py start MPI.
-            with redirect_stderr(printed), temporary_environment(single_host_variables(os.environ)):
+            with redirect_stderr(printed), mpi.temporary_environment(mpi.single_host_variables(os.environ)):
                 exec_module(module)
                 if name == "scipy" and "numpy" in printed.getvalue().lower():
                     import_module("scipy.linalg")  # scipy itself only warns, its compiled parts fail
@@ -81,34 +71,6 @@ class CompiledPackageFinder:
                     sys.stderr.write(printed.getvalue())
         if error is not None:
             _raise(error)
-
-
-def missing(name):
-    """Return the error of a missing package, with the command that installs all missing ones here.
-
-    If mpi4py itself is installed, `name` "mpi4py" means that the MPI library is missing.
-    """
-    from app.base.errors import PackageMissing
-
-    names = [other for other in _SOURCES if other == name or PathFinder.find_spec(other) is None]
-    shown = ["an MPI library" if other == "mpi4py" else other for other in names]
-    return PackageMissing(f"not installed: {', '.join(shown)}. {how_to_get(*names)}", name=name)
-
-
-def how_to_get(*names):
-    """Return the command that installs packages of `_SOURCES` for this Python."""
-    pip = f"{sys.executable} -m pip install"
-    if "/usr/lib/python3/dist-packages" in sys.path and Path("/usr/bin/apt-get").exists():
-        command, column = "apt-get install", 0
-    elif Path(sys.prefix, "conda-meta").exists():
-        command, column = "conda install -c conda-forge", 1
-    elif sys.platform == "linux" and platform.machine() == "x86_64" and sys.version_info >= (3, 12):
-        command, column = pip, 2
-    else:
-        command, column = pip, 3
-    what = " ".join(_SOURCES[name][column] for name in names)
-    note = "compiles PETSc; see" if column == 3 and "petsc4py" in names else "other ways:"
-    return f"Install by: {command} {what} ({note} docs/install.md)"
 
 
 def numpy_mismatch(name):

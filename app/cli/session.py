@@ -30,7 +30,8 @@ from app.base.errors import (
     format_message,
 )
 from app.base.memory import check_address_space, set_malloc_option
-from app.base.packages import how_to_get, numpy_mismatch
+from app.base.missing_packages import how_to_get
+from app.base.packages import numpy_mismatch
 from app.cli import streams
 
 # Option of mallopt -> environment variable that sets it, and our value. Work arrays are freed and allocated often;

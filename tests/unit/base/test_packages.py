@@ -7,8 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from processes import TESTS, run
 
-from app.base import packages
-
 COMPILED = "h5py", "matplotlib", "numba", "petsc4py", "scipy"
 # What a package compiled for numpy 1 does with numpy 2, from its C code.
 COMPILED_FOR_ANOTHER_NUMPY = """
@@ -94,24 +92,6 @@ def test_a_missing_mpi_library_is_reported_in_one_line(tmp_path):
         *trace, line = done.stderr.splitlines()
         assert "not installed: an MPI library. Install by: " in line
         assert done.returncode == 1 if trace else (done.returncode, done.stdout) == (2, "")
-
-
-def test_the_error_of_a_missing_package_has_the_command_for_this_python(monkeypatch, tmp_path):
-    monkeypatch.setattr(packages.PathFinder, "find_spec", lambda name: name if name == "pyfftw" else None)
-    for name in ("petsc4py", "h5py"):
-        error = str(packages.missing(name))
-        assert error.startswith("not installed: an MPI library, petsc4py, h5py. Install by: ")
-    monkeypatch.setattr(sys, "path", ["/usr/lib/python3/dist-packages"])
-    assert "apt-get install python3-h5py-mpi (" in packages.how_to_get("h5py")
-    monkeypatch.setattr(sys, "path", [])
-    for version, wheel in (((3, 12), sys.platform == "linux"), ((3, 11), False)):
-        monkeypatch.setattr(sys, "version_info", version)
-        monkeypatch.setattr(packages.platform, "machine", lambda: "x86_64")
-        text = packages.how_to_get("petsc4py")
-        assert ("dolfinx-solver-real" in text, "compiles PETSc" in text) == (wheel, not wheel)
-    (tmp_path / "conda-meta").mkdir()
-    monkeypatch.setattr(sys, "prefix", str(tmp_path))
-    assert "conda install -c conda-forge 'h5py=*=mpi*' (" in packages.how_to_get("h5py")
 
 
 def test_tests_import_only_packages_that_setup_installs():
