@@ -2,16 +2,17 @@
 
 They follow from linear systems ``A y = g`` on contact cells, with y = 0 elsewhere. While no cell changes its state,
 the pressure of a contact cell between its bounds follows from A p = approach - shape there, so a change of the shape by
-s changes p by -y, where A y = s. Cells enter and leave contact without pressure, so the load is differentiable in any
-case. Let q be the solution for g = 1:
+s changes p by -y, where A y = s. So the pressure is piecewise linear in the shape and the approach, with a kink where a
+cell enters or leaves contact. Let q be the solution for g = 1:
 
-- The stiffness dF/d(approach) is dx dy sum(q).
+- The stiffness dF/d(approach) is dx dy sum(q). Plastic cells keep their pressure, the hardness, and are left out. When
+  the contact unloads, they become elastic: the unloading stiffness has the cells of the whole contact.
 - At a fixed approach, J(p) with dJ/dp = g has dJ/d(shape) = -y. For the load, y = dx dy q.
 - At a fixed load, the approach changes by s.q / sum(q). So dJ/d(shape) = -y + q sum(y) / sum(q).
 - At a fixed mean gap, the approach changes by mean(s). So dJ/d(shape) = -y + sum(y) / cells.
 
 By Barber's theorem, the electrical and thermal conductance of two half-spaces in contact are proportional to the
-incremental stiffness of that contact [1]_.
+unloading stiffness [1]_.
 
 .. [1] J. R. Barber, Bounds on the electrical resistance between contacting elastic rough bodies, Proc. R. Soc. Lond. A
    459 (2003) 53-66.
@@ -47,7 +48,7 @@ _MM = 1e-3  # m
 
 def find_elastic_cells(solution):
     """Return a mask of the contact cells whose pressure is between its bounds."""
-    return solution.contact
+    return solution.contact if solution.plastic is None else solution.contact & ~solution.plastic
 
 
 @contextmanager
@@ -139,7 +140,7 @@ class Derivatives:
     def with_stiffness(self, solution):
         """Return a solution with its stiffness and conductance.
 
-        It takes one more linear solve.
+        It takes one more linear solve, or two if there are plastic cells.
 
         Parameters
         ----------
@@ -153,7 +154,10 @@ class Derivatives:
             `thermal_conductance` if the problem's material has the constants, see `Material.conducting`.
         """
         self._check_solution(solution)
+        elastic = find_elastic_cells(solution)
         unloading = stiffness = self._stiffness_of(solution.contact)
+        if self._sum(elastic) < self._sum(solution.contact):
+            stiffness = self._stiffness_of(elastic)
         width = unloading / self.problem.material.contact_modulus
         return replace(
             solution,
@@ -168,8 +172,9 @@ class Derivatives:
         """Compute the derivatives of a number with respect to the shape.
 
         The shape of a cell is its undeformed distance [mm]; heights count with the opposite sign. The derivatives hold
-        while no cell enters or leaves contact. A contact cell without pressure, or an open cell without gap, has
-        one-sided derivatives only. The contact area on cells is piecewise constant and has no derivative.
+        while no cell enters or leaves contact, or starts or ceases to be plastic. A contact cell without pressure, an
+        open cell without gap, or a plastic cell without depth has one-sided derivatives only. The contact area on cells
+        is piecewise constant and has no derivative.
 
         Parameters
         ----------
@@ -188,8 +193,8 @@ class Derivatives:
         Raises
         ------
         InputError
-            If `of` is not allowed, or the number has no derivative: the approach without contact, and other numbers
-            at a fixed approach or mean gap in full contact of a periodic patch.
+            If `of` is not allowed, or the number has no derivative: the approach without elastic contact, and other
+            numbers at a fixed approach or mean gap in full contact of a periodic patch.
         """
         self._check_solution(solution)
         g, fixed = call_collectively(self.comm, _read_number, of, solution)
@@ -199,7 +204,7 @@ class Derivatives:
         if not count:
             if g is None:
                 raise InputError(
-                    "sensitivity: of approach: the solution has no contact that could carry a load"
+                    "sensitivity: of approach: the solution has no elastic contact, so the load does not change with it"
                 )
             return np.zeros(cells.shape)
         if grid.periodic and count == grid.n:

@@ -9,13 +9,13 @@ from app.base.mpi import MPI
 OPTIONS = {"lcp_rtol": 1e-13, "lcp_precision": "double"}
 
 
-def make_problem(periodic, change=0.0):
+def make_problem(periodic, change=0.0, hardness=None):
     """Return a bumpy body; `change` is added to its shape."""
     grid = Grid.from_domain(24, 20, (-0.5, 0.5, -0.4, 0.4))
     x, y = grid.x(), grid.y()[:, None]
     smooth = -0.01 * np.cos(2 * np.pi * x) * np.cos(2.5 * np.pi * y) if periodic else (x**2 + 2 * y**2) / 20
     shape = smooth + 0.001 * np.random.default_rng(1).random(grid.shape) + change
-    return ContactProblem(grid, Material.from_contact_modulus(1000.0), shape, periodic)
+    return ContactProblem(grid, Material.from_contact_modulus(1000.0), shape, periodic, hardness=hardness)
 
 
 @pytest.mark.mpi(1, 2)
@@ -25,15 +25,17 @@ def make_problem(periodic, change=0.0):
         (False, {"load": 0.5}),
         (False, {"approach": 0.005}),
         (True, {"load": 1.0}),
-        (True, {"approach": 0.0}),
+        (True, {"approach": -0.005}),
         (True, {"mean_gap": 0.005}),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else ("free", "periodic")[value],
 )
-def test_sensitivities_are_derivatives(comm, periodic, loading):
+@pytest.mark.parametrize("hardness", [None, 15.0], ids=["elastic", "plastic"])
+def test_sensitivities_are_derivatives(comm, periodic, loading, hardness):
     change, weight = np.random.default_rng(2).random((2, 20, 24))
     step = 1e-8
-    with ContactSolver(make_problem(periodic), options=OPTIONS, comm=comm) as solver:
+    method = "norm" if periodic and hardness else None
+    with ContactSolver(make_problem(periodic, 0.0, hardness), method, OPTIONS, comm=comm) as solver:
 
         def total(field):
             return comm.allreduce(float(np.sum(field)), MPI.SUM)
@@ -44,9 +46,10 @@ def test_sensitivities_are_derivatives(comm, periodic, loading):
         def difference(number, **loading):
             solutions = []
             for sign in (-1, 1):
-                solver.update(make_problem(periodic, sign * step * change))
+                solver.update(make_problem(periodic, sign * step * change, hardness))
                 solutions.append(solver.solve(**loading))
                 assert not total(solutions[-1].contact != solution.contact)
+                assert not total(solutions[-1].plastic != solution.plastic)
             low, high = map(number, solutions)
             return (high - low) / (2 * step)
 

@@ -1,10 +1,12 @@
 """Stiffness, conductance and sensitivities: derivatives, known values and limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import hertz, periodic_rough
 
-from app import ContactProblem, ContactSolver, FlatPunch, Grid, InputError, Material
+from app import ContactProblem, ContactSolver, FlatPunch, Grid, InputError, Material, solve
 
 
 def test_stiffness_is_the_derivative_of_the_load():
@@ -92,6 +94,44 @@ def test_moving_the_whole_shape_moves_the_approach_or_the_load(problem, loading)
         np.testing.assert_allclose(total, 0, atol=1e-7 * abs(load).max() / solution.grid.cell_area)
 
 
+@pytest.mark.parametrize("share", [0.9, 0.5, 0.3])
+def test_plastic_cells_count_when_the_contact_unloads(share):
+    """Stiffnesses against finite differences: with the hardness, and of the indented shape without it."""
+    grid = Grid.from_domain(40, 40, (-1.0, 1.0, -1.0, 1.0))
+    shape = (grid.x() ** 2 + 1.3 * grid.y()[:, None] ** 2) / 4
+    material, options = Material.from_contact_modulus(1.0), {"lcp_rtol": 1e-12, "lcp_precision": "double"}
+
+    def slope(solver, here, step):
+        contact, low = here.contact, solver.solve(approach=here.approach - step)
+        assert (low.contact == contact).all()
+        return (here.load - low.load) / step
+
+    elastic = ContactProblem(grid, material, shape)
+    highest = solve(elastic, load=0.2).max_pressure
+    with ContactSolver(replace(elastic, hardness=share * highest), options=options) as solver:
+        loaded = solver.with_stiffness(solver.solve(load=0.2))
+        assert loaded.stiffness == pytest.approx(slope(solver, loaded, 1e-7), rel=1e-4)
+        assert solver.stiffness(loaded) == loaded.stiffness
+    with ContactSolver(
+        ContactProblem(grid, material, shape - np.minimum(loaded.gap, 0)), options=options
+    ) as solver:
+        again = solver.solve(approach=loaded.approach)
+        assert loaded.unloading_stiffness == pytest.approx(slope(solver, again, 1e-8), rel=1e-3)
+        assert solver.stiffness(again) == pytest.approx(loaded.unloading_stiffness, rel=1e-7)
+    assert loaded.stiffness < loaded.unloading_stiffness == loaded.conductance_width
+
+
+def test_without_elastic_contact_the_load_is_constant():
+    problem = replace(hertz(16), hardness=10.0)
+    with ContactSolver(problem) as solver:
+        solution = solver.with_stiffness(solver.solve(approach=0.5))
+        assert solution.plastic.sum() == solution.contact_cells
+        assert solution.stiffness == 0 < solution.unloading_stiffness
+        assert not solver.sensitivity(solution).any()
+        with pytest.raises(InputError, match="no elastic contact"):
+            solver.sensitivity(solution, "approach")
+
+
 def test_sensitivities_in_full_contact():
     grid = Grid.from_domain(12, 16, (0.0, 1.0, 0.0, 1.0))
     rng = np.random.default_rng(1)
@@ -118,7 +158,7 @@ def test_sensitivities_without_contact():
     with ContactSolver(hertz(16)) as solver:
         open_ = solver.solve(approach=-1.0)
         assert not solver.sensitivity(open_).any() and not solver.sensitivity(open_, np.ones((16, 16))).any()
-        with pytest.raises(InputError, match="no contact that could carry a load"):
+        with pytest.raises(InputError, match="no elastic contact"):
             solver.sensitivity(open_, "approach")
 
 
