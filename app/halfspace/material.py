@@ -172,7 +172,8 @@ class Material:
             except (TypeError, ValueError):
                 pair = np.full(2, np.nan)
             if not is_allowed(pair):
-                raise InputError(f"{name} {values}: must be a number or one for each body, {wanted}")
+                given = ",".join(map(str, values)) if np.ndim(values) else values
+                raise InputError(f"{name} {given}: must be a number or one for each body, {wanted}")
             object.__setattr__(copied, name, tuple(pair.tolist()))
         return copied
 

@@ -7,6 +7,7 @@ import pytest
 from cases import hertz, periodic_rough
 
 from app import ContactProblem, ContactSolver, FlatPunch, Grid, InputError, Material, solve
+from app.halfspace.influence import dense_matrix
 
 
 def test_stiffness_is_the_derivative_of_the_load():
@@ -119,6 +120,24 @@ def test_plastic_cells_count_when_the_contact_unloads(share):
         assert loaded.unloading_stiffness == pytest.approx(slope(solver, again, 1e-8), rel=1e-3)
         assert solver.stiffness(again) == pytest.approx(loaded.unloading_stiffness, rel=1e-7)
     assert loaded.stiffness < loaded.unloading_stiffness == loaded.conductance_width
+
+
+@pytest.mark.parametrize(("hardness", "unloading"), [(np.inf, 1.56), (0.45, 1.56), (0.3, 1.61), (0.2, 1.76)])
+def test_stiffnesses_of_a_sphere_are_those_of_dense_systems(hardness, unloading):
+    grid = Grid.from_domain(40, 40, (-1.0, 1.0, -1.0, 1.0))
+    shape = (grid.x() ** 2 + grid.y()[:, None] ** 2) / 2
+    problem = ContactProblem(grid, Material.from_contact_modulus(1.0), shape, hardness=hardness)
+    with ContactSolver(problem) as solver:
+        solution = solver.with_stiffness(solver.solve(approach=0.605))
+
+    def stiffness_of(cells):
+        matrix = dense_matrix(grid, problem.material.compliance)[np.ix_(*2 * [np.flatnonzero(cells)])]
+        return grid.cell_area * np.linalg.solve(matrix, np.ones(len(matrix))).sum()
+
+    elastic = solution.contact & (solution.pressure < hardness)
+    assert solution.stiffness == pytest.approx(stiffness_of(elastic), rel=1e-7)
+    assert solution.unloading_stiffness == pytest.approx(stiffness_of(solution.contact), rel=1e-7)
+    assert solution.unloading_stiffness == pytest.approx(unloading, rel=0.01)
 
 
 def test_without_elastic_contact_the_load_is_constant():

@@ -57,11 +57,12 @@ def test_contact_modulus_combines_both_bodies(young):
 @pytest.mark.parametrize(
     ("constants", "message"),
     [
-        ({"resistivity": (0, 0)}, r"resistivity \(0, 0\): must be .* at least 0, and one above 0 \[ohm m\]"),
+        ({"resistivity": (0, 0)}, r"resistivity 0,0: must be .* at least 0, and one above 0 \[ohm m\]"),
         ({"resistivity": -1}, "resistivity -1: must be"),
         ({"resistivity": (1, np.inf)}, "resistivity .*: must be"),
         ({"resistivity": (1, 2, 3)}, "resistivity .*: must be a number or one for each body"),
         ({"resistivity": "copper"}, "resistivity copper: must be"),
+        ({"resistivity": ("copper", "brass")}, "resistivity copper,brass: must be"),
         ({"thermal_conductivity": (0, 1)}, r"thermal_conductivity .*: must be .* above 0, .* \[W/\(m K\)\]"),
         ({"thermal_conductivity": np.inf}, "thermal_conductivity inf: must be .* one finite"),
         ({"thermal_conductivity": np.nan}, "thermal_conductivity nan: must be"),
