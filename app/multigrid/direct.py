@@ -11,25 +11,25 @@ from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
-    """Return whether a grid is on one rank, and small enough to factorise."""
+    """Return whether a grid is small and on one rank."""
     return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
 def can_start_on(hierarchy, number):
-    """Return whether a nested iteration may start on a level.
+    """Return whether a nested iteration may start on level `number`.
 
-    The level must be coarser than the target, and small.
+    The grid of the level must be small, and coarser than the target grid.
     """
     return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= MAX_DIRECT_CELLS
 
 
 def starts_directly(hierarchy, number):
-    """Return whether a nested iteration on a level starts with `DirectSolver`."""
+    """Return whether a nested iteration from a level starts with `DirectSolver`."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):
-    """Return the dense A of a small grid; empty on ranks without the grid.
+    """Return the dense A of a small grid; empty without rows.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def stored_matrix(operator):
 
 @njit()
 def _cut(matrix, cells, system):
-    """Copy the lower triangle of A for some cells to `system`."""
+    """Copy the lower triangle of A, restricted to `cells`, to `system`."""
     for i in range(cells.size):
         row = matrix[cells[i]]
         for j in range(i + 1):
@@ -62,9 +62,10 @@ def _cut(matrix, cells, system):
 
 
 class DirectSolver:
-    """Cholesky solver on the contact set in the operator's mask.
+    """Cholesky solver of C A C x = b.
 
-    The grid has at most `MAX_DIRECT_CELLS` cells; `level` is its number in the hierarchy.
+    C is the contact set, the mask of the operator. The grid has at most `MAX_DIRECT_CELLS` cells; `level` is its number
+    in the hierarchy.
     """
 
     work_units = 0.0

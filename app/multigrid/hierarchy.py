@@ -1,7 +1,8 @@
 """The grids of a problem, with operators and transfers.
 
-Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid. Small grids are on
-fewer ranks (`app.parallel.rank_groups.RankGroups`), and a coarsest grid for a direct solve is on one.
+Operators are rediscretised on every grid (no Galerkin products). A grid with its operator is a *level*; level 0 is the
+coarsest. All ranks share the target grid, the finest. Small grids are on fewer ranks
+(`app.parallel.rank_groups.RankGroups`). A coarsest grid that is solved directly is on one rank.
 """
 
 from functools import cached_property
@@ -38,10 +39,11 @@ def check_memory(comm, grid, settings):
 
 
 def _check_equal_on_ranks(comm, problem):
-    """Raise if the problem differs between ranks. Collective.
+    """Raise InputError if the problem differs between ranks. Collective.
 
-    Random numbers without a seed would make it differ. Ranks compare weighted sums of some rows, up to rounding. No row
-    is in the middle, and each cell has its own weight, so that turned or shifted rows differ.
+    Random numbers without a seed make a problem differ, for example. The ranks compare weighted sums of some rows, up
+    to rounding. No compared row is in the middle of the grid, and each cell has another weight, so that turned or
+    shifted rows are noticed.
     """
     if comm.size == 1:
         return
@@ -68,7 +70,7 @@ def _check_equal_on_ranks(comm, problem):
 def _make_coarser(target, grids, sizes, ranks):
     """Make the operators of coarser grids, finest first. Collective.
 
-    `sizes` are their numbers of ranks. The operators become ``coarser_levels`` of `target`.
+    `sizes` are the numbers of ranks of `grids`. The operators become ``coarser_levels`` of `target`.
     """
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
@@ -83,8 +85,8 @@ def _make_coarser(target, grids, sizes, ranks):
 def get_coarser_levels(operator):
     """Get or make the operators of coarser grids, finest first. Collective.
 
-    New operators are kept by `operator`, if it has no hierarchy. They are on all of its ranks, or on one rank
-    if their grid is small.
+    If `operator` has no hierarchy, new operators are made and stored in it. They are on all ranks of `operator`, or on
+    one rank if their grid is small.
     """
     if operator.coarser_levels is None:
         grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
@@ -94,9 +96,10 @@ def get_coarser_levels(operator):
 
 
 def make_transfers(operators, comm):
-    """Make the transfers of all levels from the next coarser one.
+    """Return, for each level, the `Transfer` from the next coarser level.
 
-    The first is None. `comm` has all ranks with rows of the finest grid; it is None if there is one.
+    The entry of the coarsest level is None. `comm` has all ranks with rows of the finest grid; it is None if there is
+    one.
     """
     transfers = [None]
     for coarse, fine in pairwise(operators):
@@ -121,14 +124,14 @@ class Hierarchy:
     coarsest : int
         Directions with at most this many cells are not halved.
     cells_per_rank : int
-        Least number of cells of a rank that shares a coarser grid or a window.
+        Smallest number of cells per rank on a coarser grid or window that several ranks share.
     target_only : bool
         Make no coarser grids.
     dtype : numpy real type
         Precision of the products. With float32 the target grid also has a double precision product.
     margin : float
-        Margin of the windows around contact on larger grids, over the extent of the contact; 0: no windows.
-        Products on all cells of such grids are prepared when first used.
+        Margin of the windows (parts of large grids around the contact), divided by the extent of the contact; 0: no
+        windows. On grids with windows, products on all cells are prepared only when first used.
     prefix : str
         Prefix of the solvers' options in PETSc's database.
     """
@@ -170,10 +173,7 @@ class Hierarchy:
         return petsc_comm(self.comm)
 
     def gains_ranks(self, operator, number):
-        """Return whether a level has more ranks than an operator.
-
-        `number` is that of the level.
-        """
+        """Return whether level `number` has more ranks than `operator`."""
         level = self.levels[number]
         return operator.slabs.size < (self.comm.size if self.may_be_windowed(level) else level.slabs.size)
 
@@ -183,17 +183,18 @@ class Hierarchy:
         return self.levels[-1]
 
     def may_be_windowed(self, operator):
-        """Return whether a level may be solved in a window."""
+        """Return whether the level of `operator` may be solved in a window."""
         return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _MIN_WINDOWED_CELLS
 
     def share(self, operator):
-        """Return the cells of a level over those of the target grid."""
+        """Return the cells of `operator` divided by those of the target grid."""
         return operator.grid.n / self.target.grid.n
 
     def shapes(self, problem):
         """Return the undeformed distance on all levels, coarsest first. Collective.
 
-        A function is evaluated on every grid; samples are averaged.
+        A gap that is a function is evaluated on every grid. A gap that is an array is averaged over the cells of
+        coarser grids.
 
         Raises
         ------
@@ -231,10 +232,11 @@ class Hierarchy:
         return max(whole, default=0)
 
     def coarse_minimum(self, shapes):
-        """Return the least distance on the finest unwindowed level. Collective.
+        """Return the least distance in each cell of a coarse grid. Collective.
 
-        Each cell gets the minimum over its cells on the target grid, NaN if all are inadmissible. Returns
-        None if the target grid is not solved in windows.
+        The grid is that of the finest level without windows. Each cell gets the minimum of the undeformed distance over
+        its cells on the target grid, NaN if contact is impossible in all of them. Return None if the target grid is not
+        solved in windows.
         """
         if not self.may_be_windowed(self.target):
             return None
@@ -250,7 +252,8 @@ class Hierarchy:
     def count_window(self, operator):
         """Add the cost of a window's products to the work count.
 
-        Products on the coarser levels of the window are included. Only products since the last call count.
+        Products on the coarser levels of the window are included. Products that an earlier call has counted are left
+        out.
         """
         for level in (operator, *(operator.coarser_levels or ())):
             products = level.equivalent_products

@@ -1,7 +1,8 @@
 """Interpolation to a finer grid: bilinear, or quintic if periodic.
 
-Values belong to the centres of cells. Bilinear interpolation is the paper's, in step 2 of Sec. 4.3. Quintics through
-six cells in x and y have an error of sixth order and take the same time, which access to memory determines.
+Values belong to the centres of cells. Bilinear interpolation is that of the paper, step 2 of Sec. 4.3. Quintic
+polynomials through six cells in x and y have an error of sixth order. Both take the same time, because access to memory
+determines it.
 """
 
 from functools import lru_cache
@@ -18,7 +19,7 @@ QUINTIC_MARGIN = _POINTS // 2  # coarse cells that are needed on either side of 
 
 @njit()
 def _interpolate_inner(row, fine):
-    """Interpolate a coarse row to the children of its inner cells."""
+    """Interpolate a coarse row to the fine cells of its inner cells."""
     for i in range(1, row.size - 1):
         fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
         fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]
@@ -26,10 +27,11 @@ def _interpolate_inner(row, fine):
 
 @njit()
 def interpolate_bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
-    """Compute fine[j, i] from coarse rows a[j], b[j] and columns c[i], d[i].
+    """Compute each fine cell from two coarse rows and two columns.
 
-    Row a[j] has the weight weight_y[j] and column c[i] weight_x[i]; b[j] and d[i] have one minus these.
-    `halved`: each coarse column has two fine ones. `row` is work space of a coarse row.
+    Cell fine[j, i] is interpolated from the coarse rows a[j], with weight weight_y[j], and b[j], and from the columns
+    c[i], with weight weight_x[i], and d[i]. The weights of b[j] and d[i] are one minus these. `halved` is true if each
+    coarse column has two fine ones. `row` is work space for a coarse row.
     """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
@@ -51,7 +53,7 @@ def _mix_six(a, b, c, d, e, f, weights, out):
 
 @njit_reassoc
 def _interpolate_halved(row, weights, fine):
-    """Interpolate a coarse row to both children of its cells."""
+    """Interpolate a coarse row to both fine cells of each coarse cell."""
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     for i in range(np.uint64(fine.size // 2)):
@@ -63,11 +65,11 @@ def _interpolate_halved(row, weights, fine):
 
 @njit()
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """Compute each fine cell from six coarse rows and columns.
+    """Compute each fine cell from six coarse rows and six columns.
 
-    The rows and columns of fine[j, i] begin at rows[j] and columns[i]. Columns count from `QUINTIC_MARGIN`
-    before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`: each coarse column has two
-    fine ones. `row` is work space of (coarse columns + 2 QUINTIC_MARGIN).
+    The rows for fine[j, i] are rows[j] to rows[j] + 5, the columns are columns[i] to columns[i] + 5. Columns are
+    counted from `QUINTIC_MARGIN` cells before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`
+    is true if each coarse column has two fine ones. `row` is work space for (coarse columns + 2 QUINTIC_MARGIN) values.
     """
     nx = coarse.shape[1]
     for j in range(fine.shape[0]):
@@ -91,14 +93,14 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 def bilinear_weights(start, stop, count, factor, place, first=None):
     """Return two coarse cells and a weight for each fine cell.
 
-    They are for interpolation along one axis. The fine cells are `start` to `stop` - 1. Along the axis there are
-    `count` coarse cells, with `factor` fine ones each. The weight is that of the first coarse cell; the second has
-    one minus this weight.
+    All cells are those along one axis. The fine cells are `start` to `stop` - 1. Along the axis there are `count`
+    coarse cells, each of `factor` fine cells. The weight is that of the first coarse cell; the second has one minus
+    this weight.
 
-    The coarse cells are the parent, with weight 3/4, and the nearest neighbour. At the boundary of the grid
-    they are the parent, with weight 5/4, and the neighbour inside. On a periodic grid they are the cells
-    before and behind the centre of the fine cell, by `place` (`Grid.places_in`). Returned cell numbers are
-    relative to `first`; if that is None, they are taken modulo `count`.
+    The two coarse cells are the parent, which contains the fine cell, with weight 3/4, and the nearest neighbour of the
+    parent. At the boundary of the grid they are the parent, with weight 5/4, and the neighbour inside. On a periodic
+    grid they are the cells before and behind the centre of the fine cell; `place` is that of `Grid.places_in`. Returned
+    cell numbers are relative to `first`; if `first` is None, they are taken modulo `count`.
     """
     index = np.arange(start, stop)
     one = other = index // factor
@@ -116,10 +118,10 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
 @lru_cache(maxsize=64)
 def quintic_weights(start, stop, place, first):
-    """Return coarse cells and weights for quintic interpolation along an axis.
+    """Return coarse cells and weights of quintic interpolation on one axis.
 
-    Each fine cell from `start` to `stop` - 1 is interpolated from six successive coarse cells. Returned are the number
-    of the first of the six, relative to `first`, and the six weights. `place` is that of `Grid.places_in` on this axis.
+    Each fine cell from `start` to `stop` - 1 is interpolated from six successive coarse cells. Return the number of the
+    first of the six, relative to `first`, and the six weights. `place` is that of `Grid.places_in` on this axis.
     """
     before, share = _before(np.arange(start, stop), place)
     return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(
@@ -128,10 +130,10 @@ def quintic_weights(start, stop, place, first):
 
 
 def _before(index, place):
-    """Return the last coarse centre before each fine one, and the distance.
+    """Return the last coarse centre before each fine centre, and the distance.
 
-    Centres are those of cells along one axis, and `index` has the numbers of the fine cells. The distance is in
-    coarse cells.
+    Centres are those of cells along one axis; `index` has the numbers of the fine cells. The unit of the distance is a
+    coarse cell.
     """
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)

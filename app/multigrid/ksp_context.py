@@ -1,4 +1,4 @@
-"""Base class of our Krylov methods."""
+"""Base class of this program's Krylov methods."""
 
 from petsc4py import PETSc
 
@@ -6,7 +6,7 @@ from app.parallel.reductions import sum_over
 
 
 class KspContext:
-    """KSP context whose convergence test is PETSc's.
+    """Context of a Python KSP that uses PETSc's convergence test.
 
     Attributes
     ----------
@@ -17,7 +17,7 @@ class KspContext:
     norm_type = PETSc.KSP.NormType.UNPRECONDITIONED
 
     def setFromOptions(self, ksp):
-        """Set the method's norm, unless ``-ksp_norm_type`` is given."""
+        """Set the norm of the method, unless ``-ksp_norm_type`` is given."""
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_norm_type"):
             ksp.setNormType(self.norm_type)
 

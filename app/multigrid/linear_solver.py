@@ -15,7 +15,7 @@ from app.options.solver_options import temporary_options
 
 
 def reason_names(reasons):
-    """Return the names of PETSc's convergence reasons by their values.
+    """Return a dict from values to names of PETSc's convergence reasons.
 
     `reasons` is a class such as ``PETSc.KSP.ConvergedReason``.
     """
@@ -32,10 +32,10 @@ _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "ei
 
 
 class LinearSolver:
-    """KSP for C A C x = b, with the contact set C in the operator's mask.
+    """KSP for C A C x = b.
 
-    Collective over the ranks of the grid. The options are read from PETSc's database when the solver is
-    created.
+    C is the contact set, the mask of the operator. Collective over the ranks of the grid. The options are read from
+    PETSc's database when the solver is created.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class LinearSolver:
     level : int
         Number of the level; by default the target.
     operator : InfluenceOperator, optional
-        Operator of a window of that level; by default that of the whole level.
+        Operator of a window (part of the grid) of this level; by default that of the whole grid.
 
     Raises
     ------
@@ -104,8 +104,8 @@ class LinearSolver:
     def work_units(self):
         """Work in the paper's units.
 
-        A unit is a product or sweep on the target grid. All products and sweeps of the KSP count, except
-        those with the assembled matrix of the coarsest grid.
+        A unit is a product or sweep on the target grid. All products and sweeps of the KSP count, except those with the
+        assembled matrix of the coarsest grid.
         """
         total = 0.0
         for operator, share in self._counted:
@@ -122,8 +122,8 @@ class LinearSolver:
         b : Vec
             Right-hand side [mm], zero outside C.
         allowed : float
-            Norm of the residual that is small enough [mm]: the absolute tolerance of Krylov methods that monitor
-            the true residual, unless -ksp_atol is given.
+            Norm of the residual at which the solve may end [mm]. It is the absolute tolerance of Krylov methods that
+            monitor the true residual, unless -ksp_atol is given.
 
         Returns
         -------
@@ -131,8 +131,8 @@ class LinearSolver:
             Solution, overwritten by the next call.
         iterations : int
         failure : str
-            Empty, or why the solver failed. The limit of iterations is no failure: an active set iteration needs
-            one cycle, or a few steps of CG.
+            Why the solver failed; empty if it did not. To reach the limit of iterations is no failure, because an
+            active set iteration may ask for a single cycle, or for a few steps of CG.
         """
         if self._work is None:
             self._work = self.mat.createVecRight()
@@ -143,7 +143,7 @@ class LinearSolver:
     def _atol_for(self, allowed):
         """Return the KSP's absolute tolerance for an `allowed` residual.
 
-        None: the tolerance of the options is kept.
+        The result None means that the tolerance of the options is used.
         """
         other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
         if self._own_atol or other_norm or not math.isfinite(allowed):
@@ -168,7 +168,7 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
     def free_work(self):
-        """Free large work arrays until the next contact set; here there are none."""
+        """Free large work arrays until the next contact set, in subclasses."""
 
     def destroy(self):
         """Free the KSP, matrix and vectors. Collective."""

@@ -1,13 +1,13 @@
 """The multigrid method (Sec. 4.2) as a PC for any KSP.
 
-It is PETSc's PCMG on masked operators::
+PETSc's PCMG runs the cycles; its operators are masked by the contact set::
 
     -pc_type python -pc_python_type app.multigrid.ContactMG
 
-All options are PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
-``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``.
-The defaults are the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve. For a KSP that
-needs a symmetric preconditioner the smoother after the coarse grid is the adjoint of that before it.
+All options are PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by ``-mg_levels_*``
+(and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``. The defaults are the
+paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve. If the KSP needs a symmetric
+preconditioner, the smoother after the coarse grid is the adjoint of the smoother before it.
 
 =============================  ===============================================  ========================
 Sec. 4.2                       here                                             in
@@ -59,8 +59,8 @@ _DIRECT = {
 class MaskedMatrix:
     """Assembled matrix of the coarsest grid, for step 4 of Sec. 4.2.
 
-    It is ``C A C + d (I - C)``, d the diagonal of A. All of it is on the rank that has the grid, of at most
-    `MAX_DIRECT_CELLS` cells.
+    The matrix is ``C A C + d (I - C)``, where d is the diagonal of A. One rank has the whole matrix; the grid has at
+    most `MAX_DIRECT_CELLS` cells.
     """
 
     def __init__(self, operator, comm):
@@ -72,9 +72,9 @@ class MaskedMatrix:
         self.update()
 
     def update(self, energy=0.0):
-        """Assemble for the contact set in the operator's mask. Collective.
+        """Assemble the matrix for the operator's contact set C. Collective.
 
-        A constant is added on C, so that ``p.Ap >= energy`` for p = 1 there.
+        A constant is added to the entries on C, so that ``p.Ap >= energy`` for p = 1 on C.
         """
         if self.operator.active:
             inside = self.operator.mask.reshape(-1)
@@ -94,9 +94,9 @@ class MaskedMatrix:
 class ContactMG:
     """PC context: multigrid cycles on a contact set.
 
-    Collective. Each set-up restricts the contact set; PETSc repeats it when the state of the Mat has increased, as by
-    ``mat.assemble()``. The coarser operators are those of the operator's hierarchy, or made here. Options, with the
-    prefix of the PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
+    Collective. Each set-up restricts the contact set to the coarser grids. PETSc repeats the set-up when the Mat has
+    changed, as by ``mat.assemble()``. The coarser operators are those of the operator's hierarchy; without a hierarchy
+    they are made here. Options, with the prefix of the PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class ContactMG:
     _symmetric = False  # True if the KSP needs a symmetric cycle
 
     def setFromOptions(self, pc):
-        """Reset, so that the next set-up reads the options."""
+        """Reset this PC, so that the next set-up reads the options."""
         self.reset(pc)
 
     def setUp(self, pc):
@@ -137,7 +137,10 @@ class ContactMG:
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y from x by one cycle, or ``-pc_mg_multiplicative_cycles`` cycles."""
+        """Compute y from x by one or more multigrid cycles.
+
+        The number of cycles is ``-pc_mg_multiplicative_cycles``, by default 1.
+        """
         if self._cycle is None:
             self.setUp(pc)
         try:
@@ -190,7 +193,7 @@ class ContactMG:
             cycle.getMGCoarseSolve().getPC().setUpOnBlocks()
 
     def _set_levels(self, comm):
-        """Give the PCMG its operators, transfers and coarsest matrix."""
+        """Set the operators, transfers and coarsest matrix of the PCMG."""
         cycle, finest = self._cycle, len(self.operators) - 1
         self._transfers = make_transfers(self.operators, self.operators[-1].comm)
         self._mats = []
@@ -226,7 +229,7 @@ class ContactMG:
 
 
 def _levels_wanted(operator, options):
-    """Return the number of levels; ``-pc_mg_levels`` may limit it."""
+    """Return the number of levels, which ``-pc_mg_levels`` may limit."""
     levels = 1 + len(operator.coarser_levels)
     most = max(levels, 1 + len((operator.target or operator).coarser_levels or ()))
     wanted = options.getInt("pc_mg_levels", levels)
@@ -242,11 +245,12 @@ def _levels_wanted(operator, options):
 
 
 def _energy_of_constant(fine, coarse):
-    """Return the energy p.Ap of p = 1 on C, for the coarsest grid. Collective.
+    """Return the energy p.Ap of a constant pressure on C. Collective.
 
-    It is computed on the fine grid of a periodic patch; on a free patch it is 0. A coarser grid has a larger
-    share of its cells in C, up to all of them, where a constant has no energy: its correction would be much
-    too large, or infinite.
+    The pressure is 1 on the contact set C. `MaskedMatrix.update` uses the energy on the coarsest grid of a periodic
+    patch; on other patches it is 0. It is computed on the fine grid: on a coarser grid C has a larger share of the
+    cells, up to all of them, where a constant pressure has no energy. Its correction would then be much too large, or
+    infinite.
     """
     if not fine.grid.periodic:
         return 0.0
@@ -257,7 +261,7 @@ def _energy_of_constant(fine, coarse):
 def _default_options(options, symmetric):
     """Return default options of the smoothers and the coarsest grid.
 
-    `options` are the user's; `symmetric`: the cycle must be symmetric.
+    `options` are those of the user. `symmetric` is true if the cycle must be symmetric.
     """
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in options for kind in _OTHER_SWEEPS):
@@ -268,7 +272,7 @@ def _default_options(options, symmetric):
 
 
 def _adjoint_smoothers(options):
-    """Return options that make up smoothers the adjoints of down smoothers."""
+    """Return options of smoothers after the coarse grid: adjoints of those before."""
     turned = {"forward": "backward", "backward": "forward"}
     adjoint = {"pc_mg_distinct_smoothup": ""}
     for name, text in options.items():

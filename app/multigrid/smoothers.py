@@ -1,8 +1,8 @@
 """Smoothers that PETSc does not have.
 
-Gauss-Seidel and SOR are PETSc's PCSOR on the operator's own sweeps, damped Jacobi is PCJacobi with
+Gauss-Seidel and SOR are PETSc's PCSOR with the sweeps of the operator. Damped Jacobi is PCJacobi with
 ``-mg_levels_ksp_richardson_scale``. A red-black sweep would not help: A is dense, so red cells act on each other, and
-all of them at once are a Jacobi step, which converges for no useful damping.
+updating all of them at once is a Jacobi step, which converges for no useful damping.
 """
 
 from app.multigrid.ksp_context import KspContext

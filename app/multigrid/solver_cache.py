@@ -1,10 +1,13 @@
-"""Cache of linear solvers between solves, for small grids and the target."""
+"""Cache of linear solvers between solves.
+
+It keeps the solvers of small grids and that of the target grid.
+"""
 
 MAX_CACHED_CELLS = 256 * 256  # largest number of cells of a grid or window whose solver is kept
 
 
 def is_large(grid):
-    """Return whether a grid is too large to keep its solver."""
+    """Return whether a grid is too large to cache its solver."""
     return grid.n > MAX_CACHED_CELLS
 
 
@@ -26,7 +29,7 @@ class SolverCache:
     def prepare(self, first=0):
         """Make the solvers of small levels without windows. Collective.
 
-        Levels below number `first` are left out.
+        Levels with numbers below `first` are left out.
         """
         hierarchy = self._hierarchy
         for number, level in enumerate(hierarchy.levels):

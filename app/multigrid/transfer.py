@@ -1,9 +1,9 @@
 """Restriction to the next coarser grid, and prolongation (Sec. 4.2, 4.3).
 
-A coarse cell joins 2 x 2 fine ones, its children (2 x 1 or 1 x 2 if the other direction is not halved). Each
-grid has its own slabs and ranks. The rank that owns the first child of a coarse row computes that row,
-perhaps with the next rank's first row, and sends it to its owner. For prolongation ranks fetch the parents of
-their rows. No rows are sent if fine and coarse slabs fit.
+A coarse cell, the parent, consists of 2 x 2 fine cells, its children (2 x 1 or 1 x 2 if the other direction is not
+halved). Each grid has its own slabs and ranks. The rank that owns the first child of a coarse row computes this coarse
+row, perhaps with the next rank's first row, and sends it to its owner. For prolongation, ranks fetch the parents of
+their rows. If a coarse row is on the same rank as its children, no rows are sent.
 """
 
 from functools import cached_property
@@ -36,7 +36,7 @@ class Transfer:
     factors : (int, int)
         ``(fy, fx)``: fine cells per coarse cell in y and x.
     comm : mpi4py communicator or None
-        All ranks of the solver; None if there is one.
+        All ranks of the solver; None if there is only one.
     """
 
     def __init__(self, fine, coarse, factors, comm=None):
@@ -48,7 +48,7 @@ class Transfer:
 
     @cached_property
     def _fetch_children(self):
-        """`Fetch` of the children of the coarse rows computed here."""
+        """`Fetch` of the children of the coarse rows that this rank computes."""
         first, last = (
             np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
         )
@@ -56,7 +56,7 @@ class Transfer:
 
     @cached_property
     def _fetch_overlapping(self):
-        """`Fetch` of fine rows that overlap the periodic coarse rows here."""
+        """`Fetch` of fine rows that overlap this rank's periodic coarse rows."""
         first, last = self._made.bounds(self._ranks)
         low, high = self.fy * first - 1, self.fy * (last - 1) + 3
         return Fetch(self.fine.slabs, [(low, np.where(last > first, high, low))], self._comm)
@@ -71,9 +71,9 @@ class Transfer:
     _fetch_quintic_neighbours = cached_property(lambda self: self._make_parent_fetch(QUINTIC_MARGIN))
 
     def _make_parent_fetch(self, margin):
-        """Make the `Fetch` of the parents of fine rows.
+        """Make the `Fetch` of the parents of this rank's fine rows.
 
-        `margin` is the number of coarse rows to fetch on either side of them.
+        `margin` is the number of coarse rows to fetch on either side of the parents.
         """
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
@@ -83,9 +83,9 @@ class Transfer:
         return Fetch(self.coarse.slabs, [(first, np.where(some, last, first))], self._comm)
 
     def _children(self, fine):
-        """Yield the first, second, ... children of all coarse cells. Collective.
+        """Yield the first, second, ... child of all coarse cells. Collective.
 
-        Each item is a view of the fine field, and the index of the coarse cells that have such a child.
+        Each item is a view of the fine field, and the index of those coarse cells that have this child.
         """
         fine = self._fetch_children(fine)
         for j in range(self.fy):
@@ -95,7 +95,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Return the mean over the children of each coarse cell. Collective.
+        """Return, for each coarse cell, the mean over its children. Collective.
 
         Missing children count as zero.
         """
@@ -107,9 +107,9 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
-        """Set the coarse contact set C_H from the fine C_h. Collective.
+        """Set the coarse contact set C_H from the fine one C_h. Collective.
 
-        C_H has the coarse cells with a child in C_h. The sets are the masks of the two operators.
+        A coarse cell is in C_H if it has a child in C_h. The sets are the masks of the two operators.
         """
         contact = np.zeros(self._local, bool)
         for child, parents in self._children(self.fine.mask):
@@ -117,11 +117,11 @@ class Transfer:
         self.coarse.mask[...] = self._send_to_owner(contact)
 
     def restrict_shape(self, shape):
-        """Return the mean over admissible children of each coarse cell. Collective.
+        """Return the mean over the admissible children of each coarse cell. Collective.
 
-        It is NaN without such children. On a periodic grid coarse cells may be shorter than two fine ones.
-        Then the mean is over all fine cells that overlap the coarse one, weighted by the overlap, which
-        preserves the mean over the patch and the approach of full contact.
+        Admissible cells are those where contact is possible. The mean is NaN if there are none. On a periodic grid
+        coarse cells may be shorter than two fine cells. Then the mean is over all fine cells that overlap the coarse
+        cell, weighted by the overlap. This preserves the mean over the patch, and so the approach of full contact.
         """
         if self.fine.grid.periodic and any(
             n % f for n, f in zip(self.fine.grid.shape, self.factors, strict=True)
@@ -151,7 +151,7 @@ class Transfer:
             return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Return the minimum over the children of each coarse cell. Collective.
+        """Return, for each coarse cell, the minimum over its children. Collective.
 
         It is NaN if all children are NaN.
         """
@@ -180,7 +180,7 @@ class Transfer:
     def interpolate(self, coarse, fine):
         """Interpolate a coarse field bilinearly to the fine grid. Collective.
 
-        It is extrapolated at the boundary of a patch or window.
+        At the boundary of a patch or window the field is extrapolated.
         """
         wide = self._fetch_neighbours(coarse)
         if not fine.size:
@@ -210,13 +210,13 @@ class Transfer:
 
     @property
     def _halved(self):
-        """True if each coarse column has two fine ones, at equal places in it."""
+        """True if each coarse column consists of exactly two fine columns."""
         return self.fx == 2 and not (self.coarse.grid.periodic and self.fine.grid.nx % 2)
 
     def restriction_mat(self, comm):
         """Make the Mat of the restriction between contact sets. Collective.
 
-        It is the transpose (fine x coarse) if the release of PETSc multiplies by the transpose to restrict.
+        The Mat has the transposed size (fine x coarse) if this release of PETSc restricts by a transposed product.
         """
         sides = (self.fine, self.coarse) if restricts_by_transpose() else (self.coarse, self.fine)
         return _transfer_mat(_Restriction(self), *sides, comm)
@@ -224,16 +224,16 @@ class Transfer:
     def interpolation_mat(self, comm):
         """Make the Mat (fine x coarse) of the prolongation by copies. Collective.
 
-        It copies the value of each coarse cell to its children in the fine contact set.
+        The prolongation copies the value of each coarse cell to its children in the fine contact set.
         """
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
 def _overlaps(n, count, factor):
-    """Return the lengths by which coarse cells overlap four fine ones.
+    """Return the lengths by which coarse cells overlap four fine cells.
 
-    `n` and `count` are the numbers of fine and coarse cells in a direction. The first of the four is the cell
-    before the first child. The unit is a fine cell.
+    `n` and `count` are the numbers of fine and coarse cells along one axis. The four fine cells begin with the one
+    before the first child of the coarse cell. The unit is a fine cell.
     """
     first, size = factor * np.arange(count), n / count
     low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
@@ -255,7 +255,7 @@ def _add_pairs(fine, coarse):
 def _add_children(fine, coarse, fy, fx):
     """Add the values of fine cells to their coarse cells.
 
-    The first fine row and column are the first children of the first coarse ones.
+    The first fine row and column must be first children.
     """
     for j in range(fine.shape[0]):
         if fx == 2:
@@ -280,7 +280,7 @@ def _copy_row(coarse, fine, fx):
 def _copy(coarse, fine, skipped, fy, fx):
     """Copy the values of coarse cells to their children.
 
-    `skipped` is the number of fine rows of the first coarse row that are not in `fine`.
+    `skipped` is the number of fine rows that `fine` lacks of the first coarse row.
     """
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], fine[j], fx)
@@ -290,7 +290,7 @@ def _copy(coarse, fine, skipped, fy, fx):
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
     """Add the values of coarse cells to their children inside a mask.
 
-    `skipped` is as in `_copy`; `row` is work space of a fine row.
+    `skipped` is as in `_copy`; `row` is work space for a fine row.
     """
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
@@ -307,10 +307,10 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Mat context of the restriction between fine and coarse contact set.
+    """Mat context of the restriction from fine to coarse contact set.
 
-    It takes means over children, with zero for children outside the fine set; results outside the coarse set are
-    zero.
+    The result is the mean over the children of each cell of the coarse set, and zero elsewhere. Children outside the
+    fine set count as zero.
     """
 
     def __init__(self, transfer):

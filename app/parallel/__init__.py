@@ -1,1 +1,1 @@
-"""Distribution of grid rows over MPI ranks, and their communication."""
+"""Distribution of grid rows over MPI ranks, and messages between ranks."""

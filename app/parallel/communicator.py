@@ -1,6 +1,6 @@
 """Communicators that count messages, and propagate errors to waiting ranks.
 
-Every message between ranks goes through a `Communicator`. `app.parallel.rank_groups` says which ranks share a grid.
+Every message between ranks goes through a `Communicator`. `app.parallel.rank_groups` chooses which ranks share a grid.
 """
 
 from dataclasses import dataclass, fields
@@ -26,11 +26,11 @@ class Traffic:
     small_collectives: int = 0  # reductions, broadcasts, gathers
 
     def since(self, before):
-        """Return the counts of messages minus those of an earlier copy `before`."""
+        """Return the increase of the counts since an earlier copy `before`."""
         return Traffic(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
 
     def copy(self):
-        """Return a copy of the current counts of messages."""
+        """Return a copy of these counts."""
         return self.since(Traffic())
 
     def count(self, messages, size):
@@ -41,9 +41,9 @@ class Traffic:
 
 
 class Communicator(MPI.Intracomm):
-    """mpi4py communicator that counts messages.
+    """Communicator of mpi4py that counts messages.
 
-    `comm` is wrapped, not duplicated. Its messages are counted in `traffic`, by default a new `Traffic`.
+    `comm` is wrapped, not duplicated. The messages are counted in `traffic`, by default a new `Traffic`.
     """
 
     shares_memory = True  # Ranks of one node may use `app.parallel.shared_memory`.
@@ -54,7 +54,10 @@ class Communicator(MPI.Intracomm):
         return self
 
     def plain(self):
-        """Return this communicator as an `MPI.Intracomm`, which exact type checks need."""
+        """Return this communicator as an `MPI.Intracomm`.
+
+        Functions that test for this exact type do not accept a subclass.
+        """
         return MPI.Intracomm(self)
 
     @cached_property
@@ -74,7 +77,7 @@ class Communicator(MPI.Intracomm):
         super().Free()
 
     def subcomm(self, ranks):
-        """Return a communicator of some of the ranks. Collective over these."""
+        """Return a communicator of the given `ranks`. Collective over these."""
         group = self.Get_group()
         subgroup = group.Incl(ranks)
         comm = Communicator(self.plain().Create_group(subgroup, ranks[-1]), self.traffic)
@@ -93,7 +96,7 @@ class Communicator(MPI.Intracomm):
     def bcast_or_raise(self, value=None):
         """Broadcast a value from rank 0, or raise its error. Collective.
 
-        Rank 0 broadcasts a `_Failure` instead of a value if it met an error; the other ranks then raise this error.
+        If rank 0 has met an error, it broadcasts a `_Failure` instead of a value, and the other ranks raise its error.
         """
         value = self.bcast(value)
         if isinstance(value, _Failure) and self.rank > 0:
@@ -101,7 +104,7 @@ class Communicator(MPI.Intracomm):
         return value
 
     def exchange_barrier(self):
-        """Wait for all ranks, after an exchange in shared memory. Collective.
+        """Wait for all ranks after an exchange by shared memory. Collective.
 
         The exchange is counted as an all-to-all without messages.
         """
@@ -111,7 +114,7 @@ class Communicator(MPI.Intracomm):
     def Alltoallv(self, sent, received):
         """Exchange data between all ranks, and count the messages. Collective.
 
-        The data contain no parts for the sending rank itself.
+        No rank sends data to itself.
         """
         array, counts = sent
         counts = counts[0] if isinstance(counts, tuple) else counts
@@ -127,7 +130,7 @@ _SINGLE_RANK = {"allreduce": lambda value: value, "bcast": lambda value: value} 
 
 
 def _counted(name):
-    """Return a method that counts and calls a collective operation of mpi4py."""
+    """Return a method that counts and calls a collective function of mpi4py."""
     collective, single_rank = getattr(MPI.Intracomm, name), _SINGLE_RANK.get(name)
 
     def method(self, *arguments, **named):
@@ -146,7 +149,7 @@ for _name in ("Allreduce", "Allgatherv", "Gatherv", "allreduce", "allgather", "b
 
 
 class _Failure:
-    """Error of rank 0, in a form that can be broadcast."""
+    """Error of rank 0 in a form that can be broadcast."""
 
     def __init__(self, error):
         error = to_input_error(error)
@@ -155,9 +158,9 @@ class _Failure:
 
 
 class propagate_errors:
-    """Context manager that propagates an error to waiting ranks.
+    """Context manager on rank 0 that sends an error to waiting ranks.
 
-    This rank is rank 0 of `comm`. The other ranks of `comm` wait in `bcast_or_raise`. If `comm` is None, no rank waits.
+    The other ranks of `comm` wait in `bcast_or_raise`. If `comm` is None, no rank waits.
     """
 
     def __init__(self, comm):
@@ -167,6 +170,6 @@ class propagate_errors:
         """Enter the block."""
 
     def __exit__(self, _, error, __):
-        """Broadcast an error of the block, if there is one."""
+        """Broadcast the error, if the block has raised one."""
         if error is not None and self._comm is not None:
             self._comm.bcast_or_raise(_Failure(error))

@@ -1,4 +1,4 @@
-"""Redistribution of rows between two layouts, point to point."""
+"""Redistribution of rows from one layout to another, point to point."""
 
 import numpy as np
 
@@ -13,8 +13,9 @@ class Fetch:
     have : Slabs
         Layout in which the rows are before the exchange; it may have fewer ranks than `comm`.
     want : sequence of (first, last)
-        Pairs of integer arrays with an entry for each rank of `comm`: the rank wants rows ``first <= j < last``, one
-        pair after the other. Rows outside the grid are those inside at a distance of one or more periods.
+        Pairs of integer arrays with an entry for each rank of `comm`: the rank wants the rows ``first <= j < last`` of
+        each pair, one pair after the other. Row numbers outside the grid mean rows of a periodic grid, counted modulo
+        its period.
     comm : mpi4py communicator or None
         Communicator of all ranks that take part; None if this rank has all rows.
     """
@@ -39,9 +40,9 @@ class Fetch:
         self.unchanged |= not (self.rows or have.local)
 
     def _plan(self, first, last):
-        """Plan the messages by which each rank r gets its wanted rows.
+        """Plan the messages by which each rank gets its wanted rows.
 
-        These are the rows ``first[r] <= j < last[r]``.
+        Rank r wants the rows ``first[r] <= j < last[r]``.
         """
         ny, rank = self.have.ny, self.have.rank
         starts, ends = self.have.bounds(len(first))
@@ -57,7 +58,7 @@ class Fetch:
         self.rows += max(int(last[rank] - first[rank]), 0)
 
     def _plan_serial(self, first, last):
-        """Plan the copies on a single rank, without slow small arrays."""
+        """Plan the copies on a single rank; this avoids slow small arrays."""
         ny = self.have.ny
         for shift in range(first // ny * ny, last, ny) if last > first else ():
             a, b = max(first, shift), min(last, shift + ny)
@@ -68,8 +69,8 @@ class Fetch:
     def __call__(self, field, out=None):
         """Fetch the wanted rows of a field. Collective.
 
-        Return `out`, shape (rows wanted, columns), or a new array if `out` is None. If the field on each rank has
-        exactly the wanted rows, return the field itself, without a copy.
+        Return `out`, shape (rows wanted, columns), or a new array if `out` is None. If each rank already has exactly
+        the rows that it wants, return the field itself, without a copy.
         """
         if self.unchanged:
             return field

@@ -1,6 +1,7 @@
-"""Ghost rows: copies of rows next to a slab, from other ranks.
+"""Ghost rows: copies of other ranks' rows next to a slab.
 
-On a periodic grid, ghost rows may also be copies of rows on the other side of the patch.
+A slab has the consecutive rows of one rank. On a periodic grid, ghost rows may also be copies of rows on the other side
+of the patch.
 """
 
 import numpy as np
@@ -9,10 +10,10 @@ from app.parallel.fetch import Fetch
 
 
 class _GhostRows:
-    """Exchange of the rows before and after a slab.
+    """Exchange of the ghost rows before and after a slab.
 
-    `before` and `after` are pairs (first, end) of integer arrays, with an entry for each rank: it gets the rows with
-    numbers from `first` to `end` - 1, as in `Fetch`.
+    `before` and `after` are pairs (first, end) of integer arrays with an entry for each rank: the rank gets the rows
+    with numbers from `first` to `end` - 1, as in `Fetch`.
     """
 
     def __init__(self, slabs, before, after, comm):
@@ -30,10 +31,10 @@ class _GhostRows:
 
 
 class Halo(_GhostRows):
-    """Exchange of `width` ghost rows on both sides.
+    """Exchange of `width` ghost rows before and after a slab.
 
-    On a periodic patch the ghost rows continue on the other side of the patch. Otherwise there are fewer ghost rows at
-    the ends of the patch. `comm` is None if this rank has all rows.
+    On a periodic patch the ghost rows continue on the other side of the patch. On other patches there are fewer ghost
+    rows at the ends of the patch. `comm` is None if this rank has all rows.
     """
 
     def __init__(self, slabs, comm, width, periodic=True):
@@ -51,8 +52,9 @@ class CoarseHalo(_GhostRows):
     """Exchange of coarse rows needed to interpolate fine rows.
 
     `slabs` is the distribution of the fine rows. The coarse rows are distributed as ``slabs.surround()``, on a periodic
-    grid as ``slabs.coarsen(2)``. The attribute `first` is the number of the first coarse row needed. Coarse row 1
-    consists of fine rows 0 and 1. Coarse row 0 lies before the grid; on a periodic grid it is a copy of the last one.
+    grid as ``slabs.coarsen(2)``. The attribute `first` is the number of the first coarse row that this rank needs.
+    Coarse row 1 consists of fine rows 0 and 1. Coarse row 0 lies before the grid; on a periodic grid it is a copy of
+    the last coarse row.
     """
 
     def __init__(self, slabs, comm, periodic=False):
@@ -71,8 +73,8 @@ class CoarseHalo(_GhostRows):
 def fetch_row_before(field, periodic, slabs, comm, beyond):
     """Return the row before the rows of this rank. Collective.
 
-    `field` has the rows of this rank. On a periodic patch the row before the first row is the last row. Otherwise that
-    row is filled with the value `beyond`. `slabs` and `comm` are None if this rank has all rows.
+    `field` has the rows of this rank. On a periodic patch the last row is before the first one. On other patches the
+    row before the first row is filled with the value `beyond`. `slabs` and `comm` are None if this rank has all rows.
     """
     if comm is None:
         return field[-1] if periodic and len(field) else np.full(field.shape[1], beyond, field.dtype)

@@ -1,6 +1,6 @@
 """Abort all MPI ranks when one of them fails.
 
-MPI cannot interrupt a rank in a collective call: the other ranks would wait for the failed rank forever. So the failed
+MPI cannot interrupt a rank in a collective call, so the other ranks would wait for a failed rank forever. So the failed
 rank aborts all ranks. If all ranks have failed, each of them ends by itself.
 """
 
@@ -20,7 +20,7 @@ _hooks = []  # Exception hooks that this module has installed.
 
 
 def shutdown_comm(comm):
-    """Return a communicator of the same ranks for `barrier_with_timeout` only.
+    """Return a communicator of the same ranks for `barrier_with_timeout`.
 
     It is separate from `comm`, so that its barrier cannot match other messages. It is freed together with `comm`.
     Collective when first called for `comm`.
@@ -33,7 +33,10 @@ def shutdown_comm(comm):
 
 
 def barrier_with_timeout(comm):
-    """Return whether all ranks make this call within `TIMEOUT` seconds. Collective."""
+    """Return whether all ranks call this function within `TIMEOUT` seconds.
+
+    Collective.
+    """
     request = comm.Ibarrier()
     deadline = time.monotonic() + TIMEOUT
     while time.monotonic() < deadline:
@@ -59,11 +62,11 @@ def flush():
 
 
 def abort_on_exception(comm):
-    """Let an uncaught exception abort all ranks; return `comm`.
+    """Make an uncaught exception on one rank abort all ranks of `comm`.
 
-    The ranks of `comm` are aborted until this function is called for another communicator. After that call they are
-    still aborted while an `AbortGroup` of `comm` exists. Caught exceptions abort nothing, nor do exceptions in a
-    notebook or at Python's prompt. Collective when first called for `comm`.
+    This ends when the function is called for another communicator, but not before all `AbortGroup`s of `comm` are
+    destroyed. Caught exceptions abort no rank, nor do exceptions in a notebook or at Python's prompt. Return `comm`.
+    Collective when first called for `comm`.
     """
     global _last_used
     _last_used = shutdown_comm(comm)
@@ -74,14 +77,17 @@ def abort_on_exception(comm):
 
 
 class AbortGroup:
-    """Ranks that an uncaught exception aborts, until `destroy`. Collective."""
+    """Ranks that an uncaught exception on one of them aborts. Collective.
+
+    The group ends with `destroy`.
+    """
 
     def __init__(self, comm):
         self.comm = shutdown_comm(comm)
         _groups.append(self)
 
     def destroy(self):
-        """Remove the group; a propagating exception still aborts its ranks."""
+        """End the group; an exception that propagates still aborts its ranks."""
         global _last_used
         _groups.remove(self)
         if sys.exc_info()[0] is not None:
@@ -89,7 +95,7 @@ class AbortGroup:
 
 
 def _abort_after(previous):
-    """Return a `sys.excepthook` that calls the previous one and aborts ranks."""
+    """Return a `sys.excepthook` that calls `previous`, then aborts ranks."""
 
     def hook(kind, error, trace):
         previous(kind, error, trace)

@@ -1,9 +1,9 @@
 """Ranks that share a grid.
 
-The target grid is shared by all ranks. Every other grid, and every window of a grid, is shared by all ranks or by the
-first few, so that each of these has enough cells. The other ranks have no rows of the grid and do not work on it; they
-receive the results when they next own rows. The ranks that share a grid keep their numbers. `app.parallel.fetch` moves
-rows between the layouts of two grids.
+All ranks share the target grid (the finest grid). Every coarser grid, and every window (part of a grid), is shared by
+all ranks or by the first few ranks, so that each of these has enough cells. The other ranks have no rows of this grid
+and do not work on it; they receive the results when they next own rows. The ranks that share a grid keep their numbers.
+`app.parallel.fetch` moves rows from the layout of one grid to that of another.
 """
 
 from app.parallel.communicator import Communicator
@@ -13,7 +13,7 @@ from app.parallel.slabs import Slabs
 class RankGroups:
     """Ranks of a solver, and the ranks that share each grid.
 
-    `cells` is the smallest number of cells per rank on a grid that several ranks share.
+    If several ranks share a grid, each has at least `cells` cells; the target grid is an exception.
     """
 
     def __init__(self, comm, cells):
@@ -36,8 +36,8 @@ class RankGroups:
     def distribute(self, grid, size=None):
         """Return slabs and communicator of a grid. Collective.
 
-        The communicator is None if this rank owns all rows of the grid, or none. `size` is the number of ranks that
-        share the grid, by default ``count_for(grid)``.
+        The communicator is None on a rank that has all rows of the grid, and on a rank without rows. `size` is the
+        number of ranks that share the grid, by default ``count_for(grid)``.
         """
         slabs = self.slabs(grid, size)
         if slabs.size == 1 or not slabs.active:
@@ -47,8 +47,8 @@ class RankGroups:
     def idle_comm(self, size):
         """Return a communicator of rank 0 and the ranks from `size` on.
 
-        Rank 0 broadcasts results on it to the ranks that do not share a grid. It is None if there are no such ranks,
-        and on ranks 1 to `size` - 1. Collective over its ranks when first called for `size`.
+        The ranks from `size` on do not share a grid; rank 0 broadcasts results to them. The communicator is None if
+        there are no such ranks, and on ranks 1 to `size` - 1. Collective over its ranks when first called for `size`.
         """
         if size == self.size or 0 < self.rank < size:
             return None
@@ -69,18 +69,19 @@ class RankGroups:
 def count_ranks(grid, size, cells):
     """Return how many of `size` ranks share a grid.
 
-    The result is `size` or a power of two. If several ranks share the grid, each has at least one row and `cells`
-    cells. A coarser grid never has more ranks.
+    The result is `size` or a power of two. If it is above 1, each rank has at least one row and at least `cells` cells.
+    A coarser grid never has more ranks than a finer one.
     """
     most = min(grid.n // cells, grid.ny)
     return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
 
 
 def slab_alignment(ny, size):
-    """Return the power of two at whose multiples slabs begin.
+    """Return the number of rows of which slab starts are multiples.
 
-    Children are then mostly on the rank of their coarse cells. It is the largest one with which each rank has at
-    least 16 multiples, so that the load is balanced.
+    It is a power of two, so most fine cells are on the rank of their coarse cell. It is the largest power of two that
+    gives each rank at least 16 multiples, so that the load is balanced. `ny` is the number of rows, `size` that of
+    ranks.
     """
     block = 1
     while 32 * block * size <= ny:

@@ -14,7 +14,7 @@ njit_reassoc = njit(fastmath={"reassoc", "contract"})
 
 
 def add_tuples(sums, more):
-    """Return the sum of two tuples by entries, in compiled loops."""
+    """Return the sum of two tuples, entry by entry, in compiled code."""
     raise NotImplementedError
 
 
@@ -65,7 +65,8 @@ def add_masked(row, mask, out):
 def stencil_sum(above, here, below, i, x, y, diagonal):
     """Return the weighted sum of the eight neighbours of cell i.
 
-    `x`, `y` and `diagonal` are the weights of the neighbours. The three rows have a ghost cell on either side.
+    `above`, `here` and `below` are three rows with a ghost cell at each end. `x`, `y` and `diagonal` are the weights of
+    the neighbours in x, in y and across corners.
     """
     return (
         x * (here[i] + here[i + 2])
@@ -76,9 +77,9 @@ def stencil_sum(above, here, below, i, x, y, diagonal):
 
 @njit()
 def copy_slab_row(t, field, before, after, out):
-    """Copy row t of a slab with ghost rows to `out`.
+    """Copy row t of a slab and its ghost rows to `out`.
 
-    Rows are counted from the first ghost row.
+    `before` and `after` are the ghost rows. t counts from the first ghost row.
     """
     j = t - len(before)
     if j < 0:
@@ -98,7 +99,7 @@ def wrap_ends(row, nx, width):
 
 @njit()
 def nonzero_span(row):
-    """Return first index and end index of the nonzero cells."""
+    """Return first index and end index of a row's nonzero cells."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1
@@ -109,7 +110,7 @@ def nonzero_span(row):
 
 @njit()
 def any_nonzero(block):
-    """Return whether any value of a block of rows is not zero."""
+    """Return whether any entry of an array is not zero."""
     for j in range(block.shape[0]):
         nonzero = False
         for i in range(block.shape[1]):
@@ -131,7 +132,7 @@ def sum_over(comm, values):
 def minimum_over(comm, values):
     """Return the minimum over all ranks of each value. Collective.
 
-    NaN counts as the smallest number. With MPI.MIN the result would depend on the rank that has NaN.
+    NaN counts as the smallest number. With MPI.MIN the result would depend on which rank has the NaN.
     """
     if comm is None:
         return values
@@ -139,7 +140,10 @@ def minimum_over(comm, values):
 
 
 def sums_and_minima(comm, sums, lowest):
-    """Return sums and minima over all ranks, by one reduction. Collective."""
+    """Return sums of `sums` and minima of `lowest` over all ranks.
+
+    One reduction computes both. Collective.
+    """
     sums, lowest = np.array(sums, float), np.array(lowest, float)
     if comm is None:
         return sums, lowest

@@ -1,4 +1,4 @@
-"""Working storage shared by the ranks of a node.
+"""Work arrays that the ranks of a node share.
 
 The parts of all ranks are in one anonymous file (memfd). The operating system frees the file when no array maps it any
 more, even if a rank is killed.
@@ -25,7 +25,8 @@ class Storage:
     rank : int
         Number of this rank; a rank without an entry in `sizes` has no bytes.
     comm : Communicator, mpi4py communicator or None
-        The ranks that share the array; only those of a `Communicator` can. None if this rank has all rows, or none.
+        The ranks that use the array. They share memory only if this is a `Communicator`. None if this rank has all
+        rows, or none.
 
     Attributes
     ----------

@@ -11,9 +11,9 @@ def none_if_single(comm):
 class Slabs:
     """Slabs of consecutive rows of a grid, one for each rank.
 
-    The first `size` ranks share `ny` rows; `rank` is the number of this rank. A rank from `size` on has no rows, and
-    some of the first ranks may have none either. Slabs begin at multiples of `block` rows; the last slab takes the
-    remainder.
+    The first `size` ranks share `ny` rows; `rank` is the number of this rank. Ranks from `size` on have no rows; some
+    of the first ranks may have none either. Slabs begin at multiples of `block` rows; the last slab has the remaining
+    rows, too.
     """
 
     def __init__(self, ny, size=1, rank=0, block=1):
@@ -35,9 +35,9 @@ class Slabs:
 
     @classmethod
     def starting(cls, starts, rank):
-        """Make slabs from the first row of each rank.
+        """Make slabs from the number of the first row of each rank.
 
-        `starts` has these rows, followed by the number of all rows.
+        `starts` has these numbers, followed by the number of all rows.
         """
         slabs = cls.__new__(cls)
         slabs._set(starts, rank)
@@ -66,7 +66,7 @@ class Slabs:
         return edges[:-1], edges[1:]
 
     def coarsen(self, factor):
-        """Return slabs of the coarse rows of `factor` rows each.
+        """Return slabs of coarse rows, each of `factor` rows.
 
         A coarse row is on the rank that owns its first fine row.
         """
@@ -77,8 +77,8 @@ class Slabs:
     def surround(self):
         """Return slabs of coarse rows that extend beyond the grid.
 
-        A coarse row consists of two rows. There is one more coarse row before the grid, and one after it. A coarse row
-        is on the rank that owns its first fine row.
+        A coarse row consists of two fine rows. There is one more coarse row before the grid, and one after it. A coarse
+        row is on the rank that owns its first fine row.
         """
         rows = self.ny // 2 + 2
         starts = [rows if start == self.ny else -(-start // 2) + bool(start) for start in self.starts]
