@@ -1,1 +1,1 @@
-"""Errors, MPI, PETSc, numba, memory and units; nothing of contact."""
+"""Functions without contact mechanics: errors, MPI, PETSc, numba, memory and units."""

@@ -1,4 +1,4 @@
-"""Exception classes, their use on several MPI ranks, and numbers in messages."""
+"""Exception classes, errors on several MPI ranks, and numbers in messages."""
 
 import re
 import socket
@@ -10,7 +10,7 @@ MAX_WORD, MAX_PATH, MAX_MESSAGE = 60, 255, 4000  # characters
 
 
 def shorten(text, longest=MAX_WORD):
-    """Shorten a text to its beginning and end."""
+    """Shorten a text to `longest` characters: its beginning and its end."""
     return text if len(text) <= longest else f"{text[: longest - 18]}...{text[-15:]}"
 
 
@@ -18,7 +18,7 @@ class InputError(ValueError):
     """Invalid input of the user.
 
     The message says what is wrong, where, and what is allowed. Long words and long messages are shortened
-    automatically. A long text with blanks counts as several words: shorten it by `shorten`.
+    automatically. A long text with blanks counts as several words, so shorten such a text by `shorten`.
     """
 
     def __init__(self, message=""):
@@ -37,11 +37,11 @@ class PackageMissing(ModuleNotFoundError, PackageError):
 
 
 class NoteWarning(UserWarning):
-    """A note on something to check in a solution or surface."""
+    """Warning about something to check in a solution or surface."""
 
 
 class OtherRankError(RuntimeError):
-    """Unexpected exception (a bug, not invalid input) on another rank."""
+    """Error raised because another rank had an unexpected exception (a bug)."""
 
 
 def format_exact(number):
@@ -57,9 +57,9 @@ def format_exact(number):
 
 
 def format_distinct(number, other, digits=3):
-    """Format a number with the fewest digits that distinguish it from another.
+    """Format a number with enough digits to distinguish it from another.
 
-    `digits` is the smallest number of significant digits.
+    The result has at least `digits` significant digits, and more if `other` would otherwise look the same.
 
     Examples
     --------
@@ -73,20 +73,20 @@ def format_distinct(number, other, digits=3):
 
 
 def format_message(error):
-    """Return an exception's text on one line."""
+    """Return the message of an exception on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def format_error(error):
-    """Return an exception's type and text on one line."""
+    """Return the type and the message of an exception on one line."""
     name, text = type(error).__name__, format_message(error)
     return name if text == name else f"{name}: {text}"
 
 
 def format_yaml_error(error, content):
-    """Return line number and fault of invalid YAML, for a message.
+    """Return line and cause of an error in YAML, for a message.
 
-    `content` is the text of the file, whose last line is the largest line number.
+    `content` is the text of the file; the returned line number is at most that of its last line.
     """
     mark = getattr(error, "problem_mark", None)
     line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
@@ -94,11 +94,11 @@ def format_yaml_error(error, content):
 
 
 def call_collectively(comm, function, *args, only_root=False):
-    """Call a function on every rank; raise any error on all.
+    """Call a function on every rank; raise an error on all ranks.
 
     Collective over the mpi4py communicator `comm`; `function` itself must not be collective. A ValueError, OSError or
-    MemoryError becomes an InputError on all ranks, which names the host if the error occurred on some hosts only. Any
-    other exception is a bug: its rank raises it unchanged, and the other ranks raise OtherRankError.
+    MemoryError on any rank becomes an InputError on all ranks. Its message names the host if the error occurred on some
+    hosts only. Any other exception is a bug: its rank raises it unchanged, and the other ranks raise OtherRankError.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def call_collectively(comm, function, *args, only_root=False):
 def check_equal_on_ranks(comm, value, what):
     """Check that a value is equal on all ranks.
 
-    Collective over the mpi4py communicator `comm`. Ranks with different input would deadlock later. `what` is the name
+    Collective over the mpi4py communicator `comm`. Different values would lead to a deadlock later. `what` is the name
     of the value in the error message.
     """
     if len(set(comm.allgather(repr(value)))) > 1:
@@ -148,7 +148,7 @@ def is_first_rank():
 
 
 def warn_caller(message, category=RuntimeWarning):
-    """Issue a warning that points to the line of the user's code."""
+    """Issue a warning that points to the line of the user's program."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "app":
         level, frame = level + 1, frame.f_back

@@ -28,7 +28,10 @@ MIN_CHECKED = 1 << 20  # bytes; smaller requests are not checked
 
 
 def set_malloc_option(option, value):
-    """Set an option of glibc's malloc; `option` is its number in mallopt."""
+    """Set an option of glibc's malloc.
+
+    `option` is the number of the option in mallopt.
+    """
     with suppress(AttributeError, ValueError):
         ctypes.CDLL(None).mallopt(option, value)
 
@@ -54,14 +57,17 @@ def doubles_per_cell(settings, periodic=False):
 
 
 def doubles_in_strips(grid):
-    """Return the doubles in the rows and columns that FFTs transform together."""
+    """Return the doubles in the rows and columns transformed at a time.
+
+    FFTs of a grid transform a few rows or columns together.
+    """
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 
 def check_host_memory(comm, grid, doubles):
-    """Check that the data of a solve fit into memory.
+    """Raise InputError if a solve does not fit into memory.
 
-    Collective. Each host needs memory for all of its ranks, and each process address space for its own data.
+    Collective. Each host needs memory for all of its ranks. Each process needs address space for its own data.
 
     Parameters
     ----------
@@ -86,7 +92,7 @@ def check_host_memory(comm, grid, doubles):
 
 
 def check_address_space():
-    """Check that ``ulimit -v`` leaves address space for the solver's libraries."""
+    """Raise if ``ulimit -v`` leaves too little space for the solver's libraries."""
     free = _address_space()
     if free < LOADING:
         raise InputError(
@@ -96,12 +102,15 @@ def check_address_space():
 
 
 def check_rank_memory(grid, cells):
-    """Check that this rank can store `cells` cells with any method."""
+    """Raise if this rank cannot store `cells` cells, with any method."""
     _check(grid, 8.0 * MIN_DOUBLES * cells, available_memory(), "on one host")
 
 
 def _check(grid, needed, free, where):
-    """Raise InputError if the grid needs more than the free bytes."""
+    """Raise InputError if a grid needs more bytes than are free.
+
+    `where` says in the message where they are free.
+    """
     if needed > free:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: needs about {_size(needed, free)} {where}; {_size(free, needed)} are free: "
@@ -110,7 +119,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Check that `size` bytes are free; `what` names what needs them."""
+    """Raise if `size` bytes are not free; `what` says what needs them."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())
@@ -119,10 +128,10 @@ def check_fits(size, what):
 
 
 def available_memory():
-    """Return the bytes that this process can still allocate.
+    """Return the number of bytes that this process can still allocate.
 
-    They are limited by the host and by the control groups (containers) of the process. Pages that the kernel can drop
-    count as free; swap does not count.
+    The host and the control groups (containers) of the process limit this number. Pages that the kernel can drop count
+    as free; swap does not count.
     """
     lines = _lines("/proc/meminfo")
     free = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")]
@@ -139,7 +148,10 @@ _CONTROL_GROUPS = {
 
 
 def _free_in_control_groups(root="/"):
-    """Yield infinity (no limit), then the free bytes of each control group."""
+    """Yield infinity (no limit), then the free bytes in each control group.
+
+    A control group limits the memory of a container or job.
+    """
     yield float("inf")
     for line in _lines(f"{root}/proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
@@ -158,7 +170,7 @@ def _free_in_control_groups(root="/"):
 
 
 def _address_space():
-    """Return the free bytes of address space, by ``ulimit -v``."""
+    """Return the bytes that ``ulimit -v`` still allows."""
     most, _ = resource.getrlimit(resource.RLIMIT_AS)
     if most == resource.RLIM_INFINITY:
         return float("inf")
@@ -174,6 +186,6 @@ def _lines(path):
 
 
 def _size(size, other):
-    """Format a number of bytes, distinctly from another number of bytes."""
+    """Format a number of bytes so that it differs from `other`."""
     unit, name = (2**30, "GiB") if size >= 2**29 else (2**20, "MiB")
     return f"{format_distinct(size / unit, other / unit)} {name}"

@@ -59,9 +59,9 @@ def single_host_variables(environment):
 
 
 def single_rank_variables(environment):
-    """Return changes of the environment for a child process that is no rank of mpiexec.
+    """Return changes of the environment for a child process without MPI ranks.
 
-    None removes a variable.
+    The child process is not a rank of mpiexec. The value None removes a variable.
     """
     changes = {name: None for name in environment if name.startswith(_OF_RANKS)}
     return changes | SINGLE_RANK | {"OMP_NUM_THREADS": environment.get("OMP_NUM_THREADS", "1")}

@@ -1,8 +1,8 @@
 """Compile loops by numba, and cache them on disk.
 
-One process at a time compiles and saves a function. numba's cache is in the folder ``NUMBA_CACHE_DIR`` if it is set,
-else in the folder of the source, or in the user's cache folder if the source is read-only. If none of these is
-writable, the cache is in a private folder for temporary files.
+One process at a time compiles and saves a function. numba's cache is in the folder ``NUMBA_CACHE_DIR`` if it is set.
+Otherwise it is in the folder of the source, or, if the source is read-only, in the user's cache folder. If none of
+these is writable, the cache is in a private folder for temporary files.
 """
 
 import fcntl
@@ -38,10 +38,10 @@ on_first_compile = announce_compilation  # is called once, before the first loop
 
 
 def njit(makes_arrays=False, **options):
-    """Compile by ``numba.njit`` with the cache, without reference counts of arrays.
+    """Compile by ``numba.njit``, with the cache, without counting references.
 
-    Counting references to each row took half of the time on small grids. The count is not needed: the caller holds the
-    arrays during the call. Set `makes_arrays` for a function that makes or returns an array, which must count.
+    Counting the references to each row took half of the time on small grids. It is not necessary, because the caller
+    holds the arrays during the call. A function that makes or returns an array must count: set `makes_arrays`.
     """
     if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
         options["_nrt"] = makes_arrays
@@ -60,7 +60,7 @@ def njit(makes_arrays=False, **options):
 
 
 class LockedCache(FunctionCache):
-    """numba's cache of a function, locked while one process compiles.
+    """numba's cache of a function, locked while a process compiles.
 
     Without the lock, two processes that save a function at the same time may corrupt the cache's index of types.
     """
@@ -72,7 +72,10 @@ class LockedCache(FunctionCache):
         self._locked = None
 
     def load_overload(self, signature, context):
-        """Load compiled code; if None is returned, the caller compiles and unlocks."""
+        """Load compiled code, or return None and lock the cache.
+
+        After None the caller compiles, and then unlocks the cache.
+        """
         global on_first_compile
         loaded = self._load(signature, context)
         if loaded is None:
@@ -86,7 +89,7 @@ class LockedCache(FunctionCache):
         return loaded
 
     def _load(self, signature, context):
-        """Load compiled code without numba's tables of types, which take 0.1 s."""
+        """Load compiled code without numba's tables of types, to save 0.1 s."""
         if not hasattr(self, "_load_overload"):  # not a public method of numba
             return super().load_overload(signature, context)
         rtsys.initialize(context)  # allocator of arrays
@@ -105,7 +108,10 @@ class LockedCache(FunctionCache):
 
 
 def release_lock_after(compile_, cache):
-    """Return a function that compiles, then unlocks the cache, even if interrupted."""
+    """Return a function that compiles, and then always unlocks the cache.
+
+    The cache is unlocked even if compilation is interrupted.
+    """
 
     @wraps(compile_)
     def compile_and_unlock(signature):
@@ -118,14 +124,14 @@ def release_lock_after(compile_, cache):
 
 
 def cache_folder_of(function):
-    """Return the folder of a function's cache; None if none is writable."""
+    """Return the folder of a function's cache, None if none is writable."""
     with suppress(RuntimeError):  # numba finds no folder for its cache
         return Path(FunctionCache(function).cache_path)
     return None
 
 
 def check_compiler():
-    """Check that numba compiles; some loops are wrong if Python interprets them."""
+    """Raise if numba does not compile; some loops need compiled arithmetic."""
     if numba.config.DISABLE_JIT:
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 

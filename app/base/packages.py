@@ -1,7 +1,7 @@
-"""One-line errors of missing or incompatible packages.
+"""One-line errors for missing or incompatible packages.
 
-Debian's packages are compiled for numpy 1 and do not load with numpy 2, which pip may have installed in addition. numpy
-then prints a long notice and a traceback for each module of such a package.
+Debian's packages are compiled for numpy 1. They do not load with numpy 2, which pip may have installed in addition.
+numpy then prints a long notice and a traceback for each module of such a package.
 """
 
 import io
@@ -20,7 +20,10 @@ _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 
 
 class MissingPackageFinder:
-    """Last import finder: its error says how to install a package."""
+    """Import finder that is asked last, if a package is missing.
+
+    Its error says how to install the package.
+    """
 
     @staticmethod
     def find_spec(name, path=None, target=None):
@@ -32,7 +35,10 @@ class MissingPackageFinder:
 
 
 class CompiledPackageFinder:
-    """First import finder: it reports compiled packages that do not fit numpy."""
+    """Import finder that is asked first, for compiled packages.
+
+    It reports packages that were compiled for another numpy.
+    """
 
     _loading = False  # a package's own imports are part of its import
 
@@ -50,7 +56,7 @@ class CompiledPackageFinder:
 
     @classmethod
     def _load(cls, name, exec_module, module):
-        """Import a module; replace errors of a wrong numpy by one line."""
+        """Import a module; shorten an error due to a wrong numpy."""
         if name == "petsc4py":
             mpi.MPI  # noqa: B018  in a wheel, petsc4py needs the library that mpi4py loads
         cls._loading, printed, error = True, io.StringIO(), None
@@ -91,7 +97,7 @@ def numpy_mismatch(name):
 
 
 def _raise(error):
-    """Raise an error, or in a command print it and exit."""
+    """Raise an error; in a command, print it and exit instead."""
     main = sys.modules.get("__main__")
     name = getattr(getattr(main, "__spec__", None), "name", None) or ""
     if name.startswith("app.") and not hasattr(main, "main"):

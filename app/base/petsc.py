@@ -49,14 +49,17 @@ def call(name, *arguments):
 def return_large_arrays():
     """Let malloc return freed large arrays to the system.
 
-    SuperLU_DIST, loaded with PETSc, switches this off. The user's ``MALLOC_MMAP_MAX_`` is respected.
+    SuperLU_DIST, which is loaded with PETSc, prevents this. A ``MALLOC_MMAP_MAX_`` that the user has set remains valid.
     """
     with suppress(ValueError):  # a text that is no number
         set_malloc_option(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 
 
 def _ignore_closed_pipes():
-    """Restore Python's handler of SIGPIPE; PETSc's handler would end the process."""
+    """Restore Python's handler of SIGPIPE.
+
+    PETSc's handler would end the process when a pipe is closed.
+    """
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
@@ -66,7 +69,10 @@ _ignore_closed_pipes()
 
 @atexit.register
 def _finalize():
-    """Finalize PETSc before Python ends, because PETSc's objects call Python contexts."""
+    """Finalize PETSc before Python ends.
+
+    PETSc's objects call Python contexts when they are destroyed.
+    """
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed
             stream.flush()
@@ -88,7 +94,7 @@ def _forget_last_exception():
 def collect_garbage(comm=PETSc.COMM_SELF):
     """Free PETSc objects whose Python objects were garbage-collected.
 
-    There are some after an interrupted solve. Collective over the PETSc communicator `comm`.
+    An interrupted solve leaves such objects. Collective over the PETSc communicator `comm`.
     """
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(comm)
@@ -98,9 +104,9 @@ _LOCK = threading.RLock()
 
 
 def synchronized(function):
-    """Decorate a function to run in one thread at a time.
+    """Decorate a function so that one thread at a time runs it.
 
-    All these functions share one lock, because PETSc's options database is global.
+    All decorated functions share one lock, because PETSc's options database is global.
     """
 
     @wraps(function)
@@ -168,14 +174,20 @@ def error_message(error):
 
 
 def _unwrapped(error):
-    """Return a callback's exception, which newer petsc4py wraps in PETSc.Error."""
+    """Return the exception of a callback that PETSc.Error contains.
+
+    Newer releases of petsc4py wrap it so.
+    """
     while isinstance(error, PETSc.Error) and error.__cause__ is not None:
         error = error.__cause__
     return error
 
 
 def to_input_error(error):
-    """Return an InputError if the solvers were incompatible, else the error itself."""
+    """Return an InputError if the chosen solvers are incompatible.
+
+    Otherwise return the error itself.
+    """
     inner = _unwrapped(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _INCOMPATIBLE:
         return InputError(f"solver options: {error_message(inner)}")
@@ -187,9 +199,9 @@ class unwrap_errors:
 
     Newer petsc4py wraps these exceptions in PETSc.Error.
 
-    No garbage is collected inside the block. petsc4py formats texts while an exception is set. Since Python 3.12
-    garbage may be collected at that moment: a callback of a weak reference fails, the exception is lost, and petsc4py
-    crashes.
+    Inside the block no garbage is collected, because petsc4py formats texts while an exception is set. Since Python
+    3.12 garbage may be collected at that moment; then a callback of a weak reference fails, the exception is lost, and
+    petsc4py crashes.
     """
 
     def __enter__(self):
@@ -213,9 +225,9 @@ class unwrap_errors:
 def restricts_by_transpose():
     """Return whether MatRestrict multiplies by the transpose of a square matrix.
 
-    Releases of PETSc differ in this. For a rectangular matrix, all releases choose the matrix or its transpose by the
-    sizes of the vectors. But vectors of a coarse grid that every rank has a copy of may be as long as those of the next
-    finer grid.
+    This differs between releases of PETSc. If the matrix is rectangular, all releases choose the matrix or its
+    transpose by the sizes of the vectors. But if every rank has a copy of a coarse grid, its vectors may be as long as
+    those of the next finer grid, and the matrix is square.
     """
     mat = PETSc.Mat().createDense((2, 2), comm=PETSc.COMM_SELF)
     mat.setUp()
@@ -237,12 +249,12 @@ def _no_entries(mat, kind, info):
 
 
 def report_no_entries(mat):
-    """Let ``getInfo`` of a Mat of type python report zero stored entries."""
+    """Make ``getInfo`` of a Mat of type python report zero stored entries."""
     call("MatSetOperation", mat.handle, _MATOP_GETINFO, ctypes.cast(_no_entries, ctypes.c_void_p))
 
 
 def check_cells(grid):
-    """Check that PETSc's integers can number the cells of a grid."""
+    """Raise if a grid has more cells than PETSc's integers can number."""
     most = np.iinfo(PETSc.IntType).max
     if grid.n > most:
         raise InputError(
@@ -252,7 +264,10 @@ def check_cells(grid):
 
 
 class Resources:
-    """PETSc objects of a solver, destroyed together in reverse order. Collective."""
+    """PETSc objects of a solver, destroyed together. Collective.
+
+    They are destroyed in the reverse order of their creation.
+    """
 
     def __init__(self):
         return_large_arrays()
@@ -268,7 +283,7 @@ class Resources:
         part.destroy()
 
     def free(self):
-        """Destroy all objects and the communicator, unless PETSc has ended."""
+        """Destroy all objects and the communicator, if PETSc is still running."""
         if PETSc.Sys.isFinalized() or MPI.Is_finalized():
             return
         while self._parts:

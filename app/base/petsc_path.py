@@ -1,7 +1,8 @@
-"""Find petsc4py, which Debian keeps in PETSc's folder, outside Python's path.
+"""Find petsc4py, which Debian keeps in PETSc's folder, not on Python's path.
 
 The variables ``PETSC_DIR`` and ``PETSC_ARCH`` choose the PETSc, as for PETSc itself. Without them, petsc4py is the one
-that Python finds, or else Debian's. This file needs nothing of app/, because Python in .venv executes it at its start.
+that Python finds, or else Debian's. This file imports nothing from app/, because the Python of .venv executes it when
+it starts.
 """
 
 import glob

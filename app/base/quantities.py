@@ -75,7 +75,7 @@ def label_of(name):
 
 
 def axis_label(name):
-    """Return label, symbol and unit of a quantity, for an axis.
+    """Return label, symbol and unit of a quantity, for a plot axis.
 
     Examples
     --------

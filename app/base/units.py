@@ -11,7 +11,7 @@ ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 
 
 class Unit(NamedTuple):
-    """A unit of length: its number in a millimetre, and its name."""
+    """A unit of length: how many make a millimetre, and its name."""
 
     per_mm: float
     name: str
@@ -28,7 +28,7 @@ def find_unit(name):
 
 
 def unit(text):
-    """Parse an option's text as the name of a length unit.
+    """Return the name of the length unit that a text means.
 
     Examples
     --------
@@ -45,7 +45,10 @@ unit.names = (ALLOWED,)  # for the help
 
 
 def choose_length_unit(largest):
-    """Return the unit in which lengths up to `largest` [mm] are readable."""
+    """Return a unit in which lengths up to `largest` are short numbers.
+
+    `largest` is in mm.
+    """
     for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
         if largest >= least:
             return unit
@@ -59,9 +62,9 @@ _SCALES = {  # unit -> least value, factor and name of others, by decreasing siz
 
 
 def format_quantity(value, unit, digits=4):
-    """Format a number with a unit of readable size, in ASCII.
+    """Format a number in a unit that makes it short, in ASCII.
 
-    `unit` is the unit of `value`; "1" has no name.
+    `unit` is the unit of `value`; "1" means a number without unit.
 
     Examples
     --------

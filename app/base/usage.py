@@ -5,9 +5,9 @@ from inspect import signature
 
 
 def usage(example):
-    """Decorate a function or class to show an example call in errors.
+    """Decorate a function or class with an example of a correct call.
 
-    The example is added to a TypeError about the arguments.
+    The example is added to the message of a TypeError about the arguments.
 
     Examples
     --------

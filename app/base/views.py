@@ -1,6 +1,6 @@
-"""Access of low layers to the pictures of a higher layer.
+"""Access from low layers to the pictures of a higher layer.
 
-Classes of low layers have methods such as `plot`, but cannot import the higher layer that draws. They call `load`,
+Classes of low layers have methods such as `plot`, but may not import the higher layer that draws. They call `load`,
 which `app` replaces by a function that imports `app.api.views`.
 """
 

@@ -1,4 +1,7 @@
-"""Methods that solutions and result files share; importable without MPI or numba."""
+"""Methods that solutions and result files share.
+
+The module can be imported without MPI or numba.
+"""
 
 from numbers import Integral
 from typing import NamedTuple
@@ -37,21 +40,21 @@ _MIN_MEAN_VECTOR = 1e-9  # length of the mean of unit vectors; if it is less, ce
 
 
 class Patches(NamedTuple):
-    """Contact spots by decreasing size, equal on all ranks.
+    """Contact spots by decreasing size; the same on all ranks.
 
-    Spots of one size are ordered by their first cells. Cells are connected by faces, on a periodic patch also across
-    its sides.
+    A contact spot is a set of cells in contact that are connected by sides, on a periodic patch also across the sides
+    of the patch. Spots of one size are ordered by their first cells.
 
     Attributes
     ----------
     labels : ndarray of int, shape (rows, nx)
-        Labels of the cells in this rank's rows: 0 without contact, k + 1 in spot k (from 0).
+        Label of each cell in this rank's rows: 0 without contact, k + 1 in spot k; the first spot has k = 0.
     cells : ndarray of int, shape (spots,)
         Number of cells of each spot.
     area, load, max_pressure : ndarray of float64, shape (spots,)
         Area [mm2], load [N] and highest pressure [N/mm2] of each spot.
     centre_x, centre_y : ndarray of float64, shape (spots,)
-        Centre of the area [mm]. Meaningless or NaN for a spot that surrounds a periodic patch.
+        Centroid of each spot [mm]. Meaningless or NaN for a spot that extends over a whole period.
     grid : Grid
     """
 
@@ -67,7 +70,7 @@ class Patches(NamedTuple):
     def to_dataframe(self):
         """Return a pandas.DataFrame with a row for each spot.
 
-        Its ``attrs["units"]`` has the units.
+        The units are in its ``attrs["units"]``.
         """
         units = dict(zip(self._fields[2:7], ("mm2", "N", "N/mm2", "mm", "mm"), strict=True))
         columns = {name: getattr(self, name) for name in self._fields[1:7]}
@@ -92,8 +95,8 @@ class Patches(NamedTuple):
 class ContactFields:
     """Contact spots, distributions and attributes of solutions and results.
 
-    Subclasses have the arrays `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, which are
-    None if this rank has all rows; and the numbers that `__repr__` shows.
+    Subclasses have the arrays `pressure`, `gap` and `contact`, shape (rows, nx), a `grid`, and the numbers that
+    `__repr__` shows. They also have `slabs` and `comm`, which are None if this rank has all rows.
     """
 
     def __repr__(self):
@@ -116,7 +119,7 @@ class ContactFields:
     def plot(self, name=None, ax=None):
         """Draw a picture.
 
-        On several ranks call it on one, with ``solution.gather()``.
+        On several ranks, call the method `plot` of ``solution.gather()`` on one rank.
 
         Parameters
         ----------
@@ -124,7 +127,7 @@ class ContactFields:
             summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or a
             single panel: displacement, gap, section_x, section_y, residual.
         ax : matplotlib axes, optional
-            Axes for a single panel, which is contact, pressure (the default), or one of those named last.
+            Axes for a single panel: contact, pressure (the default), or one of the single panels above.
 
         Returns
         -------
@@ -152,15 +155,15 @@ class ContactFields:
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
-        """Return names of fields, physical numbers and methods.
+        """Return the names of fields, physical numbers and methods.
 
-        All other numbers are in `attributes` only.
+        All other numbers are only in `attributes`.
         """
         known = {name for name in self.attributes if name.removeprefix("analytic_") in QUANTITIES}
         return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
 
     def patches(self):
-        """Return number of cells, area, load and centre of contact spots. Collective.
+        """Return cells, area, load and centre of each contact spot. Collective.
 
         Returns
         -------
@@ -209,20 +212,21 @@ class ContactFields:
         return np.sort(cells)[::-1] * self.grid.cell_area
 
     def _connected_sets(self):
-        """Return labels of the cells, and sizes of the contact spots. Collective."""
+        """Return the cells' labels, and the sizes of contact spots. Collective."""
         from app.halfspace.connected_sets import label_connected_sets
 
         return label_connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
 
     def count_patches(self):
-        """Return number and largest area of contact spots, as attributes. Collective."""
+        """Return number and largest area of contact spots, a dict. Collective."""
         areas = self.contact_patches()
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 
     def distribution(self, name, bins=100, logarithmic=False):
         """Return the distribution of pressures or gaps. Collective.
 
-        Pressures are those in contact, gaps those outside of it; only positive values count.
+        The distribution is that of the pressures in contact, or of the gaps outside contact. Only positive values
+        count.
 
         Parameters
         ----------
@@ -230,15 +234,15 @@ class ContactFields:
             "pressure" or "gap".
         bins : int
         logarithmic : bool
-            Whether bins have equal ratios of their edges, instead of equal widths.
+            True for bins whose edges have equal ratios, false for bins of equal widths.
 
         Returns
         -------
         edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
-            Edges of the bins, from the smallest to the largest value. If all values are equal, from half to twice the
-            value; empty without values.
+            Edges of the bins, from the smallest to the largest value. If all values are equal, the edges go from half
+            to twice the value. Empty without values.
         density : ndarray, shape (bins,)
-            Share of the counted cells per unit; its integral is 1.
+            Share of the counted cells in a bin, divided by the width of the bin. The integral of the density is 1.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """Fields of many solutions on one grid, in one HDF5 file.
 
-Datasets of the fields have the shape (rows, ny, nx), in which row k belongs to row k of the table. `x` and `y` are the
-cell centres [mm]. The group ``table`` has the columns of the table. A row without solution is NaN.
+Each field is a dataset of shape (rows, ny, nx); entry k belongs to row k of the table. `x` and `y` are the cell centres
+[mm]. The group ``table`` has the columns of the table. Fields without a solution are NaN.
 """
 
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ _BYTES_PER_COLUMN = 4096  # more than HDF5 needs for the metadata of a dataset
 
 
 def check_fields(path, names, grids):
-    """Check file, fields and grids before any work.
+    """Check file name, names of fields, and grids before any work.
 
     Returns
     -------
@@ -42,7 +42,7 @@ class FieldStack:
         self._file, self._path, self._target = file, path, target
 
     def write(self, row, fields):
-        """Write the fields of a row; None for NaN."""
+        """Write the fields of a row; if `fields` is None, write NaN."""
         for name in FIELDS.keys() & self._file.keys():
             missing = 0 if FIELDS[name] is np.uint8 else np.nan
             try:

@@ -25,7 +25,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     Parameters
     ----------
     path : str or Path
-        Name of the file. An existing file will be replaced; of a link the target's path is returned.
+        Name of the file. An existing file will be replaced. If it is a link, the path of its target is returned.
     inputs : iterable of str or Path
         Files that must not be replaced; missing ones are ignored.
     what : str
@@ -35,8 +35,8 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     Raises
     ------
     InputError
-        If the suffix is wrong; the path is not a regular file, is an input, or is another user's in a sticky folder;
-        or the folder is missing or read-only, or does not allow so long a name.
+        If the suffix is wrong. If the path is not a regular file, is an input, or is another user's file in a sticky
+        folder. If the folder is missing or read-only, or the name is too long for it.
     """
     try:
         name, path = str(path), Path(path)
@@ -70,7 +70,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
 
 
 def check_shared_folder(comm, path):
-    """Raise InputError unless all hosts share the folder of a file. Collective."""
+    """Raise InputError unless all hosts see the same folder of `path`. Collective."""
 
     def create():
         file = make_temporary_name(_follow_link(Path(path)))
@@ -100,7 +100,7 @@ def hash_file(path):
 def hash_samples(path):
     """Return size and hash of a file, None without a file.
 
-    Of a file above 4 MiB only evenly spaced samples are hashed.
+    If the file is larger than 4 MiB, only evenly spaced samples of it are hashed.
     """
     path = Path(path)
     if not path.is_file():
@@ -114,7 +114,7 @@ def hash_samples(path):
 
 
 def _follow_link(path):
-    """Return the absolute path of a file, or a link's target."""
+    """Return the absolute path of a file, or of a link's target."""
     with suppress(RuntimeError):  # Python before 3.13 raises it for circular links
         target = path.resolve() if path.is_symlink() else path.absolute()
         if not target.is_symlink():
@@ -146,9 +146,9 @@ def write_text(path, text):
 
 @contextmanager
 def atomic_hdf5(path):
-    """Yield an HDF5 file in memory; write it atomically after the block.
+    """Yield an HDF5 file in memory; after the block, write it atomically.
 
-    HDF5 cannot close a file on a full disk. So system calls write the file, which report the error.
+    HDF5 cannot close a file on a full disk. So the file is written by system calls, which report the error.
     """
     import h5py
 
@@ -165,7 +165,7 @@ def atomic_hdf5(path):
 def make_temporary_name(path):
     """Return a temporary name in the folder of a path.
 
-    Temporary files older than a day, which killed runs left there, are removed.
+    Temporary files in this folder that are older than a day are removed; killed runs left them.
     """
     for outdated in path.parent.glob(".contact-*.tmp"):
         with suppress(OSError):  # another process may have removed it

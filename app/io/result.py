@@ -1,4 +1,4 @@
-"""Result file (HDF5): solution, history and facts of the run.
+"""Result file (HDF5): solution, history and attributes of the run.
 
 =========================  ==========  =======  =====  ==========================================
 dataset                    shape       type     unit   meaning (symbol of the paper)
@@ -10,17 +10,17 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
 ``x``, ``y``               (nx), (ny)  float64  mm     cell centres
 ``history/<column>``       (k)                  yes    one entry per active set iteration
-``path/<column>``          (steps)              yes    one entry per step of a load path; fields are of the last one
+``path/<column>``          (steps)              yes    one entry per step of a load path; fields are of the last step
 =========================  ==========  =======  =====  ==========================================
 
-`x` and `y` are the dimension scales of the fields, as in NetCDF: xarray finds the coordinates.
+`x` and `y` are the dimension scales of the fields, as in NetCDF, so xarray finds the coordinates.
 
-`gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of
-``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
+`gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). ``history/level`` has the number of
+a grid in the hierarchy: the last entry is that of the target grid, and the next coarser grid has one less.
 
-Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
-`load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. docs/results.md
-describes the others. Additional datasets and attributes are kept.
+Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm, `load` in N,
+pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. docs/results.md describes the other
+attributes. A file may have additional datasets and attributes.
 """
 
 from contextlib import contextmanager
@@ -70,10 +70,10 @@ MAX_STEP_DEVIATION = 0.1  # of a cell: rounding of coordinates far from zero
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(ContactFields):
-    """Contents of a result file, as in the module's table.
+    """Contents of a result file, see the table of the module.
 
-    Attributes of the file are attributes of the object, too: ``result.load`` is ``result.attributes["load"]``. So are
-    the names that a `Solution` has for some of them (``message``, ``iterations``, ``rtol``).
+    Attributes of the file are attributes of this object, too: ``result.load`` is ``result.attributes["load"]``. The
+    names that `Solution` has for some of them (``message``, ``iterations``, ``rtol``) also work.
 
     Attributes
     ----------
@@ -108,12 +108,12 @@ class Result(ContactFields):
 
     @property
     def error_bound(self):
-        """Proved bound of the pressure's relative error, or NaN."""
+        """Proved bound of the relative error of the pressure, NaN if unknown."""
         return self.attributes.get("error_bound", np.nan)
 
     @property
     def notes(self):
-        """Doubts about units, grid or theory for the user, one text each."""
+        """Warnings about units, grid or theory, one text each."""
         return tuple(self.attributes.get("notes", "").splitlines())
 
     @property
@@ -125,7 +125,7 @@ class Result(ContactFields):
 def make_grid(x, y, attributes):
     """Make a `Grid` from cell centres [mm] and attributes of a result.
 
-    Along a side of one cell its size is taken from the attribute `cell_size`.
+    In a direction with a single cell, its size is that of the attribute `cell_size`.
     """
     from app.halfspace.grid import Grid
 
@@ -137,7 +137,7 @@ def make_grid(x, y, attributes):
 
 
 def read_result(path):
-    """Read a result file, the whole grid on this rank.
+    """Read a result file; this rank gets the whole grid.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def read_result(path):
     Raises
     ------
     InputError
-        If the file is missing or no result file; the message names what is wrong.
+        If the file is missing or no result file; the message says what is wrong.
     """
     with open_result(path) as file:
         check_is_result(file)
@@ -180,7 +180,10 @@ def read_result(path):
 
 @contextmanager
 def open_result(path):
-    """Open a result file for the block; InputError if it is unreadable."""
+    """Open a result file for a ``with`` block.
+
+    Raises InputError if the file is unreadable.
+    """
     try:
         path = Path(path)
     except TypeError:
@@ -201,13 +204,13 @@ def open_result(path):
 
 
 def has_heights(path):
-    """Return whether a file is a map of heights, as app.convert writes."""
+    """Return whether a file has a map of heights, written by app.convert."""
     with open_result(path) as file:
         return "heights" in file and not FIELDS.keys() & file.keys()
 
 
 def check_is_result(file):
-    """Raise InputError if an open file has no fields of a result."""
+    """Raise InputError if an open file lacks the fields of a result."""
     if FIELDS.keys() & file.keys():
         return
     if "depth" in file and "line/von_mises" in file:
@@ -221,9 +224,9 @@ def check_is_result(file):
 
 
 def _read_columns(file, group, known=()):
-    """Return the columns of a group except the known ones, by name.
+    """Return the columns of a group by name, except the `known` ones.
 
-    InputError if they differ in length from each other or from the known ones.
+    InputError if columns differ in length from each other or from the known ones.
     """
     if group not in file:
         return {}
@@ -236,9 +239,9 @@ def _read_columns(file, group, known=()):
 
 
 def read_dataset(file, name, dtype=None):
-    """Read a numeric dataset; raise InputError for any other.
+    """Read a numeric dataset; raise InputError if it is not numeric.
 
-    Numbers are converted to `dtype`, by default the dataset's own.
+    Numbers are converted to `dtype`, by default that of the dataset.
     """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
@@ -269,7 +272,7 @@ def _are_centres(values):
 def read_attributes(file):
     """Return the attributes of a file as Python objects, by name.
 
-    InputError if one has a wrong type.
+    Raises InputError if an attribute has a wrong type.
     """
     attributes = {}
     for name, value in file.attrs.items():

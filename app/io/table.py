@@ -17,8 +17,8 @@ from app.io.files import atomic_hdf5, write_text
 def format_markdown(rows, columns=None, formats=None):
     """Return a Markdown table with aligned columns.
 
-    `columns` are the keys to show, by default all in order of appearance. `formats` maps keys to the formats of their
-    floats; others have ``".6g"``.
+    `columns` are the keys to show, by default all in order of appearance. `formats` maps a key to the format of its
+    floats, by default ``".6g"``.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def format_text(rows, columns=None, formats=None):
 def format_csv(rows, columns=None):
     """Return a table as CSV, with all digits of its numbers.
 
-    Parameters are those of `format_markdown`.
+    The parameters are those of `format_markdown`.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns or _list_keys(rows), extrasaction="ignore", lineterminator="\n")
@@ -49,10 +49,10 @@ def format_csv(rows, columns=None):
 
 
 def write_table(path, rows, columns=None):
-    """Write a table atomically, in the format of its suffix.
+    """Write a table atomically, in the format of the path's suffix.
 
-    This is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; ValueError for any other. An HDF5 file has a dataset for
-    each key: int64, float64 with NaN for empty cells, or strings.
+    The suffix is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; ValueError for any other. An HDF5 file has a
+    dataset for each key: int64, float64 with NaN for empty cells, or strings.
     """
     path = Path(path)
     formatters = {".md": format_markdown, ".txt": format_text, ".csv": format_csv}
@@ -91,7 +91,7 @@ def _tabulate(kind, rows, columns, formats, escapes=None):
 
 
 def _to_array(values):
-    """Return a column as an array of numbers or texts for HDF5."""
+    """Convert a column to an array of numbers or texts for HDF5."""
     present = [value for value in values if value is not None]
     if not all(isinstance(value, Real) and not isinstance(value, bool | np.bool_) for value in present):
         return np.array(["" if value is None else str(value) for value in values], h5py.string_dtype())

@@ -19,9 +19,9 @@ _METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets
 
 @dataclass(frozen=True)
 class ByRows:
-    """Field whose rows are computed when they are written.
+    """Field whose rows are computed only when they are written.
 
-    ``values(slice of rows)`` returns an ndarray.
+    The function ``values(slice of rows)`` returns these rows, an ndarray.
     """
 
     shape: tuple
@@ -50,7 +50,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     x, y : array_like, shapes (nx,) and (ny,), [mm]
         Cell centres of the whole grid.
     attributes : mapping
-        All of `app.io.result.ATTRIBUTES` and additional bool, int, float, str or numeric arrays.
+        All of `app.io.result.ATTRIBUTES`, and additional values of type bool, int, float, str or numeric array.
     history : mapping of str to array_like, shape (k,)
         All of `HISTORY` and additional numeric columns; empty without iterations.
     steps : mapping of str to array_like, shape (steps,), optional
@@ -83,9 +83,9 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
 
 
 def _plan(fields, x, y, attributes, history, steps):
-    """Check the user's data; return types, axes, attributes and columns.
+    """Check all data except the fields; return what rank 0 writes.
 
-    These are all that rank 0 writes; the fields themselves are left out.
+    Return the types of the fields, the axes, the attributes and the columns.
     """
     for name, value in attributes.items():
         value = np.asarray(value)
@@ -122,7 +122,10 @@ def _as_rows(field):
 
 
 def _lay_out(path, plan):
-    """Write metadata and columns, and reserve space for fields; rank 0 only."""
+    """Write all data except the fields, and reserve space for the fields.
+
+    Only rank 0 calls this function.
+    """
     early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     shape = plan["axes"]["y"].size, plan["axes"]["x"].size
@@ -187,7 +190,7 @@ def _write_rows(path, comm, slabs, rows):
 def _run_collectively(comm, step, only_root=False):
     """Run a function; if it fails, raise OSError on all ranks. Collective.
 
-    Unlike `call_collectively` this catches exceptions of all types, and the message names the rank.
+    Unlike `call_collectively`, this function catches exceptions of all types, and its message names the rank.
     """
     message = None
     try:

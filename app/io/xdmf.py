@@ -1,9 +1,9 @@
 """XDMF files, with which ParaView and other programs read result files.
 
 A result becomes a uniform grid with fields on cells; several results, such as the steps of a load path, become a time
-series. The XDMF file refers to HDF5 files of its own folder by name. The patch is written as a layer of cells below
-z = 0. ParaView's readers would put a two-dimensional mesh (``2DCoRectMesh``) in the y-z plane, and only one of them
-reads fields on a layer without thickness.
+series. The XDMF file refers to HDF5 files of its own folder by name. The patch is written as a layer of cells below z =
+0. A two-dimensional mesh (``2DCoRectMesh``) would not do, because ParaView puts it in the y-z plane. A layer without
+thickness would not do either, because only one of ParaView's readers reads fields on it.
 """
 
 from pathlib import Path

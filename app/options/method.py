@@ -47,7 +47,7 @@ _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 class MethodOption(Option):
     """An option of the method, and where it has an effect.
 
-    It has an effect in the listed `strategies`; if `only_nested` is true, only with nested iteration.
+    The option has an effect with the listed `strategies`; if `only_nested` is true, only with nested iteration.
     """
 
     strategies: tuple = _STRATEGIES
@@ -136,7 +136,7 @@ def find_method_file(name):
 
 
 def list_methods():
-    """Return the names of all method files, sorted."""
+    """Return the names of all method files, sorted by name."""
     return sorted(
         path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
     )
@@ -153,7 +153,7 @@ def make_settings(method=None, options=None, periodic=False):
     Parameters
     ----------
     method : str, or mapping of str to mapping, optional
-        Name of a method file; or several option files in order, each with its options: file name -> options.
+        Name of a method file. Or several option files in order, as a mapping from the name of each file to its options.
     options : mapping, optional
         Option names without dash, and their values as texts or numbers. These override the options of the files.
     periodic : bool
@@ -166,8 +166,8 @@ def make_settings(method=None, options=None, periodic=False):
     Raises
     ------
     InputError
-        If an option is not allowed, or has no effect together with the others. An option of a method file may be
-        without effect if a later option has chosen other solvers.
+        If an option is not allowed, or has no effect together with the others. An option of a method file may have no
+        effect if a later option has chosen other solvers.
     """
     typed = to_texts(options or {})
     if isinstance(method, str):
@@ -200,14 +200,15 @@ def make_settings(method=None, options=None, periodic=False):
 
 
 def _is_method(texts):
-    """Return whether options define a method: strategy, or KSP and PC."""
+    """Return whether options define a strategy, or a KSP and a PC."""
     return "lcp_type" in texts or {"ksp_type", "pc_type"} <= texts.keys()
 
 
 def _drop_overridden_methods(files, typed):
-    """Remove method files that later options override; return their warnings.
+    """Remove method files that later options override.
 
-    `typed` are the options outside of files.
+    `files` maps file names to options; `typed` are the options outside of files. Return a warning for each removed
+    file.
     """
     warnings, strategy, last = [], typed.get("lcp_type"), None
     for name in [name for name in reversed(files) if _is_method(files[name])]:
@@ -221,9 +222,10 @@ def _drop_overridden_methods(files, typed):
 
 
 def _find_replaceable(files, typed):
-    """Return options of files that a later choice may replace.
+    """Return the options of method files that may have no effect.
 
-    These are options of method files, if a later option chooses another solver.
+    A later option has chosen another solver, so these options need not be used. The arguments are those of
+    `_drop_overridden_methods`.
     """
     later, replaceable = set(typed), set()
     for texts in reversed(files.values()):
@@ -234,7 +236,7 @@ def _find_replaceable(files, typed):
 
 
 def drop_unused(settings, unused, known):
-    """Return settings without the replaceable options that were not used.
+    """Return settings without those replaceable options that were not used.
 
     Raises InputError if any other option was not used.
 
@@ -256,7 +258,7 @@ def drop_unused(settings, unused, known):
 
 
 def _find_useless(texts):
-    """Return options without effect: name -> what the option needs.
+    """Return the options that have no effect, and what each would need.
 
     Options with their default value are not listed.
     """
@@ -275,7 +277,7 @@ def _find_useless(texts):
 
 
 def _check_solvers(strategy, texts):
-    """Check for PETSc options that spoil the strategy or abort."""
+    """Raise for PETSc options that spoil the strategy or abort PETSc."""
     has_bounds = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
     for name, text in texts.items():
         for end, (spoilt, reason) in _REFUSED.items():

@@ -1,4 +1,4 @@
-"""Tables of options, and a reader of their values.
+"""Tables of options, and a reader of the options' values.
 
 The texts of options come from files, environment and command line (`app.cli.option_sources`), or from a dict in a
 program. Options of linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) belong to PETSc and are in no table.
@@ -34,8 +34,8 @@ FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file
 def find_option_file(path):
     """Return the path of an option file.
 
-    `path` may be the name of a file in the folder `FILES`, and may lack the ending ``.opts``. If there is no such file,
-    `path` is returned.
+    `path` may be the name of a file in the folder `FILES`, and may lack the ending ``.opts``. If no file is found,
+    `path` itself is returned.
     """
     for name in (path, f"{path}.opts"):
         own = FILES / Path(name).name
@@ -47,9 +47,9 @@ def find_option_file(path):
 
 
 def list_named_files(text):
-    """Return names of files that an option's text may mean.
+    """Return the names of files that an option's text may mean.
 
-    These are the text itself, the text without ``:/DATASET``, and the file of a Python module.
+    The names are the text itself, the text without ``:/DATASET``, and the file of a Python module.
 
     Examples
     --------
@@ -65,7 +65,8 @@ def list_named_files(text):
 class Option:
     """An option of a table.
 
-    `kind` is a function that converts a text to a value, or raises ValueError with a message of what is allowed.
+    `kind` is a function that converts a text to a value. If the text is not allowed, `kind` raises ValueError, and the
+    message says what is allowed.
     """
 
     name: str
@@ -80,9 +81,9 @@ class Option:
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
     def help(self, files=None):
-        """Return the line of this option in ``-help``.
+        """Return the line that describes this option in ``-help``.
 
-        The line lists the default and the values in `files`, file name -> options.
+        The line has the default, and the values in `files`, a mapping from file names to options.
         """
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
@@ -93,7 +94,7 @@ class Option:
 
 
 def format_value(value):
-    """Format a value as a user would type it.
+    """Format the value of an option as a user would type it.
 
     Examples
     --------
@@ -180,7 +181,7 @@ def to_texts(options, what="options"):
     Raises
     ------
     InputError
-        If `options` is not a mapping with names as keys. The message calls it `what`.
+        If `options` is not a mapping with names as keys. `what` is the name of the mapping in the message.
 
     Examples
     --------
@@ -214,10 +215,10 @@ def format_options(texts):
 
 
 def find_similar_name(name, known):
-    """Return the known name that a misspelt name may mean, or None.
+    """Return the known name that a misspelt `name` may mean, or None.
 
-    The known name differs by few letters, or is another name of the same quantity. None is also returned if `name` is
-    known.
+    The known name differs by a few letters, or is another name of the same quantity. If `name` itself is known, return
+    None.
 
     Examples
     --------
@@ -255,7 +256,7 @@ def number(text, kind=float, allowed="a number"):
     Raises
     ------
     ValueError
-        With the message `allowed`, if the text is not a number or contains underscores.
+        If the text is not a number or contains underscores. The message is `allowed`.
     """
     try:
         if "_" in text:
@@ -277,7 +278,8 @@ def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allow
 def real(allowed="a finite number", **limits):
     """Return a parser of a real number within limits.
 
-    The limits are `lowest`, `above` (exclusive) and `highest`. inf is allowed only if `highest` is inf.
+    The limits are `lowest`, `above` (exclusive) and `highest`. inf is allowed only if `highest` is inf. A parser is a
+    function that converts a text to a value.
     """
     return partial(_real, allowed=allowed, **limits)
 
@@ -285,7 +287,7 @@ def real(allowed="a finite number", **limits):
 def _several(text, kind, counts, allowed, fits):
     """Parse numbers separated by commas.
 
-    `counts` are the allowed counts of numbers; ``fits(*numbers)`` tests all numbers together.
+    `counts` are the allowed numbers of numbers. The function ``fits(*numbers)`` tests all numbers together.
     """
     values = tuple(kind(part, allowed=allowed) for part in text.split(","))
     if len(values) not in counts or not fits(*values):
@@ -302,9 +304,9 @@ def integer(lowest, allowed, highest=np.inf):
 
 
 def pair(allowed, highest=np.inf):
-    """Return a parser of two positive integers, or one for both.
+    """Return a parser of two positive integers, or of one for both.
 
-    They are at most `highest`.
+    The integers are at most `highest`.
     """
 
     def parse(text):
@@ -315,7 +317,7 @@ def pair(allowed, highest=np.inf):
 
 
 def pair_of_reals(allowed, nonzero=False, **limits):
-    """Return a parser of two real numbers within limits (those of `real`)."""
+    """Return a parser of two real numbers within the limits of `real`."""
     kind = partial(_real, **limits)
     return partial(_several, kind=kind, counts=[2], allowed=allowed, fits=lambda *n: not (nonzero and 0 in n))
 
@@ -323,7 +325,7 @@ def pair_of_reals(allowed, nonzero=False, **limits):
 def cells(text):
     """Parse ``i0,i1,j0,j1``, ranges of columns and rows.
 
-    The ends i1 and j1 are excluded.
+    The columns are i0 to i1 - 1, the rows j0 to j1 - 1.
     """
     allowed = "i0,i1,j0,j1, whole numbers from 0 with i0 < i1 and j0 < j1"
     return _several(text, _integer, [4], allowed, lambda i0, i1, j0, j1: 0 <= i0 < i1 and 0 <= j0 < j1)
@@ -338,7 +340,7 @@ def domain(text):
 def series(text):
     """Parse ``first:last:n``, ``first:last:n:log``, or numbers ``a,b,c``.
 
-    The first two forms are n numbers from first to last, in equal steps or in equal ratios.
+    The first form means n numbers from first to last in equal steps, the second n numbers in equal ratios.
 
     Examples
     --------
@@ -389,7 +391,7 @@ def is_off(text):
 
 
 def flag(text):
-    """Parse true or false; an empty text is true."""
+    """Parse true or false; an empty text means true."""
     if text.lower() in ("", "1", "true", "yes", "on"):
         return True
     if is_off(text):

@@ -1,7 +1,7 @@
 """Options of one solver in PETSc's database, under the solver's prefix.
 
-PETSc's database has space for 512 options only, so the options of a solver are in it only during set-up and solves.
-Options that the user has set in the database under the same prefix stay there, and override the solver's.
+PETSc's database has space for only 512 options, so it has the options of a solver only during set-up and solves.
+Options that the user has set in the database under the same prefix stay there, and override those of the solver.
 """
 
 import ctypes
@@ -22,7 +22,9 @@ _PROBE = "app_solver_options_probe"  # a name that no option has
 
 
 class SolverOptions:
-    """Options of one solver, in PETSc's database inside blocks of `inserted`.
+    """Options of one solver.
+
+    They are in PETSc's database only inside ``with`` blocks of `inserted`.
 
     Parameters
     ----------
@@ -61,9 +63,9 @@ class SolverOptions:
 
     @classmethod
     def new_prefix(cls, comm):
-        """Return an unused prefix, ``contact0_`` for the first solver of a process.
+        """Return an unused prefix, such as ``contact0_`` for the first solver.
 
-        Collective over the mpi4py communicator `comm`. The prefix is new on all of its ranks, even if these have made
+        Collective over the mpi4py communicator `comm`. The prefix is unused on all of its ranks, even if they have made
         different numbers of solvers before.
         """
         number = comm.allreduce(cls._made, MPI.MAX)
@@ -72,9 +74,9 @@ class SolverOptions:
 
     @contextmanager
     def inserted(self):
-        """Insert the options into PETSc's database inside the block.
+        """Insert the options into PETSc's database for a ``with`` block.
 
-        After the block, `used` also contains the options that PETSc has read in it.
+        After the block, `used` also contains the options that PETSc has read in the block.
         """
         if self._is_inserted:
             yield
@@ -124,7 +126,7 @@ class SolverOptions:
 
 @contextmanager
 def temporary_options(prefix, defaults, forced):
-    """Set options of PETSc's database inside the block.
+    """Set options of PETSc's database for a ``with`` block.
 
     Parameters
     ----------
@@ -133,8 +135,8 @@ def temporary_options(prefix, defaults, forced):
     defaults : mapping of str to str
         Options that are set only if the user has not set them.
     forced : mapping of str to str or None
-        Options that are set in any case; None removes the option. A user's option that is replaced counts as used, so
-        that PETSc does not report it as unused.
+        Options that are set in any case; the value None removes an option. An option of the user that is replaced
+        counts as used, so that PETSc does not report it.
     """
     database = PETSc.Options()
     set_by_user = _names(database)
@@ -181,9 +183,9 @@ def read_option_file(path, flag="-options_file"):
 
 
 def options_with_prefix(prefix):
-    """Return the options with a prefix in PETSc's database.
+    """Return the options in PETSc's database that begin with a prefix.
 
-    The names in the returned dict are without the prefix. Options that were unused stay unused.
+    The names in the returned dict are without the prefix. Reading the options does not mark them as used.
     """
     database, texts = PETSc.Options(), {}
     for name in database.getAll():  # cuts values at blanks
@@ -197,7 +199,7 @@ def options_with_prefix(prefix):
 
 
 def _names(database):
-    """Return the names in PETSc's database, in lower case."""
+    """Return the names of all options in PETSc's database, in lower case."""
     return {*map(str.lower, database.getAll())}
 
 

@@ -1,7 +1,7 @@
 """Checks of viewers in PETSc's options.
 
-A viewer says where and how PETSc prints an object: ``KIND:FILE:FORMAT``. PETSc itself checks a viewer only when it
-prints something, and aborts the program at some mistakes.
+A viewer is a text ``KIND:FILE:FORMAT`` that says where and how PETSc prints an object. PETSc itself checks a viewer
+only when it prints something, and aborts the program at some mistakes.
 """
 
 import os
@@ -19,14 +19,17 @@ _AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw
 
 
 def check_viewers(texts):
-    """Check all viewers among the options of a solver, name -> text."""
+    """Check all viewers among the options of a solver.
+
+    `texts` maps names of options to their texts.
+    """
     for name, text in texts.items():
         if any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY)):
             check_viewer(name, text)
 
 
 def check_viewer(name, text):
-    """Check the text ``KIND:FILE:FORMAT`` of an option that takes a viewer."""
+    """Check the text of an option that takes a viewer ``KIND:FILE:FORMAT``."""
     kind, file, *_ = [*text.split(":"), ""]
     if kind not in ("", *_KINDS):
         raise InputError(
