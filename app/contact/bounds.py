@@ -146,6 +146,11 @@ class CappedBounds(PressureBounds):
         fields = b, depth, u, p, self.upper, admissible, contact, released, expected
         return capped_kernels.activate(*fields)
 
+    def exchange(self, p, stored, w, change, b, admissible, contact, plastic, *limits):
+        """Exchange cells of C with open and plastic ones; see `capped_kernels.exchange`."""
+        fields = p, stored, self.upper, w, change, b, admissible, contact, plastic
+        return capped_kernels.exchange(*fields, *limits)
+
     def project(self, p, cells, out):
         """Store p clipped to the bounds in `cells`; see `bounds_kernels.project`."""
         return capped_kernels.project(p, self.upper, cells, out)

@@ -4,9 +4,20 @@ They do what the loops of `app.contact.bounds_kernels` do for p >= 0. `upper` is
 Outside the contact set C a cell with p >= H is plastic, any other one open.
 """
 
+import numpy as np
+
 from app.base.numba_cache import njit
 from app.contact.kernels import gap
 from app.parallel.reductions import njit_reassoc
+
+
+@njit_reassoc
+def clipped_displacement(free, closed, room):
+    """Return the displacement `closed` of a closed gap if that needs 0 <= p <= H.
+
+    Otherwise return `free`, the displacement without pressure, or `free` + `room`, that by the pressure H.
+    """
+    return max(free, min(closed, free + room))
 
 
 @njit_reassoc
@@ -102,3 +113,48 @@ def add_constant(p, upper, contact, step):
                 total += value - p[j, i]
                 p[j, i] = value
     return total
+
+
+@njit()
+def exchange(
+    p, stored, upper, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured
+):  # fmt: skip
+    """Exchange cells of the contact set C with open and plastic ones in one pass.
+
+    `p` is the pressure, minus H in `plastic` cells, and `stored` an earlier one of the same kind. Both stay so. Cells
+    of C with p < -slack become open, with p > H + slack plastic. Open cells with a gap below `least_gap`, and plastic
+    ones with a gap above -`least_gap`, enter C and are marked in `captured`. Other parameters and the result are those
+    of `app.contact.bounds_kernels.exchange`.
+    """
+    cells, added, removed, total, moves = 0, 0, 0, 0.0, 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            inside, full, new_w = contact[j, i], plastic[j, i], w[j, i] + change[j, i]
+            e, moved, enters, leaves = new_w - b[j, i], 0.0, False, False
+            if inside:
+                value, above = np.float64(p[j, i]), p[j, i] - upper[j, i]
+                leaves = (value < -slack) | (above > slack)
+                if leaves:
+                    moved = compliance * (value if value < 0 else above)
+                    if above > slack:
+                        plastic[j, i] = True
+                        p[j, i] -= upper[j, i]
+                        stored[j, i] -= upper[j, i]
+            elif full:
+                enters = e > -least_gap
+                if enters:
+                    moved = e
+                    plastic[j, i] = False
+                    p[j, i] += upper[j, i]
+                    stored[j, i] += upper[j, i]
+            else:
+                enters = admissible[j, i] & (e < least_gap)
+                moved = e if enters else 0.0
+            captured[j, i] = enters
+            contact[j, i] = (inside & (not leaves)) | enters
+            cells += contact[j, i]
+            added += enters
+            removed += leaves
+            total += new_w
+            moves += moved * moved if abs(moved) <= far else np.inf
+    return cells, added, removed, total, moves

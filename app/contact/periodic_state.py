@@ -48,7 +48,7 @@ class PeriodicState(ContactState):
         self._tensile = super().release_tensile(*args, **options)
         return self._tensile
 
-    def activate_penetrating(self, expected=None):
+    def activate_penetrating(self, expected=None, pressure=None):
         """Add overlapping cells without cycling; see `ContactState.activate_penetrating`.
 
         Contact sets may cycle near full contact. If the number of changed cells stagnates, cells enter only
@@ -56,7 +56,7 @@ class PeriodicState(ContactState):
         """
         if self._tensile and self._stagnating >= _PATIENCE:
             expected = np.full(self.u.shape, np.inf)
-        update, self._tensile = super().activate_penetrating(expected), 0
+        update, self._tensile = super().activate_penetrating(expected, pressure), 0
         self._stagnating = 0 if update.changed < self._fewest_changed else self._stagnating + 1
         self._fewest_changed = min(self._fewest_changed, update.changed)
         return update

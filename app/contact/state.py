@@ -306,14 +306,15 @@ class ContactState:
         self.displacement_status = Displacement.EXACT if exact else Displacement.UPDATED
 
     @PETSc.Log.EventDecorator("ContactUpdate")
-    def activate_penetrating(self, expected=None):
+    def activate_penetrating(self, expected=None, pressure=None):
         """Add the overlapping cells to C (4.b), for (2.10).
 
         Collective. Cells just released may enter again. Returns the `Update` by the last `release_tensile`
         and this step. `expected`, shape (local rows, nx) [mm], is an expected change of u outside C. The test
-        for overlap adds it to u.
+        for overlap adds it to u. `pressure` replaces p.
         """
-        fields = self.u, self.p, self.admissible, self.contact, self._released
+        p = self.p if pressure is None else pressure
+        fields = self.u, p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
         sums = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)
         cells, added, released, squares, h, total = self.sum(sums)
@@ -340,14 +341,21 @@ class ContactState:
 
         u becomes stale. Less is added if all cells of C reach a bound.
         """
-        least, missing = np.spacing(abs(self.load)), missing / self.grid.cell_area
-        least /= self.grid.cell_area
+        least, area = np.spacing(abs(self.load)), self.grid.cell_area
+        self.add_constant(self.values, missing / area, least / area)
+        self.displacement_status = Displacement.STALE
+
+    def add_constant(self, p, missing, least):
+        """Add a constant to a pressure on C within its bounds. Collective.
+
+        The sum of p changes by `missing` [N/mm2], up to `least`. Returns what is still missing.
+        """
         for _ in range(_MAX_LOAD_STEPS):
-            free = self.sum([self.bounds.room(self.p, self.contact, missing)])[0]
+            free = self.sum([self.bounds.room(p, self.contact, missing)])[0]
             if not free or abs(missing) <= least:
                 break
-            missing -= self.sum([self.bounds.add_constant(self.values, self.contact, missing / free)])[0]
-        self.displacement_status = Displacement.STALE
+            missing -= self.sum([self.bounds.add_constant(p, self.contact, missing / free)])[0]
+        return missing
 
     def distribute_load(self, load):
         """Distribute a load [N] evenly over C, and compute u. Collective."""

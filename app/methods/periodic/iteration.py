@@ -61,7 +61,7 @@ def primal_active_set(primal, solver, stop, history):
         if wrong := failure_reason(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if accurate and not stop.final and update.changed <= MAX_CHANGED_FRACTION * primal.cells:
-            primal.commit(solver)
+            primal.finish(solver)
             return Outcome(True, CONVERGED, k, residual)
         # No cell changes, or the changes and the residual are negligible.
         set_is_final = accurate and not update.changed
@@ -87,9 +87,10 @@ def primal_active_set(primal, solver, stop, history):
             if not (stop.final and norm <= ROUNDING_RESIDUAL * primal.largest() * np.sqrt(primal.cells)):
                 raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
             return Outcome(False, BELOW_ROUNDING, k, _finish_unsolved(primal, solver))
-    primal.commit(solver)
     if stop.final:
         residual = _finish_unsolved(primal, solver)
+    else:
+        primal.finish(solver)
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
@@ -104,7 +105,7 @@ def _finish_unsolved(primal, solver):
     state.depth = primal.depth
     update = verify(primal, p)
     if update is None:
-        state.values[...] = state.contact
+        primal.spread_load()
         update = verify(primal, p)
     accept(primal, p)
     return update.residual / state.distance.norm()
@@ -215,12 +216,11 @@ def verify(primal, p):
     prescribed and there is no pressure in contact, because it is smaller than the error on the free cells.
     """
     state, loading = primal.state, primal.loading
-    total = float(state.sum([state.bounds.project(state.p, state.contact, p)])[0])
-    if not loading.scale_pressure(p, total, state.grid.cell_area):
+    if not primal.meet_load(p, primal.project(p)):
         return None
     state.operator.exact_displacement(p, state.u)
     loading.set_depth(state)
-    return state.activate_penetrating()
+    return state.activate_penetrating(pressure=p)
 
 
 def accept(primal, p):

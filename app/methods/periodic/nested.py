@@ -8,9 +8,9 @@ from app.contact.grid_sequence import GridSequence
 from app.contact.history import Outcome
 from app.contact.periodic_state import PeriodicState
 from app.contact.state import Displacement
+from app.methods.periodic.capped_state import primal_state
 from app.methods.periodic.iteration import accept, primal_active_set, verify
 from app.methods.periodic.operator import InverseOperator
-from app.methods.periodic.state import PrimalState
 from app.methods.progress import NeedsSafeguard
 from app.methods.safeguard import solve_safeguarded
 from app.options.solver_options import temporary_options
@@ -48,9 +48,9 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
         state = PeriodicState(level, distances[number], u=no_u, displacement_status=Displacement.STALE)
         if level.active:
             solver = cache.solver(number, level)
-            primal = PrimalState(state, solver.inverse, loading)
+            primal = primal_state(state, solver.inverse, loading)
         else:
-            primal = PrimalState(state, InverseOperator(level), loading)
+            primal = primal_state(state, InverseOperator(level), loading)
         if start is not None:
             primal.continue_from(start)
         elif coarse is None:

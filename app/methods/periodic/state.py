@@ -122,7 +122,7 @@ class PrimalState:
         back, state = depth - predicted, self.state
         if back > 0:
             np.less_equal(self.w, state.distance.b, out=state.contact)
-            state.contact &= state.admissible
+            state.contact &= self._touchable()
             back = min(back, MAX_RETREAT_FRACTION * max(depth - state.first_touch(), 0.0))
         self.w += back
 
@@ -149,7 +149,7 @@ class PrimalState:
         If p was interpolated from the coarser grid, only the 3 x 3 centre of B corrects it for the closed overlaps.
         """
         state, change = self.state, solver.direction
-        loops.touch(self.w, state.distance.b, state.admissible, state.contact, change)
+        loops.touch(self.w, state.distance.b, self._touchable(), state.contact, change)
         if self.loading.approach_is_known:
             self.w -= self.prescribed_depth + self.mean(self.w)
         if not self._has_pressure:
@@ -161,7 +161,7 @@ class PrimalState:
         """Start from a Solution on this grid."""
         state = self.state
         np.subtract(solution.displacement, solution.approach - state.distance.reference, out=self.w)
-        np.copyto(self.w, state.distance.b, where=solution.contact & state.admissible)
+        np.copyto(self.w, state.distance.b, where=solution.contact & self._touchable())
         if self.loading.approach_is_known:
             self.mean_pressure = solution.mean_pressure
 
@@ -170,22 +170,36 @@ class PrimalState:
 
         `exact`: compute p by a product in double precision, since changes are added to it later.
         """
-        state, preconditioner = self.state, solver.preconditioner
-        weights, shape = preconditioner.weights, self.w.shape
+        state, shape, weights = self.state, self.w.shape, solver.preconditioner.weights
         force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)
-        loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
+        room = self._guess_sources(weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
-        rows = solver.guess_halo
-        work = stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
-        stencil.sweep_projected(
-            force, *rows(force), lowest, *rows(lowest), weights, solver.guess_sweeps, x, work
-        )
-        loops.apply_guess(x, lowest, self.w, state.distance.b, state.contact)
-        if not (self.loading.allows_no_contact or state.cells_in_contact()):
+        rows, work = solver.guess_halo, stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
+        sources, bound = (force, *rows(force)), (lowest, *rows(lowest))
+        above = tuple(field[:0] for field in bound) if room is None else (room, *rows(room))
+        stencil.sweep_projected(*sources, *bound, *above, weights, solver.guess_sweeps, x, work)
+        self._apply_guess(x, lowest)
+        if not (self.loading.allows_no_contact or state.sum([np.count_nonzero(state.contact)])[0]):
             self._touch()
         self._update_free_cells(solver)
         self.restore_mean(solver)
         self.refresh(exact)
+
+    def _touchable(self):
+        """Return a mask of the cells that enter contact if they overlap."""
+        return self.state.admissible
+
+    def _guess_sources(self, scale, force, lowest):
+        """Compute the data of the guess; see `kernels.guess_sources`.
+
+        Returns the displacement of a cell by the highest pressure on it, or None if there is no limit.
+        """
+        state = self.state
+        loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)
+
+    def _apply_guess(self, x, lowest):
+        """Add the change x to w, and set the contact set; see `kernels.apply_guess`."""
+        loops.apply_guess(x, lowest, self.w, self.state.distance.b, self.state.contact)
 
     def _touch(self):
         """Shift w so that the cells with the smallest gap touch.
@@ -207,23 +221,33 @@ class PrimalState:
         `moves` are infinite if a released or captured cell moves by more than `far` [mm].
         """
         state = self.state
-        counts = state.bounds.exchange(
-            solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact,
-            slack, least_gap, solver.preconditioner.weights[0], far, self._captured,
-        )  # fmt: skip
-        *counts, total, squares = state.sum(counts)
+        limits = slack, least_gap, solver.preconditioner.weights[0], far, self._captured
+        *counts, total, squares = state.sum(self._exchange_cells(solver, *limits))
         cells, captured, released = map(int, counts)
         moves = float(np.sqrt(squares))
         approach = state.distance.reference - float(total) / self.cells
         if not (cells or self.loading.allows_no_contact):
-            self.restore_contact()
-            cells, released, moves = released, 0, 0.0
+            cells, captured, released, moves = self._keep_contact(solver, released)
         elif cells == self.cells and self.prescribed_depth < state.distance.max_depth:
             opened = self._open_least(solver)
             cells, released, moves = cells - opened, released + opened, np.inf
         if captured or released:
             self._update_free_cells(solver)
         return Update(cells, captured, released, residual, load=self.load, approach=approach, moves=moves)
+
+    def _exchange_cells(self, solver, *limits):
+        """Exchange cells of this rank; see `app.contact.bounds_kernels.exchange`."""
+        state = self.state
+        fields = solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact
+        return state.bounds.exchange(*fields, *limits)
+
+    def _keep_contact(self, solver, released):
+        """Keep a cell in contact after the release of all `released` cells.
+
+        Returns the numbers of contact cells, of captured and of released cells, and the moves of the `Update`.
+        """
+        self.restore_contact()
+        return released, 0, 0, 0.0
 
     def _open_least(self, solver):
         """Release the cells with the smallest pressure; return their number."""
@@ -267,11 +291,35 @@ class PrimalState:
         self.approximate |= solver.uncertainty > 0
         self.state.displacement_status, self.pending = Displacement.STALE, False
 
+    def finish(self, solver):
+        """Commit, and make p the pressure of a coarser grid."""
+        self.commit(solver)
+
+    def project(self, p):
+        """Store p within its bounds, zero outside contact, in `p`; return its sum."""
+        state = self.state
+        return float(state.sum([state.bounds.project(state.p, state.contact, p)])[0])
+
+    def meet_load(self, p, total):
+        """Bring the pressure p, with the sum `total`, to a prescribed load.
+
+        Returns success.
+        """
+        return self.loading.scale_pressure(p, total, self.state.grid.cell_area)
+
+    def spread_load(self):
+        """Set an even pressure in contact."""
+        self.state.values[...] = self.state.contact
+
+    def _pressure_of(self, carried):
+        """Return the pressure that callbacks see."""
+        return carried
+
     @contextmanager
     def shown(self, solver):
         """Context in which the state has the solver's pressure p, for callbacks."""
         before = self.state.p.copy()
-        self.state.values[...] = solver.carried
+        self.state.values[...] = self._pressure_of(solver.carried)
         try:
             yield
         finally:

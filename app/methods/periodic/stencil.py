@@ -11,6 +11,7 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.contact.bounds_kernels import projected_displacement
+from app.contact.capped_kernels import clipped_displacement
 from app.parallel.reductions import (
     add_row,
     copy_row,
@@ -37,6 +38,13 @@ def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
         neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
         out[i + 1] = projected_displacement(source[i] - neighbours, lowest[i])
+
+
+@njit_reassoc
+def _clipped_row(source, lowest, room, above, here, below, wx, wy, wd, out):
+    for i in range(source.size):
+        neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
+        out[i + 1] = clipped_displacement(source[i] - neighbours, lowest[i], room[i])
 
 
 @njit_reassoc
@@ -291,34 +299,44 @@ def sweep(
 
 
 @njit()
-def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, work):
-    """Make projected Jacobi sweeps ``x = max(f - N x, low)``.
+def sweep_projected(
+    f, f_before, f_after, low, low_before, low_after, room, room_before, room_after, weights, steps, x, work
+):  # fmt: skip
+    """Make projected Jacobi sweeps ``x = max(y, min(low, y + room)), y = f - N x``.
 
-    f is the right-hand side over B3_00, N the neighbours of the 3 x 3 centre B3 over B3_00, `low` the lower bound. x
-    starts as max(f, low). Arrays are float32. The halo of f and `low` must have at least ``steps - 1`` rows.
+    f is the right-hand side over B3_00, N the neighbours of the 3 x 3 centre B3 over B3_00. x starts from y = f. `low`
+    is the displacement that closes the gap, `room` the one by the highest pressure on a cell; without rows it is
+    infinite. Arrays are float32. Halos must have at least ``steps - 1`` rows.
     """
     rows, nx = f.shape
     if not rows:
         return
-    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, work
+    halo, (_, wx, wy, wd), (sources, lowest, swept, rooms) = len(f_before), weights, work
+    capped = len(room) > 0
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
             source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
             copy_slab_row(t, f, f_before, f_after, source)
             copy_slab_row(t, low, low_before, low_after, bound)
-            for i in range(nx):
-                first[i + 1] = max(source[i], bound[i])
+            if capped:
+                above = rooms[t % (steps + 1)]
+                copy_slab_row(t, room, room_before, room_after, above)
+                for i in range(nx):
+                    first[i + 1] = clipped_displacement(source[i], bound[i], above[i])
+            else:
+                for i in range(nx):
+                    first[i + 1] = max(source[i], bound[i])
             wrap_ends(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
-                row = swept[m, j % 3]
-                _projected_row(
-                    sources[j % (steps + 1)], lowest[j % (steps + 1)],
-                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
-                    wx, wy, wd, row,
-                )  # fmt: skip
+                row, k = swept[m, j % 3], j % (steps + 1)
+                above, here, below = swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3]
+                if capped:
+                    _clipped_row(sources[k], lowest[k], rooms[k], above, here, below, wx, wy, wd, row)
+                else:
+                    _projected_row(sources[k], lowest[k], above, here, below, wx, wy, wd, row)
                 wrap_ends(row, row.size - 2, 1)
         j = t - steps + 1
         if halo <= j < halo + rows:
@@ -352,7 +370,8 @@ def add_centre(d, before, after, weights, work, out):
 def make_work(steps, nx, kind=bool):
     """Return the work arrays of a number of sweeps.
 
-    `kind` is bool for `sweep`, and float32 for `sweep_projected`.
+    `kind` is bool for `sweep`, and float32 for `sweep_projected`, which has one more.
     """
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
-    return sources, np.empty((steps + 1, nx), kind), swept
+    work = sources, np.empty((steps + 1, nx), kind), swept
+    return work if kind is bool else (*work, np.empty_like(sources))

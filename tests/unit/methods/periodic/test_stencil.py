@@ -120,18 +120,23 @@ def test_sweeps_are_richardson_steps(shape, steps, start):
 @each_shape
 @each_count
 @pytest.mark.parametrize("more", [0, 3])
-def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
+@pytest.mark.parametrize("capped", [False, True], ids=["free", "capped"])
+def test_projected_sweeps_keep_the_pressure_within_its_bounds(shape, steps, more, capped):
     f, low = (fields(shape, seed)[0].astype(np.float32) for seed in (steps, 50))
     low[fields(shape, 51)[1]] = -np.inf
-    expected = np.maximum(f, low)
-    for _ in range(steps - 1):
-        expected = np.maximum(f - neighbours(expected), low)
+    room = abs(fields(shape, 52)[0]).astype(np.float32) if capped else np.full(shape, np.float32(np.inf))
+    room[fields(shape, 53)[1]] = np.inf
+    expected, y = 0, f
+    for _ in range(steps):
+        expected = np.maximum(y, np.minimum(low, y + room))
+        y = f - neighbours(expected)
     x, work = np.full(shape, np.nan, np.float32), stencil.make_work(steps, shape[1], np.float32)
     for rows, before, after in slabs_of(shape, steps - 1 + more):
-        beside = f[before], f[after], low[rows], low[before], low[after]
-        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], work)
+        three = [(field[rows], field[before], field[after]) for field in (f, low, room)]
+        three[2] = three[2] if capped else [field[:0] for field in three[2]]
+        stencil.sweep_projected(*three[0], *three[1], *three[2], WEIGHTS, steps, x[rows], work)
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
-    assert (x >= low).all()
+    assert capped or (x >= low).all()
 
 
 def coarsened(grid, factors):

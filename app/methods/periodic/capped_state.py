@@ -1,0 +1,209 @@
+"""State of the primal form with a hardness H, an upper bound of the pressure.
+
+Outside the contact set C, where 0 < p < H and the gap is closed, a cell is open or *plastic*. Then p must be 0 or H,
+and in both cases w is unknown. So plastic cells are free cells, too. Their pressure is stored minus H, in the state as
+in ``solver.carried``: on all free cells the stored pressure must vanish, and CG and its preconditioner do not change.
+"""
+
+import numpy as np
+
+from app.contact.prescribed_load import LOAD_ROUNDING, PrescribedLoad
+from app.methods.periodic.state import PrimalState
+from app.parallel.reductions import sums_and_minima
+
+
+def primal_state(state, inverse, loading):
+    """Make the state of the primal form on a grid, for parameters as of `PrimalState`."""
+    kind = CappedPrimalState if state.bounds.capped else PrimalState
+    return kind(state, inverse, loading)
+
+
+class CappedPrimalState(PrimalState):
+    """A `PrimalState` whose pressure has an upper bound.
+
+    Attributes
+    ----------
+    plastic : ndarray of bool, shape (local rows, nx)
+        Plastic cells.
+    """
+
+    def __init__(self, state, inverse, loading):
+        super().__init__(state, inverse, _feasible(loading, state))
+        self.plastic = np.zeros(self.w.shape, bool)
+
+    def reset_for_safeguard(self):
+        """Set contact in all admissible cells; see `PrimalState.reset_for_safeguard`."""
+        self._add_hardness(self.state.values)
+        self.plastic[...] = False
+        super().reset_for_safeguard()
+
+    def refresh(self, exact=False):
+        """Recompute the stored pressure from w; see `PrimalState.refresh`."""
+        super().refresh(exact)
+        self._subtract_hardness(self.state.values)
+
+    def interpolate_from(self, coarse, transfer):
+        """Interpolate w and p, and copy the plastic cells, from the coarser grid."""
+        mean, bounds, copied = self.mean_pressure, self.state.bounds, np.empty(self.w.shape)
+        super().interpolate_from(coarse, transfer)
+        before = coarse.state.bounds.plastic(coarse.state.p) & ~coarse.state.contact
+        transfer.copy(before.astype(float), copied)
+        self.plastic = bounds.admissible & (copied > 0) & np.isfinite(bounds.upper)
+        if not self.loading.approach_is_known and mean != self.mean_pressure:
+            self.add_mean_pressure(mean - self.mean_pressure)
+
+    def start(self, solver):
+        """Put plastic cells with a gap in contact; see `PrimalState.start`."""
+        opened = self.plastic & (self.w > self.state.distance.b)
+        self.plastic &= ~opened
+        self.state.contact |= opened
+        if self._has_pressure:
+            self._subtract_hardness(self.state.values)
+        super().start(solver)
+
+    def continue_from(self, solution):
+        """Start from a Solution on this grid; see `PrimalState.continue_from`."""
+        if solution.plastic is not None:
+            bounds = self.state.bounds
+            np.logical_and(solution.plastic, bounds.admissible & np.isfinite(bounds.upper), out=self.plastic)
+        super().continue_from(solution)
+
+    def _touchable(self):
+        return self.state.admissible & ~self.plastic
+
+    def _guess_sources(self, scale, force, lowest):
+        self._add_hardness(self.state.values)
+        super()._guess_sources(scale, force, lowest)
+        return (self.state.bounds.upper * scale).astype(np.float32)
+
+    def _apply_guess(self, x, lowest):
+        np.less(x, lowest, out=self.plastic)
+        super()._apply_guess(x, lowest)
+        # Plastic cells overlap.
+        np.subtract(x, lowest, out=x)
+        np.add(self.w, x, out=self.w, where=self.plastic)
+        self.state.contact &= ~self.plastic
+
+    def _touch(self):
+        self._fill_up(self.w)
+
+    def _fill_up(self, w):
+        """Make the lowest cells plastic until they carry the load; shift w by a constant.
+
+        The next cell is in contact, without a gap. Of all constants, this one has the least energy. `w` has the
+        displacement. Returns the shift [mm].
+        """
+        state = self.state
+        gap = np.where(state.admissible, w - state.distance.b, np.inf)
+        level = _filling_level(gap, state.bounds.upper, self.mean_pressure * self.cells, state.comm)
+        np.less(gap, level, out=self.plastic)
+        np.equal(gap, level, out=state.contact)
+        self.w -= level  # a constant has no pressure
+        return level
+
+    def _exchange_cells(self, solver, *limits):
+        state = self.state
+        fields = solver.carried, state.values, self.w, solver.change, state.distance.b, state.admissible
+        return state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
+
+    def _keep_contact(self, solver, released):
+        state, fields = self.state, (solver.carried, self.state.values)
+        contact = state.admissible & ~self.inverse.mask  # before the exchange, which captured no cells
+        plastic = self.plastic & ~contact
+        for field in fields:
+            self._add_hardness(field)
+        self._fill_up(self.w + solver.change)
+        for field in fields:
+            self._subtract_hardness(field)
+        captured, kept = state.contact & ~contact, state.contact & contact
+        other = np.count_nonzero(captured), np.count_nonzero(kept), np.count_nonzero(plastic != self.plastic)
+        added, left, changed = map(int, state.sum(other))
+        np.copyto(self._captured, captured)
+        return added + left, added, released - left, np.inf if changed or added else 0.0
+
+    def _open_least(self, solver):
+        distance, state = self.state.distance, self.state
+        if self.prescribed_depth <= distance.full_depth:
+            return super()._open_least(solver)
+        room = state.bounds.upper - solver.carried
+        least = float(state.minimum([room.min(initial=np.inf)])[0])
+        capped = room <= least
+        self.add_mean_pressure(least, solver.carried)
+        state.contact[capped] = False
+        self.plastic[capped] = True
+        for field in (solver.carried, state.values):
+            field[capped] -= state.bounds.upper[capped]
+        return int(state.sum([np.count_nonzero(capped)])[0])
+
+    def finish(self, solver):
+        """Commit, and set p = H in plastic cells; see `PrimalState.finish`."""
+        super().finish(solver)
+        np.copyto(self.state.values, self.state.bounds.upper, where=self.plastic)
+
+    def project(self, p):
+        """Store p within its bounds, and at a bound outside C; see `PrimalState.project`."""
+        state = self.state
+        np.copyto(p, state.p)
+        return float(state.sum([state.bounds.project_sets(p, state.contact, self.plastic)])[0])
+
+    def meet_load(self, p, total):
+        """Bring p to the load by a constant on C; see `PrimalState.meet_load`.
+
+        Without plastic cells a factor does it, as without a hardness.
+        """
+        state, load = self.state, self.loading.load
+        if load is None:
+            return True
+        wanted = load / state.grid.cell_area
+        factor = wanted / total if total > 0 else np.inf
+        beyond = np.count_nonzero(self.plastic) + np.count_nonzero(p * factor > state.bounds.upper)
+        if not state.sum([beyond])[0]:
+            return super().meet_load(p, total)
+        missing = state.add_constant(p, wanted - total, np.spacing(wanted))
+        return abs(missing) <= LOAD_ROUNDING * wanted
+
+    def spread_load(self):
+        """Set an even pressure in all admissible cells."""
+        self.plastic[...] = False
+        np.copyto(self.state.contact, self.state.admissible)
+        super().spread_load()
+
+    def _pressure_of(self, carried):
+        return np.where(self.plastic, self.state.bounds.upper, carried)
+
+    def _add_hardness(self, p):
+        np.add(p, self.state.bounds.upper, out=p, where=self.plastic, casting="same_kind")
+
+    def _subtract_hardness(self, p):
+        np.subtract(p, self.state.bounds.upper, out=p, where=self.plastic, casting="same_kind")
+
+
+def _feasible(loading, state):
+    """Return the loading, with a smaller load if a coarse grid cannot carry it."""
+    largest = state.bounds.largest_load
+    if loading.load is None or loading.load < (1 - LOAD_ROUNDING) * largest:
+        return loading
+    return PrescribedLoad((1 - 0.5 / state.grid.n) * largest)
+
+
+def _filling_level(gap, upper, total, comm):
+    """Return the gap up to which cells at the hardness carry more than a sum of pressures.
+
+    Collective over `comm`. `gap` is infinite in inadmissible cells [mm], `total` the sum of pressures [N/mm2]. If it
+    is too large, the largest gap is returned.
+    """
+    inside = gap < np.inf
+    gap, upper, carried = gap[inside], upper[inside], 0.0
+    _, (low, high) = sums_and_minima(comm, [], [gap.min(initial=np.inf), -gap.max(initial=-np.inf)])
+    high = -high
+    while low < high:
+        middle = min(low + (high - low) / 2, np.nextafter(high, -np.inf))
+        below = gap <= middle
+        nearest = gap[~below].min(initial=np.inf), -gap[below].max(initial=-np.inf)
+        (more,), (above, last) = sums_and_minima(comm, [upper[below].sum()], nearest)
+        if carried + more > total:
+            high = -last
+        else:
+            carried, low, below = carried + more, above, ~below
+        gap, upper = gap[below], upper[below]
+    return float(low)
