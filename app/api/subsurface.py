@@ -6,6 +6,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, von_mises
+from app.io.result import find_poisson_ratio
 
 _SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
 
@@ -60,26 +61,11 @@ def stress(solution, poisson_ratio=None, body=None):
     return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
 
 
-def find_poisson_ratio(facts, body=None):
-    """Return a body's Poisson ratio from attributes of a result, or None."""
-    if body not in (None, 1, 2):
-        raise InputError(f"body {body!r}: allowed: 1, 2")
-    each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
-    if len(each) == 2:
-        if body is None:
-            young = np.atleast_1d(facts.get("young", (1.0, 1.0)))
-            body = 1 if np.isfinite(young[0]) else 2
-        return float(each[body - 1])
-    if body is not None:
-        raise InputError(f"body {body}: the material of the pair was given, not those of the bodies")
-    return facts.get("poisson_ratio")
-
-
-def survey(below, depths=64, at=None, deepest=None, along="xy"):
+def survey(below, depths=64, at=None, deepest=None):
     """Return the largest stresses, and stresses on sections and a line.
 
     Attributes of the result are: `hottest` and `sheared`, the maxima of von Mises stress and of shear stress;
-    `section_x` and `section_y`, the stresses on the sections, or None; `line`, the stresses on a vertical line; `at`,
+    `section_x` and `section_y`, the stresses on the sections; `line`, the stresses on a vertical line; `at`,
     the StressMaximum on this line. (The parameter `at` is something else: the point through which the line goes.)
 
     Parameters
@@ -90,14 +76,12 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
     at : (float, float), optional
         Point (x, y) [mm] through which sections and line go; default: that of the largest stress.
     deepest : float, optional
-        Last depth [mm]; default: several times the depth of the largest stress.
-    along : str
-        Directions of the sections: "xy", "x" or "y".
+        Last depth [mm]; default: 4 times the depth of the largest stress, or the contact's width if larger.
     """
     hottest, sheared = below.maxima()
     x, y = at or (hottest.x, hottest.y)
-    cell = max(below.grid.dx, below.grid.dy)
-    depths = np.linspace(0.0, deepest or max(_SECTION_DEPTH * hottest.depth, 4 * cell), depths)
+    least = max(4 * max(below.grid.dx, below.grid.dy), _contact_width(below, hottest))
+    depths = np.linspace(0.0, deepest or max(_SECTION_DEPTH * hottest.depth, least), depths)
     line = below.line(depths, x, y)
     largest = hottest
     if at is not None:
@@ -108,8 +92,21 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
         sheared=sheared,
         at=largest,
         depths=depths,
-        section_x=below.section(depths, y=y) if "x" in along else None,
-        section_y=below.section(depths, x=x) if "y" in along else None,
+        section_x=below.section(depths, y=y),
+        section_y=below.section(depths, x=x),
         line=line,
         poisson_ratio=below.nu,
     )
+
+
+def _contact_width(below, at):
+    """Return the smaller of the contact's widths along x and y at a point [mm]."""
+    grid, widths = below.grid, []
+    i, j = int((at.x - grid.x0) / grid.dx), int((at.y - grid.y0) / grid.dy)
+    for line, cell, k in ((below.pressure[j], grid.dx, i), (below.pressure[:, i], grid.dy, j)):
+        apart = np.flatnonzero(line <= 0)
+        before, behind = apart[apart < k], apart[apart > k]
+        widths.append(
+            cell * ((behind[0] if behind.size else line.size) - (before[-1] + 1 if before.size else 0))
+        )
+    return min(widths)

@@ -13,7 +13,8 @@ from app.base.errors import InputError
 from app.base.quantities import label_of, unit_of
 from app.base.units import format_lengths, format_quantity
 from app.io.result import Result
-from app.plots import curves, figures, heights, load_curves, pictures, style
+from app.plots import figures, heights, load_curves, pictures, style
+from app.plots.stress import stress_figure
 
 _ROWS = "load", "approach", "max_pressure", "contact_area", "contact_fraction"
 _PERIODIC_ROWS = "mean_pressure", "mean_gap"
@@ -76,18 +77,14 @@ def plot_surface(surface, axes=None):
     return pictures.show(lambda: heights.surface_figure(surface), "surface")
 
 
-def plot_stress(below, along="x"):
-    """Draw the stress below a contact: a section and a vertical line.
+def plot_stress(below):
+    """Draw the stress below a contact: sections along x and y, and a vertical line.
 
-    Both go through the largest von Mises stress; the section is `along` x or y.
+    All go through the largest von Mises stress.
     """
-    if along not in ("x", "y"):
-        raise InputError(f"plot along {along!r}: must be x or y")
-    stresses, grid = survey(below, along=along), below.grid
-    section = stresses.section_x if along == "x" else stresses.section_y
+    grid = below.grid
     heading = f"Stress below {grid.nx} × {grid.ny} cells, ν = {below.nu:.3g}"
-    shown = along, grid, stresses.depths, section, stresses.line, stresses.at, heading
-    return pictures.show(lambda: curves.stress_figure(*shown), "stress")
+    return pictures.show(lambda: stress_figure(grid, survey(below), heading), "stress")
 
 
 def _as_html(heading, table, figure=None, lines=()):

@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from app.base.units import choose_unit
+
 
 class Quantity(NamedTuple):
     """Unit, label, meaning and symbol of a number in results."""
@@ -72,6 +74,19 @@ def label_of(name):
     quantity = name.removeprefix("analytic_")
     label = QUANTITIES.get(quantity, Quantity()).label or quantity.replace("_", " ")
     return label if quantity == name else f"analytic {label}"
+
+
+def scale_for_axis(largest, name):
+    """Return the factor of a quantity's numbers on an axis, and its label.
+
+    Examples
+    --------
+    >>> scale_for_axis(0.02, "approach"), scale_for_axis(2e4, "load")
+    ((1000.0, 'approach δ  [µm]'), (0.001, 'load F  [kN]'))
+    """
+    unit = unit_of(name)
+    factor, shown = choose_unit(largest, unit)
+    return factor, axis_label(name).replace(f"[{unit}]", f"[{shown}]")
 
 
 def axis_label(name):

@@ -55,8 +55,24 @@ def choose_length_unit(largest):
     return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
 
 
+def choose_unit(largest, unit):
+    """Return the factor to a unit in which numbers up to `largest` are readable.
+
+    Lengths [mm] and forces [N] have several units; other units are kept.
+
+    Examples
+    --------
+    >>> choose_unit(3e4, "N"), choose_unit(0.02, "mm"), choose_unit(3e4, "N/mm²")
+    ((0.001, 'kN'), (1000.0, 'µm'), (1.0, 'N/mm²'))
+    """
+    if unit == "mm":
+        return tuple(choose_length_unit(largest))
+    return (1e-3, "kN") if unit == "N" and largest >= MIN_KILONEWTONS else (1.0, unit)
+
+
+MIN_KILONEWTONS = 1e4  # N; smaller forces are in N
 _SCALES = {  # unit -> least value, factor and name of others, by decreasing size
-    "N": ((1e4, 1e-3, "kN"), (0.1, 1.0, "N"), (1e-4, 1e3, "mN"), (0.0, 1e6, "uN")),
+    "N": ((MIN_KILONEWTONS, 1e-3, "kN"), (0.1, 1.0, "N"), (1e-4, 1e3, "mN"), (0.0, 1e6, "uN")),
     "mm2": ((1e-2, 1.0, "mm2"), (0.0, 1e6, "um2")),
 }
 

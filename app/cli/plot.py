@@ -5,6 +5,7 @@ pressure, deformation, sections through the maximum, distributions, spectrum (of
 history and summary. A table of a sweep or load path (.csv) has one figure, of the columns of --x and --y; a measured
 surface (.h5 of app.convert, .npy, text) one of its heights above their best plane. Several files have a folder DIR/NAME
 each, and their paths are drawn together in DIR/paths. The default folder has the name of the file without suffix.
+``--style paper`` draws for a column of a journal.
 Prints the names of the figures. Exit status 0, or 2 after an error. One rank.
 """
 
@@ -25,13 +26,19 @@ _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is one if --unit is given
 
 
-def save_pictures(pictures, folder, kind="png", dpi=200):
-    """Write pairs of name and figure to a folder; return their paths."""
+def save_pictures(pictures, folder, kinds=("png",), dpi=200, title=None):
+    """Write pairs of name and figure to a folder; return their paths.
+
+    A title replaces that of the figures.
+    """
     paths = []
     for name, figure in pictures:
         folder.mkdir(parents=True, exist_ok=True)
-        paths.append(folder / f"{name}.{kind}")
-        style.save_figure(figure, paths[-1], dpi)
+        if title:
+            style.set_title(figure, title)
+        for kind in kinds:
+            paths.append(folder / f"{name}.{kind}")
+            style.save_figure(figure, paths[-1], dpi)
     return paths
 
 
@@ -108,7 +115,12 @@ def _arguments(argv):
     add("--y", action="append", default=[], metavar="NAME", help=column)
     add("--unit", type=a_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
     add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
-    add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    add(
+        "--title", metavar="TEXT", help="heading of the pictures; default: that of the result, or its problem"
+    )
+    look = "paper: 8.5 cm wide, letters of 8 pt, panels in one column, no heading; default: screen"
+    add("--style", choices=style.STYLES, default="screen", help=look)
+    add("--format", choices=("png", "pdf", "svg"), help="default: png; for paper both pdf and svg")
     add("--dpi", type=argument_type(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
     first = arguments.files[0]
@@ -137,18 +149,20 @@ def _choose_names(files):
 
 def _draw_all(arguments):
     """Draw the pictures of all files; return the paths of the figures."""
-    kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
+    kinds = ("pdf", "svg") if arguments.style == "paper" else ("png",)
+    how = (arguments.format,) if arguments.format else kinds, arguments.dpi, arguments.title
+    several = len(arguments.files) > 1
     for file in arguments.files[1:]:  # find errors before anything is written
         next(_pictures(file, _read(file, arguments), arguments))
     paths, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file, arguments)
         folder = arguments.output / name if several else arguments.output
-        drawn += save_pictures(_pictures(file, data, arguments), folder, kind, dpi)
+        drawn += save_pictures(_pictures(file, data, arguments), folder, *how)
         path = _get_path(data, name)
         paths += [path] if path else []
     if len(paths) > 1:
-        drawn += save_pictures([("paths", load_curves.path_figure(paths))], arguments.output, kind, dpi)
+        drawn += save_pictures([("paths", load_curves.path_figure(paths))], arguments.output, *how)
     return drawn
 
 
@@ -156,7 +170,7 @@ def _draw_all(arguments):
 def main(argv):
     """Run the command and return its exit status."""
     arguments = _arguments(argv)
-    with report_write_errors(arguments.output):
+    with report_write_errors(arguments.output), style.use_style(arguments.style):
         drawn = _draw_all(arguments)
     streams.print_output("\n".join(map(str, drawn)))
     return 0

@@ -210,7 +210,7 @@ def stress_section(result, poisson_ratio=None, body=None):
         text = "Pressures of this run are not finite, so there are no stresses."
         return Section("stress", "Below the surface", [text])
     below = stress(result, poisson_ratio, body)
-    stresses = survey(below, along="x")
+    stresses = survey(below)
     texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
     picture = _png(subsurface.draw(result, stresses))

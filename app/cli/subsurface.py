@@ -1,9 +1,9 @@
 """Print and draw the stress below a contact.
 
 ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]`` prints the largest von Mises and shear stresses. With -o
-it writes two files. DIR/subsurface.png shows the von Mises stress on a vertical section, and stresses on a vertical
-line through the largest one (or through ``--at``). DIR/subsurface.h5 has the six components, von Mises and largest
-shear stress on sections along x and y, on the line and on the planes of ``--planes`` [N/mm2], compression negative.
+it writes two files. DIR/subsurface.png shows the von Mises stress on vertical sections along x and y, and stresses on
+a vertical line, all through the largest one (or through ``--at``). DIR/subsurface.h5 has the six components, von Mises
+and largest shear stress on the sections, on the line and on the planes of ``--planes`` [N/mm2], compression negative.
 Exit status 0, or 2 after an error. Runs on one rank.
 """
 
@@ -20,7 +20,8 @@ from app.halfspace.stress.subsurface import COMPONENTS, max_shear, von_mises
 from app.io.files import atomic_hdf5, check_output_path
 from app.io.result import read_result
 from app.options.option_table import half, integer, pair_of_reals, real
-from app.plots import curves, figures, style
+from app.plots import figures, style
+from app.plots.stress import MIN_STRESS_VARIATION, stress_figure
 
 _point = pair_of_reals("X,Y, two finite numbers [mm]")
 _body = integer(1, "1 or 2", 2)
@@ -32,13 +33,10 @@ def _depths(text):
     return tuple(map(_each_depth, text.split(",")))
 
 
-def draw(result, stresses, along="x"):
+def draw(result, stresses):
     """Return a figure of stresses from `app.api.subsurface.survey`."""
-    section = stresses.section_x if along == "x" else stresses.section_y
     heading = f"{figures.make_title(result)}, ν = {stresses.poisson_ratio:.3g}"
-    return curves.stress_figure(
-        along, result.grid, stresses.depths, section, stresses.line, stresses.at, heading
-    )
+    return stress_figure(result.grid, stresses, heading)
 
 
 def write(path, result, stresses, planes):
@@ -88,13 +86,12 @@ def add_body(add):
 
 def _arguments(argv):
     parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
-    add, default = parser.add_argument, "default: 4 times that of the largest stress"
+    add, default = parser.add_argument, "default: 4 times that of the largest stress, or more"
     add("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     add("-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture")
     add_body(add)
     point = "sections go through here [mm]; default: the largest stress"
     add("--at", type=argument_type(_point), metavar="X,Y", help=point)
-    add("--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x")
     add("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
     add("--deepest", type=argument_type(_depth), metavar="Z", help=f"last depth [mm]; {default}")
     planes = "depths of horizontal planes [mm]"
@@ -104,7 +101,7 @@ def _arguments(argv):
     if arguments.output is not None:
         check_folder(arguments.output)
     else:
-        names = ("at", "section", "depths", "deepest", "planes", "format")
+        names = ("at", "depths", "deepest", "planes", "format")
         unused = [f"--{name}" for name in names if getattr(arguments, name) != parser.get_default(name)]
         if unused:
             raise InputError(f"{', '.join(unused)}: no effect without -o DIR")
@@ -122,7 +119,7 @@ def summary(hottest, sheared, result, poisson_ratio):
     body = "".join(f" (body {k})" for k in numbers)
     # Without pressure, or below a uniform one, the stress has no maximum.
     variation = np.ptp(result.pressure)
-    uniform = highest <= 0 or (result.grid.periodic and variation <= curves.MIN_STRESS_VARIATION * highest)
+    uniform = highest <= 0 or (result.grid.periodic and variation <= MIN_STRESS_VARIATION * highest)
     texts = []
     for name, value, at in (
         ("von Mises", hottest.von_mises, hottest),
@@ -153,7 +150,7 @@ def main(argv):
             check_output_path(name, [arguments.result], "-o", (name.suffix,))
     stresses = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
-    figure = draw(result, stresses, arguments.section)
+    figure = draw(result, stresses)
     with report_write_errors(arguments.output):
         arguments.output.mkdir(exist_ok=True)
         write(names[0], result, stresses, planes)

@@ -216,7 +216,7 @@ def check_is_result(file):
     if "depth" in file and "line/von_mises" in file:
         raise InputError(
             "stresses that app.subsurface wrote, no result; python -m app.subsurface RESULT.h5 -o DIR draws them, "
-            "DIR/subsurface.png, with --section y along y"
+            "DIR/subsurface.png"
         )
     if "heights" in file:
         raise InputError("heights of a surface, no result; python -m app.plot draws them")
@@ -286,3 +286,18 @@ def read_attributes(file):
         if is_number and not isinstance(plain, bool | int | float):
             raise InputError(f"attribute {name}: {plain!r} where a number is needed")
     return attributes
+
+
+def find_poisson_ratio(facts, body=None):
+    """Return a body's Poisson ratio from attributes of a result, or None."""
+    if body not in (None, 1, 2):
+        raise InputError(f"body {body!r}: allowed: 1, 2")
+    each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
+    if len(each) == 2:
+        if body is None:
+            young = np.atleast_1d(facts.get("young", (1.0, 1.0)))
+            body = 1 if np.isfinite(young[0]) else 2
+        return float(each[body - 1])
+    if body is not None:
+        raise InputError(f"body {body}: the material of the pair was given, not those of the bodies")
+    return facts.get("poisson_ratio")

@@ -1,22 +1,19 @@
-"""Figures of distributions, spectrum and stress below the contact."""
+"""Figures of distributions and spectrum."""
 
 import numpy as np
 
 from app.base.units import choose_length_unit
-from app.halfspace.stress.subsurface import max_shear, von_mises
-from app.plots.figures import MIN_RATIO, format_load, make_title
-from app.plots.maps import cell_edges, estimate_rounding, finite_pressure
+from app.plots.figures import MIN_RATIO, make_title
+from app.plots.maps import estimate_rounding, finite_pressure
 from app.plots.style import (
     BLUE,
     DASHED,
     DOTTED,
     GREEN,
-    GREY,
-    LEGEND_RIGHT,
     ORANGE,
-    PURPLE,
     annotate_empty,
     new_figure,
+    new_panels,
     set_log_axes,
     with_style,
 )
@@ -24,18 +21,17 @@ from app.problems.statistics import radial_spectrum
 from app.problems.surfaces.moments import Moments, add_polynomial
 
 _SMOOTH = "hertz", "sphere", "cylinder", "roller", "cone", "punch"  # problems without roughness of their own
+_SMOOTH_SHARE = 1e-3  # of a smooth body's power that shorter waves may have
+_LONG_WAVES = 8  # over the smallest wave number: waves below are long
 _BINS_PER_DECADE = 8  # of a logarithmic axis
-MIN_STRESS_VARIATION = 1e-9  # relative to the largest stress; below, the stress is uniform
-_SECTION_ASPECT = 0.6, 0.7  # smallest and largest height over width
 
 
 @with_style
 def distribution_figure(result):
     """Draw the distributions of pressure, gap and size of contact spots."""
     areas = result.contact_patches()
-    panels = 3 if len(areas) > 1 else 2
-    figure = new_figure(4.85 * panels, 4.6, make_title(result))
-    pressure, gap, *several = figure.subplots(1, panels)
+    count = 3 if len(areas) > 1 else 2
+    figure, (pressure, gap, *several) = new_panels([(4.85, 4.6)] * count, count, make_title(result))
     p = finite_pressure(result.pressure)
     _draw_density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
     gaps = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
@@ -96,16 +92,26 @@ def extract_roughness(result):
     return roughness if np.abs(roughness).max() > 1e-9 * np.ptp(h) else None
 
 
+def _is_smooth(surface, grid):
+    """Return whether heights have long waves only, as a body without roughness."""
+    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
+    q, power = spectrum.wave_number, spectrum.wave_number * spectrum.density
+    short = q > min(_LONG_WAVES * q[0], q[-1] / 2)
+    return power[short].sum() < _SMOOTH_SHARE * power.sum()
+
+
 @with_style
 def spectrum_figure(result):
     """Draw the spectrum of the roughness, with roll-off and cut-off.
 
-    On a free patch the best paraboloid is subtracted and a Hann window applied. Returns None without roughness.
+    On a free patch the best paraboloid is subtracted and a Hann window applied. Returns None for smooth bodies.
     """
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
     surface = None if smooth else extract_roughness(result)
     if surface is None or np.ptp(surface) <= estimate_rounding(result):
+        return None
+    if not values.get("surfaces") and _is_smooth(surface, result.grid):  # a function, or a gap from a file
         return None
     figure = new_figure(7.4, 5.4, make_title(result))
     axes = figure.subplots()
@@ -149,52 +155,3 @@ def draw_spectrum(axes, surface, grid, label):
     set_log_axes(axes)
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
     return q[known], density[known], unit
-
-
-@with_style
-def stress_figure(along, grid, depths, section, line, hottest, heading):
-    """Draw stresses on a section and along a vertical line.
-
-    The section goes `along` "x" or "y". `depths` [mm] begin with 0. `section`, of shape (6, depths, nx or ny), and
-    `line`, (6, depths), have the stress components [N/mm2]. `hottest`, a StressMaximum, is the place to mark.
-    """
-    figure = new_figure(13.5, 5.2, heading)
-    left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
-    centres = grid.x() if along == "x" else grid.y()
-    unit = choose_length_unit(max(np.ptp(centres), depths[-1]))
-    sides, deepest = cell_edges(grid, along), depths[-1] or 1.0
-    width = np.ptp(sides)
-    box = float(np.clip(deepest / width, *_SECTION_ASPECT))
-    z_scale = box * width / deepest
-    stretched = not np.isclose(z_scale, 1)
-    remark = f"   (z: {z_scale:.3g} × the scale of {along})" if stretched else ""
-    z_unit = choose_length_unit(depths[-1]) if stretched else unit
-    z = depths * z_unit.per_mm
-    mises = von_mises(section)
-    bottom = z[-1] or 1.0
-    z_edges = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
-    colours = {"cmap": "magma_r", "vmin": 0, "vmax": mises.max() or 1.0}
-    image = left.pcolormesh(sides * unit.per_mm, z_edges, mises, rasterized=True, **colours)
-    varies = np.ptp(mises) > MIN_STRESS_VARIATION * mises.max()
-    bar = figure.colorbar(image, cax=left.inset_axes([1.02, 0, 0.03, 1]))
-    bar.set_label("von Mises stress  [N/mm²]")
-    at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
-    depth = hottest.depth * z_unit.per_mm
-    place = f"at depth {depth:.3g} {z_unit.name}" if varies else "everywhere"
-    cross = {"marker": "+" if varies else "", "markersize": 12, "markeredgewidth": 2, "clip_on": False}
-    largest = f"{format_load(hottest.von_mises)} N/mm² {place}"
-    left.plot(at, depth, color=GREEN, linestyle="none", label=largest, **cross)
-    left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
-    left.set_box_aspect(box)
-    left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{z_unit.name}]", ylim=(bottom, 0))
-    for k, label, colour, style in (
-        (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
-    ):  # fmt: skip
-        right.plot(line[k], z, color=colour, linestyle=style, label=label)
-    right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
-    right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
-    right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
-    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{z_unit.name}]", ylim=(bottom, 0))
-    right.locator_params(axis="x", nbins=5)
-    right.legend(**LEGEND_RIGHT)  # curves fill the axes
-    return figure

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from app.base.units import choose_length_unit
+from app.base.units import choose_length_unit, choose_unit
 from app.halfspace.grid import plan_grids
-from app.plots.maps import Canvas, cell_edges, finite_pressure
+from app.plots.maps import Canvas, cell_edges, finite_pressure, format_number
+from app.plots.stress import draw_section_stress
 from app.plots.style import (
     BLUE,
     DASHED,
@@ -17,6 +18,7 @@ from app.plots.style import (
     PALE,
     annotate_empty,
     new_figure,
+    new_panels,
     set_log_axes,
     with_style,
 )
@@ -44,17 +46,20 @@ _PRESCRIBED = {
 
 
 def make_title(result, path=False):
-    """Return a title: problem, grid, and load or range of loads."""
+    """Return a title: that of the user, or problem, grid, and load or range of loads."""
     ny, nx = result.pressure.shape
     values = result.attributes
-    problem = values.get("problem", "contact problem")
     state = "" if values["converged"] else ", NOT CONVERGED"
-    load = f"load {format_load(values['load'])} N"
+    if values.get("title"):
+        return f"{values['title']}{state}"
+    problem = values.get("problem", "contact problem")
     command = str(values.get("command_line", ""))
     kind = max(_PRESCRIBED, key=lambda name: command.rfind(f"-{name}_path"))  # load by default
     if path and len(steps := result.path[kind]) > 1:
         what, unit = _PRESCRIBED[kind]
-        load = f"{len(steps)} {what} from {format_load(min(steps))} to {format_load(max(steps))} {unit}"
+        load = f"{len(steps)} {what} from {_format_range(min(steps), max(steps), unit)}"
+    else:
+        load = f"load {_format_range(values['load'], values['load'], 'N')}"
     measured = [values[name] for name in ("surface_file", "surface_file2") if values.get(name)]
     surfaces = " and ".join(Path(str(file).partition(":/")[0]).name for file in measured)
     surfaces = surfaces.replace("(array)", "an array of heights")
@@ -65,15 +70,16 @@ def make_title(result, path=False):
     return f"{PROBLEMS.get(problem, problem)}{surfaces}, {nx} × {ny} cells, {load}{state}"
 
 
-def format_load(value):
-    """Return a load as text: four digits, or a whole number."""
-    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+def _format_range(low, high, unit):
+    factor, unit = choose_unit(abs(high), unit)
+    ends = dict.fromkeys(format_number(end * factor) for end in (low, high))
+    return f"{' to '.join(ends)} {unit}"
 
 
-def _map_figure(result, draw):
+def _map_figure(result, draw, *arguments):
     canvas = Canvas(result, zoom=True, lie=True)
     figure = new_figure(*canvas.size, make_title(result))
-    draw(canvas, figure.subplots())
+    draw(canvas, figure.subplots(), *arguments)
     return figure
 
 
@@ -84,20 +90,17 @@ def contact_figure(result):
 
 
 @with_style
-def pressure_figure(result):
-    """Draw a map of the pressure."""
-    return _map_figure(result, Canvas.draw_pressure)
+def pressure_figure(result, reference=None):
+    """Draw a map of the pressure, with the ellipse of a `reference`."""
+    return _map_figure(result, Canvas.draw_pressure, reference)
 
 
 @with_style
 def deformation_figure(result):
     """Draw maps of displacement u and gap e."""
     canvas = Canvas(result, lie=True)
-    width, height = canvas.size
-    side_by_side = canvas.height > canvas.width
-    size = (2 * canvas.width + 6.0, height) if side_by_side else (width, 2 * height - 0.4)
-    figure = new_figure(*size, make_title(result))
-    first, second = figure.subplots(*(1, 2) if side_by_side else (2, 1))
+    across = 2 if canvas.height > canvas.width else 1
+    figure, (first, second) = new_panels([canvas.size] * 2, across, make_title(result))
     canvas.draw_displacement(first)
     canvas.draw_gap(second)
     return figure
@@ -109,8 +112,8 @@ def section_figure(result, reference=None):
 
     That is the cell of the highest pressure. A `reference` pressure is drawn instead of the gap.
     """
-    figure = new_figure(7.4, 7.2, make_title(result))
-    for axes, along in zip(figure.subplots(2, 1), "xy", strict=True):
+    figure, panels = new_panels([(7.4, 3.6)] * 2, title=make_title(result))
+    for axes, along in zip(panels, "xy", strict=True):
         draw_section(axes, result, along, *hottest_cell(result), reference)
     return figure
 
@@ -118,8 +121,7 @@ def section_figure(result, reference=None):
 @with_style
 def history_figure(result):
     """Draw residual, contact cells and changed cells of each iteration."""
-    figure = new_figure(7.0, 6.6, make_title(result))
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = new_panels([(7.0, 3.3)] * 2, title=make_title(result))
     draw_residual(upper, result)
     _draw_cells(lower, result)
     upper.set_xlabel("")
@@ -128,16 +130,21 @@ def history_figure(result):
 
 @with_style
 def summary_figure(result, reference=None):
-    """Draw contact area, pressure, section along the contact and residuals."""
+    """Draw contact area, pressure, section across, and stress or section along.
+
+    The last panel is the stress below the section. If the contact is long in y, or Poisson's ratio unknown, it is the
+    section along y.
+    """
     canvas = Canvas(result, zoom=True, lie=True)
     width, height = canvas.size
-    figure = new_figure(max(2 * width, 13.0), height + 4.2, make_title(result))
-    panels = figure.subplots(2, 2, gridspec_kw={"height_ratios": [height - 0.4, 4.2]})
-    canvas.draw_contact(panels[0, 0])
-    canvas.draw_pressure(panels[0, 1])
-    along = "y" if canvas.lies else "x"
-    draw_section(panels[1, 0], result, along, *hottest_cell(result), reference)
-    draw_residual(panels[1, 1], result)
+    sizes = [(max(width, 6.5), size) for size in (height, height, 4.2, 4.2)]
+    figure, (contact, pressure, section, last) = new_panels(sizes, 2, make_title(result))
+    canvas.draw_contact(contact)
+    canvas.draw_pressure(pressure, reference)
+    place = hottest_cell(result)
+    ends = draw_section(section, result, "x", *place, reference)
+    if canvas.lies or not draw_section_stress(last, result, "x", *place, ends):
+        draw_section(last, result, "y", *place, reference)
     return figure
 
 
@@ -152,7 +159,7 @@ def hottest_cell(result):
 
 
 def draw_section(axes, result, along, row, column, reference):
-    """Draw the pressure along a row or column of cells.
+    """Draw the pressure along a row or column of cells; return the ends of the axis [mm].
 
     The gap is drawn with it, or instead the pressure of a `reference` solution.
     """
@@ -189,6 +196,7 @@ def draw_section(axes, result, along, row, column, reference):
         axes.set_yticks([0])
     if reference is None:
         _draw_gap(axes, sides, gap, ends)
+    return tuple(end / unit.per_mm for end in ends)
 
 
 def _draw_gap(axes, sides, gap, ends):
@@ -272,7 +280,7 @@ def _mark_grids(axes, result, label=False):
         above.set_xticks(
             [(part.start + part.stop + 1) / 2 for part in parts],
             [f"{grids[k].nx} × {grids[k].ny}" for k in coarsenings],
-            rotation=40, ha="left", rotation_mode="anchor", fontsize=11,
+            rotation=40, ha="left", rotation_mode="anchor", fontsize="small",
         )  # fmt: skip
         above.tick_params(length=0)
         above.spines["top"].set_visible(False)

@@ -9,7 +9,17 @@ from matplotlib.patches import Patch
 from app.base.units import choose_length_unit
 from app.plots.curves import draw_spectrum, extract_roughness
 from app.plots.maps import LEGEND_ABOVE, LENGTH_MAP, Canvas
-from app.plots.style import BLUE, DASHED, GREY, ORANGE, PALE, annotate_empty, new_figure, with_style
+from app.plots.style import (
+    BLUE,
+    DASHED,
+    GREY,
+    ORANGE,
+    PALE,
+    annotate_empty,
+    new_figure,
+    new_mosaic,
+    with_style,
+)
 
 _TAIL = 1e-3  # share of the heights at each end that may lie outside the colour scale
 _MAX_TAIL_RANGE = 1.5  # range up to a tail's end over the range without tails; beyond, the tail is cut
@@ -28,9 +38,9 @@ def surface_figure(surface):
     grid, heights = canvas.grid, canvas.result.undeformed_distance
     width, height = canvas.size
     rows = max(height - 0.4, _MIN_MAP_ROW)
-    figure = new_figure(max(2 * width, 13.0), rows + _LOWER_ROW, _title(surface, grid))
-    panels = figure.subplot_mosaic(
-        [["map", "x"], ["map", "y"], ["heights", "spectrum"]], height_ratios=[rows / 2, rows / 2, _LOWER_ROW]
+    layout = [["map", "x"], ["map", "y"], ["heights", "spectrum"]]
+    figure, panels = new_mosaic(
+        layout, [max(width, 6.5)] * 2, [rows / 2, rows / 2, _LOWER_ROW], _title(surface, grid)
     )
     _draw_map(panels["map"], canvas, shown, limits, extend, unit)
     for along in "xy":

@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.quantities import axis_label
+from app.base.quantities import axis_label, scale_for_axis
 from app.base.units import choose_length_unit
 from app.options import option_table
 from app.plots.style import (
     DASHED,
     DOTTED,
-    LEGEND_RIGHT,
+    add_legend,
     annotate_empty,
-    new_figure,
+    new_panels,
     series_style,
     set_log_axes,
     with_style,
@@ -94,12 +94,11 @@ def path_figure(paths, heading=""):
         np.isfinite(path.relative) and path.select("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
-    figure = new_figure(14.0, 8.6, heading)
-    panels = figure.subplots(2, 2)
-    for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
+    figure, panels = new_panels([(7.0, 4.3)] * 4, 2, heading)
+    for axes, draw in zip(panels, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if not rough and len(panels[0, 0].lines) + len(panels[0, 0].collections) > 1:
-        panels[0, 0].legend(loc="best")
+    if not rough and len(panels[0].lines) + len(panels[0].collections) > 1:
+        panels[0].legend(loc="best")
     return figure
 
 
@@ -153,13 +152,18 @@ def _draw_band(axes, path, names, name, scale, number):
     fill(along, middle - half, middle + half, where=valid, label=label, **style)
 
 
-def _draw_analytic(axes, paths, x, y, per_mm=1.0):
-    """Draw the analytic solutions of smooth bodies, column y against x."""
+def _draw_analytic(axes, paths, x, y, scale):
+    """Draw the analytic solutions of smooth bodies, column y against x.
+
+    `scale` has the factors of both.
+    """
     label = "analytic"
     for path in paths:
         exact = path.select(f"analytic_{x}", f"analytic_{y}")
         if exact is not None:
-            axes.plot(exact[0] * per_mm, exact[1], color="0.3", linestyle=DASHED, zorder=1, label=label)
+            axes.plot(
+                exact[0] * scale[0], exact[1] * scale[1], color="0.3", linestyle=DASHED, zorder=1, label=label
+            )
             label = None  # one entry in the legend
 
 
@@ -207,7 +211,7 @@ def _draw_fraction(axes, paths):
 def _draw_kappa(axes, paths):
     _draw_shares(axes, paths, lambda x, fraction: fraction / x)
     axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, None))
-    axes.legend(**LEGEND_RIGHT)  # also for the panel on the left
+    add_legend(axes)  # also for the panel on the left
 
 
 def _draw_gap(axes, paths):
@@ -233,36 +237,46 @@ def _draw_stiffness(rough, axes, paths):
                 columns=columns if differences is None else columns | {"stiffness": differences}
             )
         shown.append(path)
-    scale = (lambda path: (path.relative, 1.0)) if rough else (lambda path: (1.0, 1.0))
-    if not _draw_curves(axes, shown, "mean_pressure" if rough else "load", "stiffness", scale):
+    x = "mean_pressure" if rough else "load"
+    factor, load = _scale_axis(paths, "load")
+    if not _draw_curves(axes, shown, x, "stiffness", lambda path: (path.relative if rough else factor, 1.0)):
         return
     which = ", ".join(names) if len(names) < 4 else f"{len(names)} of {len(paths)} paths"
     which = f": {which}" if len(names) < len(paths) else ""
     note = f"\nby differences{which}" if names else ""
-    axes.set(xlabel=_RELATIVE if rough else axis_label("load"), ylabel=f"{axis_label('stiffness')}{note}")
+    axes.set(xlabel=_RELATIVE if rough else load, ylabel=f"{axis_label('stiffness')}{note}")
     if not rough:
-        _draw_analytic(axes, paths, "load", "stiffness")
+        _draw_analytic(axes, paths, "load", "stiffness", (factor, 1.0))
+
+
+def _select_all(paths, name):
+    """Return a column of all paths, one after the other."""
+    columns = [path.select(name, above=-np.inf) for path in paths]
+    return np.concatenate([column[0] for column in columns if column is not None] or [[1.0]])
+
+
+def _scale_axis(paths, name):
+    """Return factor and label of an axis with a column of all paths."""
+    return scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
 
 
 def _draw_load(axes, paths):
-    def join(x):
-        values = [path.select(x, "load", above=-np.inf) for path in paths]
-        return np.concatenate([columns[0] for columns in values if columns is not None] or [[1.0]])
-
-    x, values, columns = "approach", join("approach"), [path.columns for path in paths]
+    x, columns = "approach", [path.columns for path in paths]
+    values = _select_all(paths, x)
     if values.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
-        x, values = "indentation", join("indentation")
-    unit = choose_length_unit(abs(values).max())
+        x, values = "indentation", _select_all(paths, "indentation")
     log = values.min() >= 0  # approaches counted from within the roughness are negative
-    if _draw_curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)):
-        axes.set(xlabel=axis_label(x).replace("mm", unit.name), ylabel=axis_label("load"))
-        _draw_analytic(axes, paths, "approach", "load", unit.per_mm)
+    (across, x_label), (up, y_label) = _scale_axis(paths, x), _scale_axis(paths, "load")
+    if _draw_curves(axes, paths, x, "load", lambda path: (across, up), (log, log)):
+        axes.set(xlabel=x_label, ylabel=y_label)
+        _draw_analytic(axes, paths, "approach", "load", (across, up))
 
 
 def _draw_against_load(name, axes, paths):
-    if _draw_curves(axes, paths, "load", name):
-        axes.set(xlabel=axis_label("load"), ylabel=axis_label(name))
-        _draw_analytic(axes, paths, "load", name)
+    factor, label = _scale_axis(paths, "load")
+    if _draw_curves(axes, paths, "load", name, lambda path: (factor, 1.0)):
+        axes.set(xlabel=label, ylabel=axis_label(name))
+        _draw_analytic(axes, paths, "load", name, (factor, 1.0))
 
 
 _ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, partial(_draw_stiffness, True))

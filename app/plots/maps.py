@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
-from matplotlib.patches import Patch
+from matplotlib.patches import Ellipse, Patch
 
 from app.base.units import choose_length_unit
-from app.plots.style import BLUE, GREY
+from app.plots.style import BLUE, DASHED, GREY, ORANGE, column_width
 from app.plots.zoom import draw_inset, find_view
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
@@ -21,6 +21,7 @@ MAX_PIXELS = 1024  # per side of an image; larger fields are averaged
 MAX_UPRIGHT = 1.8  # height over width of a map that need not lie
 MIN_ASPECT = 0.22  # short over long side of a map; narrower patches are stretched
 _MAX_WIDTH, _MAX_HEIGHT = 5.1, 6.4  # of a map [inch]
+_LABELS_WIDTH, _MIN_FIGURE_WIDTH = 2.0, 6.4  # of a map's labels and colour bar; of a figure [inch]
 _MIN_BAR_HEIGHT = 2.2  # of a map with the colour bar on its right [inch]
 _MIN_LABEL_WIDTH = 2.0  # of a map with horizontal tick labels [inch]
 _MIN_VARIATION = 1e-4  # of a length; fields that vary less have one colour
@@ -58,14 +59,16 @@ class Canvas:
             shape = 1 / shape
         box = float(np.clip(shape, MIN_ASPECT, 1 / MIN_ASPECT))
         self.stretched = not np.isclose(box, shape)
-        self.width = min(_MAX_WIDTH, _MAX_HEIGHT / box)
+        self.width = min(_MAX_WIDTH, _MAX_HEIGHT / box, (column_width() or np.inf) - _LABELS_WIDTH)
         self.height = box * self.width
         self.low = self.height < _MIN_BAR_HEIGHT
 
     @property
     def size(self):
         """Size of the map with its labels [inch]."""
-        return max(self.width + 2.0, 6.4), self.height + 1.5 + 0.9 * self.low
+        return max(
+            self.width + _LABELS_WIDTH, column_width() or _MIN_FIGURE_WIDTH
+        ), self.height + 1.5 + 0.9 * self.low
 
     @cached_property
     def outside(self):
@@ -157,9 +160,9 @@ class Canvas:
         index = (np.maximum(block_max(patches.labels[self.view], b), 1) - 1) % len(palette)
         self._draw_image(axes, np.dstack([palette[index], share]), b)
         possible = int(np.count_nonzero(~np.isnan(result.undeformed_distance)))
-        text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"
+        text = f"contact: {100 * result.attributes['contact_fraction']:.3g}%"
         used = palette[: max(len(cells), 1)]
-        text += f", {len(cells)} spots in {len(used)} colours" if len(cells) > 1 else ""
+        text += f", {len(cells)} contact spots" if len(cells) > 1 else ""
         entries = {text: tuple(Patch(color=colour) for colour in used)}
         if np.count_nonzero(result.contact == 1) < possible:
             entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")
@@ -169,8 +172,8 @@ class Canvas:
         axes.legend(entries.values(), entries, handler_map=handlers, **LEGEND_ABOVE)
         self._draw_patch(axes)
 
-    def draw_pressure(self, axes):
-        """Draw the pressure; white where it is zero."""
+    def draw_pressure(self, axes, reference=None):
+        """Draw the pressure, white where it is zero, and the ellipse of a reference."""
         pressure = finite_pressure(self.result.pressure)
         maximum = float(pressure.max())
         highest, extend = maximum or 1.0, "neither"
@@ -179,9 +182,17 @@ class Canvas:
             limit = 1.5 * float(np.quantile(pressure[pressure > 0], 0.99))
             if limit < highest:
                 highest, extend = limit, "max"
-        label = f"pressure p  [N/mm²]   maximum {maximum:.4g}" if maximum else "pressure p  [N/mm²]"
+        label = (
+            f"pressure p  [N/mm²]   maximum {format_number(maximum)}" if maximum else "pressure p  [N/mm²]"
+        )
         shown = pressure[self.view]
         self.draw_field(axes, shown, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
+        if reference is not None:
+            a, b = (2 * half * self.unit.per_mm for half in (reference.a, reference.b))
+            ellipse = Ellipse((0, 0), *((b, a) if self.lies else (a, b)), fill=False, label="Hertz's ellipse")
+            ellipse.set(edgecolor=ORANGE, linestyle=DASHED, linewidth=1.2)
+            axes.add_patch(ellipse)
+            axes.legend(**LEGEND_ABOVE)
         self._draw_patch(axes)
 
     def draw_length(self, axes, field, colours, label):
@@ -208,6 +219,11 @@ class Canvas:
         """Draw a map of the gap e, white in contact."""
         gap = np.where(self.result.contact == 1, np.nan, self.result.gap)
         self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]  (white: contact)")
+
+
+def format_number(value):
+    """Return a number as text: four digits, or a whole number."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
 def cell_edges(grid, along):

@@ -58,7 +58,7 @@ def _path_figure(result, _):
 # Name -> function of a result and its `analytic_reference` that returns a figure or None.
 PICTURES = {
     "contact": lambda result, _: figures.contact_figure(result),
-    "pressure": lambda result, _: figures.pressure_figure(result),
+    "pressure": figures.pressure_figure,
     "deformation": lambda result, _: figures.deformation_figure(result),
     "sections": figures.section_figure,
     "distributions": lambda result, _: curves.distribution_figure(result),
@@ -87,7 +87,7 @@ def _draw_section(along):
 # Name -> function that draws one panel on given axes.
 PANELS = {
     "contact": lambda axes, result, _: Canvas(result, zoom=True).draw_contact(axes),
-    "pressure": lambda axes, result, _: Canvas(result, zoom=True).draw_pressure(axes),
+    "pressure": lambda axes, result, reference: Canvas(result, zoom=True).draw_pressure(axes, reference),
     "displacement": lambda axes, result, _: Canvas(result).draw_displacement(axes),
     "gap": lambda axes, result, _: Canvas(result).draw_gap(axes),
     "section_x": _draw_section("x"),

@@ -1,12 +1,14 @@
-"""Style, axes and files of all figures.
+"""Style, panels, axes and files of all figures.
 
 Figures are made without pyplot, unless they are `interactive`: they need no display and are freed when they are no
-longer used.
+longer used. Sizes in the code are those of the style "screen". In the style "paper" all are smaller, and the panels of
+a figure stand below each other in one column.
 """
 
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
+from typing import NamedTuple
 
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -22,8 +24,7 @@ SERIES = (
     (BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."),
     (PURPLE, "D", ":"), ("#56b4e9", "v", (0, (6, 1, 1, 1, 1, 1))), ("#8c6d31", "P", (0, (3, 1))),
 )  # fmt: skip
-LEGEND_RIGHT = {"loc": "upper left", "bbox_to_anchor": (1.02, 1), "fontsize": 11, "title_fontsize": 11}
-STYLE = {
+RC = {
     "figure.constrained_layout.use": True,
     "figure.constrained_layout.h_pad": 0.08,
     "figure.constrained_layout.w_pad": 0.08,
@@ -46,55 +47,152 @@ STYLE = {
 }
 
 
+class Style(NamedTuple):
+    """Scale of a figure, width of its column of panels, and its own settings.
+
+    The width [inch] is before scaling; None if panels may stand side by side.
+    """
+
+    scale: float
+    column: float | None
+    rc: dict
+
+
+_PAPER_FONT, _PAPER_WIDTH = 8, 8.5 / 2.54  # [pt], [inch]
+_SHRINK = _PAPER_FONT / RC["font.size"]
+_IN_POINTS = (
+    "lines.linewidth lines.markersize axes.linewidth axes.labelpad patch.linewidth "
+    "xtick.major.size xtick.minor.size xtick.major.width xtick.minor.width xtick.major.pad "
+    "ytick.major.size ytick.minor.size ytick.major.width ytick.minor.width ytick.major.pad "
+    "figure.constrained_layout.h_pad figure.constrained_layout.w_pad"
+).split()
+_FONT_SIZES = "font.size", "axes.titlesize", "figure.titlesize", "legend.fontsize"
+STYLES = {
+    "screen": Style(1.0, None, RC),
+    "paper": Style(
+        _SHRINK,
+        _PAPER_WIDTH / _SHRINK,
+        RC
+        | {name: _SHRINK * RC.get(name, matplotlib.rcParamsDefault[name]) for name in _IN_POINTS}
+        | dict.fromkeys(_FONT_SIZES, _PAPER_FONT),
+    ),
+}
+_current = ContextVar("_current", default=STYLES["screen"])
+_uses_pyplot = ContextVar("_uses_pyplot", default=False)
+
+
+@contextmanager
+def _set(variable, value):
+    token = variable.set(value)
+    try:
+        yield
+    finally:
+        variable.reset(token)
+
+
+def use_style(name):
+    """Return a context manager in which figures have a style of `STYLES`."""
+    return _set(_current, STYLES[name])
+
+
+def interactive():
+    """Return a context manager in which pyplot owns new figures.
+
+    So notebooks and `pyplot.show` show them.
+    """
+    return _set(_uses_pyplot, True)
+
+
 def with_style(draw):
-    """Decorate a function so that it draws in `STYLE`."""
+    """Decorate a function so that it draws in the current style."""
 
     @wraps(draw)
     def wrapper(*args, **kwargs):
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(_current.get().rc):
             return draw(*args, **kwargs)
 
     return wrapper
 
 
-_uses_pyplot = ContextVar("_uses_pyplot", default=False)
-
-
-@contextmanager
-def interactive():
-    """Let pyplot own new figures of the block.
-
-    So notebooks and `pyplot.show` show them.
-    """
-    token = _uses_pyplot.set(True)
-    try:
-        yield
-    finally:
-        _uses_pyplot.reset(token)
+def column_width():
+    """Return the width of the only column of panels [inch], or None."""
+    return _current.get().column
 
 
 def new_figure(width, height, title=None):
-    """Return an empty figure of a width and height [inch]."""
+    """Return an empty figure of a width and height [inch].
+
+    The title is left out in a style of one column, where a caption replaces it.
+    """
+    style = _current.get()
+    size = style.scale * width, style.scale * height
     if _uses_pyplot.get():
         from matplotlib import pyplot
 
-        figure = pyplot.figure(figsize=(width, height))
+        figure = pyplot.figure(figsize=size)
     else:
-        figure = Figure(figsize=(width, height))
+        figure = Figure(figsize=size)
         FigureCanvasAgg(figure)
-    if title:
+    if title and not style.column:
         figure.suptitle(title)
     return figure
+
+
+def new_mosaic(rows, widths, heights, title=None):
+    """Return a figure, and a dict of its panels by name.
+
+    `rows` are the names of the panels, as of `subplot_mosaic`; `widths` and `heights` are those of columns and rows
+    [inch].
+    """
+    if column := column_width():
+        stacked = {}
+        for row, height in zip(rows, heights, strict=True):
+            for name, width in zip(row, widths, strict=True):
+                stacked[name] = stacked.get(name, 0.0) + height * min(1.0, column / width)
+        stacked.pop(".", None)
+        rows, widths, heights = [[name] for name in stacked], [column], [*stacked.values()]
+    figure = new_figure(sum(widths), sum(heights), title)
+    return figure, figure.subplot_mosaic(rows, width_ratios=widths, height_ratios=heights)
+
+
+def new_panels(sizes, across=1, title=None):
+    """Return a figure and a list of panels, `across` of them in a row.
+
+    `sizes` are width and height of each panel with its labels [inch].
+    """
+    starts = range(0, len(sizes), across)
+    rows = [[k if k < len(sizes) else "." for k in range(start, start + across)] for start in starts]
+    heights = [max(height for _, height in sizes[start : start + across]) for start in starts]
+    figure, panels = new_mosaic(rows, [width for width, _ in sizes[:across]], heights, title)
+    return figure, [panels[k] for k in range(len(sizes))]
+
+
+def add_legend(axes, **options):
+    """Add a legend outside axes full of curves."""
+    if column_width():
+        place = {"loc": "lower left", "bbox_to_anchor": (0, 1.02), "ncol": 2, "borderaxespad": 0}
+    else:
+        place = {"loc": "upper left", "bbox_to_anchor": (1.02, 1)}
+    axes.legend(**place, fontsize="small", title_fontsize="small", **options)
+
+
+@with_style
+def set_title(figure, title):
+    """Replace the title of a figure."""
+    figure.suptitle(title)
 
 
 def series_style(number):
     """Return the style of line `number`; the first twelve styles differ."""
     cycle, index = divmod(number, len(SERIES))
     colour, marker, line = SERIES[index]
-    face = "white" if cycle % 2 else colour
     return {
-        "color": colour, "marker": marker, "linestyle": line, "markersize": 5 + cycle, "markerfacecolor": face,
-    }  # fmt: skip
+        "color": colour,
+        "marker": marker,
+        "linestyle": line,
+        "markersize": matplotlib.rcParams["lines.markersize"] + cycle,
+        "markerfacecolor": "white" if cycle % 2 else colour,
+    }
 
 
 def set_log_axes(axes, names="xy"):
@@ -127,5 +225,10 @@ def save_figure(figure, path, dpi=200):
 @with_style
 def write_figure(figure, target, kind, dpi):
     """Write a figure to a path or an open binary file."""
+    if column_width():  # keep the width; a second layout knows the ticks of the first
+        figure.draw_without_rendering()
+        tight = {}
+    else:
+        tight = {"bbox_inches": "tight", "pad_inches": 0.08}
     no_date = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
-    figure.savefig(target, format=kind, dpi=dpi, metadata=no_date, bbox_inches="tight", pad_inches=0.08)
+    figure.savefig(target, format=kind, dpi=dpi, metadata=no_date, **tight)

@@ -5,10 +5,10 @@ import re
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.quantities import axis_label
-from app.base.units import choose_length_unit
+from app.base.quantities import QUANTITIES, axis_label, scale_for_axis
+from app.base.units import choose_unit
 from app.plots.load_curves import parse_numbers
-from app.plots.style import LEGEND_RIGHT, new_figure, series_style, set_log_axes, with_style
+from app.plots.style import add_legend, column_width, new_panels, series_style, set_log_axes, with_style
 
 _PHYSICS = "approach", "contact_fraction", "contact_area", "max_pressure", "mean_gap", "stiffness", "load"
 _WORK = {  # columns of the solver's work and accuracy, with their labels
@@ -18,7 +18,6 @@ _WORK = {  # columns of the solver's work and accuracy, with their labels
     "error_bound": "proved bound of the error",
 }
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proportional on one patch
-_SOLVER_OPTIONS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")
 _UNITS = (
     ("N", "load|.+_design_load"),
     ("N/mm²", "young|.+_modulus|mean_pressure"),
@@ -31,6 +30,20 @@ _UNITS = (
     ),
     ("mm", "surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )
+_OPTION_LABELS = {  # of options whose names are no words
+    "option_files": "option file",
+    "grid": "cells along x",
+    "hertz_rx": "relative radius Rx",
+    "hertz_ry": "relative radius Ry",
+    "young": "Young's moduli",
+    "poisson": "Poisson's ratios",
+    "poisson_ratio": "Poisson's ratio",
+    "surface_sigma": "standard deviation of heights",
+    "surface_hurst": "Hurst exponent",
+    "surface_rolloff": "roll-off wavelength",
+    "surface_cutoff": "cut-off wavelength",
+}
+_SOLVER = re.compile("(lcp|ksp|pc|mg|tao|snes)_")  # its options keep their names
 _MIN_VARIATION = 1e-4  # relative; smaller differences may be errors of the solver
 _MAX_SERIES = 12
 _MAX_TICKS = 6
@@ -77,18 +90,15 @@ def sweep_figure(columns, heading="", x=None, y=()):
     for row in range(len(positions)):
         groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
     across = next((n for n, panels in ((1, 1), (2, 4), (3, 6)) if len(y) <= panels), 4)
-    down = -(-len(y) // across)
-    figure = new_figure(6.0 * across, 4.4 * down, heading)
-    for axes, name in zip(np.ravel(figure.subplots(down, across)), y, strict=False):
+    figure, panels = new_panels([(6.0, 4.4)] * len(y), across, heading)
+    for axes, name in zip(panels, y, strict=True):
         values, label = _in_units(parse_numbers(columns[name]), name, varied)
         _draw(axes, positions, values, {_label(others, key): rows for key, rows in groups.items()}, ticks)
         axes.set(xlabel=x_label, ylabel=label)
-    for axes in figure.axes[len(y) :]:
-        axes.remove()
     if others:
         title = [_option_label(others[0])] if len(others) == 1 else []
         title += [f"{_MAX_SERIES} of {len(groups)}"] if len(groups) > _MAX_SERIES else []
-        figure.axes[across - 1].legend(**LEGEND_RIGHT, title=": ".join(title) or None)
+        add_legend(panels[0 if column_width() else across - 1], title=": ".join(title) or None)
     return figure
 
 
@@ -116,7 +126,11 @@ def _choose_columns(columns, varied, x):
     if "operator_applications" in chosen:
         chosen.pop("work_units", None)
     work = [column for name, column in chosen.items() if name in _WORK]
-    return physics + work if not physics or any(map(_SOLVER_OPTIONS.match, varied)) else physics
+    return (
+        physics + work
+        if not physics or any(name in ("option_files", "grid") or _SOLVER.match(name) for name in varied)
+        else physics
+    )
 
 
 def _proportional(values, other):
@@ -126,21 +140,27 @@ def _proportional(values, other):
     return np.allclose(values * other[k], other * values[k], rtol=1e-9, atol=0)
 
 
-def _option_label(option):
-    unit = find_unit(option)
-    return ("option file" if option == "option_files" else f"-{option}") + (f"  [{unit}]" if unit else "")
+def _option_label(option, unit=None):
+    """Return the label of an option's numbers; `unit` replaces the option's own."""
+    if _SOLVER.match(option):
+        return f"-{option}"
+    own = find_unit(option)
+    if option in QUANTITIES:
+        label = axis_label(option)
+    else:
+        label = _OPTION_LABELS.get(option, option.replace("_", " ")) + (f"  [{own}]" if own else "")
+    return label.replace(f"[{own}]", f"[{unit}]") if unit else label
 
 
 def _in_units(values, name, varied):
-    """Return a column's values, lengths in a suitable unit, and axis label."""
+    """Return a column's values in a suitable unit, and its axis label."""
+    largest = np.nanmax(np.abs(values), initial=0.0)
     if name in varied:
-        return values, _option_label(name)
+        factor, unit = choose_unit(largest, find_unit(name))
+        return values * factor, _option_label(name, unit)
     name = name.removeprefix("result_")
-    label = _WORK.get(name) or axis_label(name)
-    if "[mm]" not in label:
-        return values, label
-    unit = choose_length_unit(np.nanmax(np.abs(values)))
-    return values * unit.per_mm, label.replace("mm", unit.name)
+    factor, label = scale_for_axis(largest, name)
+    return values * factor, _WORK.get(name) or label
 
 
 def _label(others, key):

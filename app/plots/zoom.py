@@ -54,5 +54,5 @@ def draw_inset(axes, size, contact, patch, view):
     x0, x1, y0, y1 = view
     inset.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor="0.35", edgecolor="0.35"))
     if side >= _MIN_TITLED_SIDE:
-        inset.set_title("patch", fontsize=9, pad=1 if y == 0 else -14, y=1 if y == 0 else 0)
+        inset.set_title("patch", fontsize="x-small", pad=1 if y == 0 else -14, y=1 if y == 0 else 0)
     return inset

@@ -98,18 +98,18 @@ class SubsurfaceStress:
         # Imported late, so that plots of stresses do not load MPI and numba.
         from app.halfspace.stress.stress_sums import FreeStress, PeriodicStress
 
-        self.grid, self.nu = grid, float(poisson_ratio)
+        self.pressure, self.grid, self.nu = pressure, grid, float(poisson_ratio)
         self._sums = (PeriodicStress if grid.periodic else FreeStress)(pressure, grid, self.nu)
 
     def __repr__(self):
         return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
 
-    def plot(self, along="x"):
-        """Draw the stress on a vertical section and on a vertical line.
+    def plot(self):
+        """Draw the stress on two vertical sections and on a vertical line.
 
-        Both contain the point of the largest von Mises stress. The section is along x or y. Return figure and axes.
+        They contain the point of the largest von Mises stress. Return figure and axes.
         """
-        return views.load().plot_stress(self, along)
+        return views.load().plot_stress(self)
 
     def plane(self, depth):
         """Return the stress on a horizontal plane, below the cell centres.
@@ -171,7 +171,7 @@ class SubsurfaceStress:
         depths = np.concatenate([[0.0], max(sums.extent) / 2 ** (np.arange(count, -1, -1) / 2)])
         for level, depth in enumerate(depths):
             while depth > _MAX_CELLS_DEEP * max(grid.dx, grid.dy) and (
-                coarse := _coarsen(sums.pressure, grid)
+                coarse := coarsen(sums.pressure, grid)
             ):
                 pressure, grid = coarse
                 sums = type(sums)(pressure, grid, self.nu)
@@ -231,7 +231,7 @@ def _find_peaks(field):
     return peaks[:_REFINED_PEAKS]
 
 
-def _coarsen(pressure, grid):
+def coarsen(pressure, grid):
     """Return pressure and grid with cells of twice the size.
 
     A direction with an odd number of cells keeps its cells. Return None if both directions keep their cells.

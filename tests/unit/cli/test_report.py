@@ -129,8 +129,8 @@ def test_texts_of_users_are_escaped(made, undrawn):
         (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
         (
             subsurface,
-            ["RESULT", "--section", "y", "--depths", "9"],
-            "--section, --depths: no effect without -o",
+            ["RESULT", "--at", "0,1", "--depths", "9"],
+            "--at, --depths: no effect without -o",
         ),
         (report, ["RESULT", "--no-stress", "--poisson", "0.3"], "no effect with --no-stress"),
         (subsurface, ["RESULT", "-o", "TMP", "--planes", "1,-2"], "--planes 1,-2: must be"),

@@ -1,4 +1,4 @@
-"""Distributions, spectra and stresses."""
+"""Distributions and spectra."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import pytest
 from results import made_up_result, with_attributes
 
 from app.halfspace.grid import Grid
-from app.halfspace.stress.subsurface import StressMaximum
 from app.plots import curves
 
 
@@ -84,34 +83,14 @@ def test_only_bodies_with_a_surface_have_a_spectrum(result, problem):
         assert curves.spectrum_figure(with_attributes(body, surfaces=1)) is not None
 
 
-@pytest.mark.parametrize(("deepest", "times"), [(1.3, None), (0.1, 12), (10, 0.14)])
-def test_stress_section_states_the_scale_of_depth(deepest, times):
-    grid, z = Grid.from_domain(200, 1, (-1, 1, 0, 1)), np.linspace(0, deepest, 21)
-    section = np.zeros((6, 21, 200))
-    section[2] = -np.exp(-((z[:, None] - deepest / 2) ** 2)) * np.exp(-(grid.x() ** 2))
-    hottest = StressMaximum(1.0, 0.0, 0.0, deepest / 2, np.zeros(6))
-    figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
-    figure.canvas.draw()
-    axes = figure.axes[0]
-    box = axes.get_window_extent()
-    unit = 1e3 if "µm" in axes.get_ylabel() else 1
-    drawn = box.height / (abs(np.ptp(axes.get_ylim())) / unit) / (box.width / np.ptp(axes.get_xlim()))
-    assert drawn == pytest.approx(times or 1, rel=1e-3)
-    assert axes.get_xlabel() == "x  [mm]" + (f"   (z: {times} × the scale of x)" if times else "")
-    assert times or axes.get_ylabel().endswith("[mm]")
-
-
-def test_stress_legend_is_clear_of_curves_for_a_single_column():
-    z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
-    section[2, :, 0] = -1
-    hottest = StressMaximum(26395.0, 3.0, 0.0, 0.5, np.zeros(6))
-    grid = Grid.from_domain(1, 1, (2, 4, 0, 1))
-    figure = curves.stress_figure("x", grid, z, section, section[:, :, 0], hottest, "")
-    left, right = figure.axes[:2]
-    assert left.get_xlim() == pytest.approx((2, 4)) and left.get_ylim() == (1, 0)
-    assert left.get_legend().get_texts()[0].get_text().startswith("26395 N/mm²")
-    figure.canvas.draw()
-    assert right.get_legend().get_window_extent().x0 >= right.bbox.x1
+@pytest.mark.parametrize("periodic_symbol", ["", "spectral"])
+def test_smooth_functions_have_no_spectrum(periodic_symbol):
+    made = with_attributes(made_up_result(64, 48), problem="given", periodic_symbol=periodic_symbol)
+    x, y = made.x / made.x.max(), made.y[:, None] / made.y.max()
+    for smooth in (x**4 + y**2, np.cos(np.pi * x) * np.cos(np.pi * y)):
+        assert curves.spectrum_figure(replace(made, undeformed_distance=smooth)) is None
+    waves = np.cos(12 * np.pi * x) * np.cos(11 * np.pi * y)
+    assert curves.spectrum_figure(replace(made, undeformed_distance=x**4 + y**2 + 0.1 * waves)) is not None
 
 
 @pytest.mark.parametrize("patches", [2, 3, 4, 7, 60])

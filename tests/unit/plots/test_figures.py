@@ -72,7 +72,7 @@ def test_history_names_the_grids_of_a_nested_iteration(result):
 
 
 def test_titles_and_labels_have_problem_grid_load_and_units(result):
-    load = f"load {result.attributes['load']:.0f} N"
+    load = f"load {result.attributes['load'] / 1e3:.4g} kN"
     for figure in (
         figures.pressure_figure(result),
         figures.section_figure(result),

@@ -33,3 +33,23 @@ def test_logarithmic_axes_have_two_labels_that_do_not_overlap(values):
 def test_twelve_lines_have_different_styles():
     drawn = [{name: str(value) for name, value in style.series_style(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
+
+
+@pytest.mark.parametrize(
+    "draw", [figures.summary_figure, figures.pressure_figure, figures.deformation_figure]
+)
+def test_paper_style_fits_a_column(result, tmp_path, draw):
+    with style.use_style("paper"):
+        figure = draw(result)
+        style.save_figure(figure, tmp_path / "a.svg")
+    assert figure.get_figwidth() == pytest.approx(8.5 / 2.54) and figure._suptitle is None
+    assert 'width="240.94' in (tmp_path / "a.svg").read_text()  # points
+    figure.draw_without_rendering()
+    renderer, box = figure.canvas.get_renderer(), figure.bbox
+    lefts = []
+    for axes in figure.axes:
+        assert {text.get_fontsize() for text in (axes.xaxis.label, axes.yaxis.label)} == {8}
+        drawn = axes.get_tightbbox(renderer)
+        assert box.x0 <= drawn.x0 and drawn.x1 <= box.x1
+        lefts.append(axes.get_position().x0)
+    assert max(lefts) - min(lefts) < 0.1  # panels below each other

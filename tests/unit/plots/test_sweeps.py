@@ -1,5 +1,6 @@
 """Figures of parameter studies."""
 
+import numpy as np
 import pytest
 
 from app.base.errors import InputError
@@ -30,7 +31,7 @@ def test_default_abscissa_is_the_option_with_most_values():
     }
     figure = sweeps.sweep_figure(columns)
     (axes,) = figure.axes
-    assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
+    assert axes.get_xlabel() == "cells along x" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
     assert sweeps.sweep_figure(columns | {"grid": ["32"] * 6, "method": ["a"] * 6}) is None
 
@@ -39,7 +40,12 @@ def test_names_have_unconnected_points():
     columns = loads_of_a_sweep(load=["1"] * 6, young=["210e3,inf", "210e3,70e3", ""] * 2)
     columns = {"lcp_type": ["fast"] * 3 + ["active_set_that_is_called_" + "x" * 80] * 3} | columns
     for figure, label, said, drawn in (
-        (sweeps.sweep_figure(columns), "-young  [N/mm²]", ["210e3,inf", "210e3,70e3", "left out"], [0, 1, 2]),
+        (
+            sweeps.sweep_figure(columns),
+            "Young's moduli  [N/mm²]",
+            ["210e3,inf", "210e3,70e3", "left out"],
+            [0, 1, 2],
+        ),
         (sweeps.sweep_figure(columns, x="lcp_type"), "-lcp_type", ["fast", "…" + "x" * 23], [0, 1]),
     ):
         assert panel_names(figure)[-2:] == ["operator applications", "time of the solve"]
@@ -54,7 +60,7 @@ def test_names_have_unconnected_points():
     assert axes.get_xlabel() == "-lcp_type" and axes.get_legend() is None and len(axes.lines) == 1
 
 
-@pytest.mark.parametrize(("methods", "said"), [(12, "-method"), (13, "-method: 12 of 13")])
+@pytest.mark.parametrize(("methods", "said"), [(12, "method"), (13, "method: 12 of 13")])
 def test_legend_states_the_number_of_drawn_lines(methods, said):
     columns = {
         "grid": ["32", "64"] * methods,
@@ -84,7 +90,7 @@ def loads_of_a_sweep(**more):
 def test_loads_are_drawn_with_each_physical_quantity_once():
     figure = sweeps.sweep_figure(loads_of_a_sweep())
     assert panel_names(figure) == ["approach δ", "contact fraction", "maximum pressure"]
-    assert {axes.get_xlabel() for axes in figure.axes} == {"-load  [N]"}
+    assert {axes.get_xlabel() for axes in figure.axes} == {"load F  [N]"}
     approach = figure.axes[0]
     assert approach.get_ylabel().endswith("[µm]") and approach.lines[0].get_ydata()[0] == pytest.approx(1.0)
     patches = loads_of_a_sweep(contact_area=list("123456"))  # of several sizes
@@ -113,8 +119,15 @@ def test_prescribed_quantities_are_not_drawn(option, drawn):
     }
     figure = sweeps.sweep_figure(columns)
     assert ", ".join(panel_names(figure)) == drawn
-    unit = "N/mm²" if option == "mean_pressure" else "mm"
-    assert figure.axes[0].get_xlabel() == f"-{option}  [{unit}]"
+    labels = {"approach": "approach δ  [mm]", "mean_pressure": "mean pressure  [N/mm²]"}
+    assert figure.axes[0].get_xlabel() == labels.get(option, "sphere radius  [mm]")
+
+
+def test_large_loads_are_drawn_in_kilonewtons():
+    columns = {"roller_design_load": ["5e3", "2e4"], "exit_status": ["0"] * 2, "load": ["6000", "12000"]}
+    axes = sweeps.sweep_figure(columns).axes[0]
+    assert axes.get_xlabel() == "roller design load  [kN]" and axes.get_ylabel() == "load F  [kN]"
+    assert axes.lines[0].get_xydata() == pytest.approx(np.array([[5, 6], [20, 12]]))
 
 
 def test_requested_columns_are_drawn():
@@ -132,7 +145,7 @@ def test_requested_columns_are_drawn():
 
 def test_legend_names_the_options_that_differ():
     one = sweeps.sweep_figure(loads_of_a_sweep()).axes[1].get_legend()
-    assert one.get_title().get_text() == "-young  [N/mm²]"
+    assert one.get_title().get_text() == "Young's moduli  [N/mm²]"
     assert [text.get_text() for text in one.get_texts()] == ["70e3,inf", "210e3,inf"]
     files = {
         "option_files": ["fast"] * 3 + ["norm"] * 3,

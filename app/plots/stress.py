@@ -1,0 +1,166 @@
+"""Figures of the stress below the contact."""
+
+import numpy as np
+from matplotlib import rcParams
+
+from app.base.units import choose_length_unit
+from app.halfspace.stress.subsurface import SubsurfaceStress, coarsen, max_shear, von_mises
+from app.io.result import find_poisson_ratio
+from app.plots.maps import cell_edges, format_number
+from app.plots.style import (
+    BLUE,
+    DASHED,
+    DOTTED,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    add_legend,
+    new_mosaic,
+    with_style,
+)
+
+MIN_STRESS_VARIATION = 1e-9  # relative to the largest stress; below, the stress is uniform
+_SHOWN_SHARE = 0.05  # of the largest stress; a section ends where less is below all points
+_DEPTHS = 33  # of the section in the summary, denser near the surface
+_MAX_CELLS = 512**2  # of a pressure whose stresses are quickly computed; larger ones are averaged
+_SCALE_SHARE = 0.98  # of a section's points whose stresses the colours must show
+_SHAPES = 0.3, 0.7  # smallest and largest height over width of a section
+_MAX_RATIO = 2.5  # of the lengths of two sections with the same scale
+_MAX_WIDENING = 1.5  # of a section's length, for the same scale of depth
+PANEL_SHAPE = 0.5  # depth over width of the section in the summary
+
+
+def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark=""):
+    """Draw the von Mises stress on a vertical section; return the units of lengths and depths.
+
+    The section goes `along` "x" or "y" and is shown between `ends` [mm]. `mises` has the shape (depths, cells).
+    `highest` [N/mm2] is the end of the colour scale, `shape` height over width of the panel, `remark` follows the axis.
+    """
+    unit = choose_length_unit(max(ends[1] - ends[0], depths[-1]))
+    z_scale = shape * (ends[1] - ends[0]) / (depths[-1] or 1.0)
+    same = np.isclose(z_scale, 1, rtol=0.02)
+    remark += "" if same else f"   (z: {z_scale:.3g} × the scale of {along})"
+    z_unit = unit if same else choose_length_unit(depths[-1])
+    z = depths * z_unit.per_mm
+    bottom = z[-1] or 1.0
+    z_edges = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
+    colours = {"cmap": "magma_r", "vmin": 0, "vmax": highest or 1.0}
+    sides = cell_edges(grid, along) * unit.per_mm
+    image = axes.pcolormesh(sides, z_edges, mises, rasterized=True, **colours)
+    extend = "max" if mises.max() > 1.001 * highest else "neither"
+    bar = axes.figure.colorbar(image, cax=axes.inset_axes([1.02, 0, 0.03, 1]), extend=extend)
+    bar.set_label("von Mises  [N/mm²]")
+    axes.set_box_aspect(shape)
+    axes.set(
+        xlabel=f"{along}  [{unit.name}]{remark}",
+        ylabel=f"depth z  [{z_unit.name}]",
+        xlim=(ends[0] * unit.per_mm, ends[1] * unit.per_mm),
+        ylim=(bottom, 0),
+    )
+    return unit, z_unit
+
+
+def _mark(axes, at, depth, text=""):
+    size = 2.4 * rcParams["lines.markersize"]
+    style = {"color": GREEN, "marker": "+", "markersize": size, "markeredgewidth": size / 6}
+    axes.plot(at, depth, label=text, clip_on=False, linestyle="none", **style)
+    if text:
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
+
+
+def _describe(stress, depth):
+    unit = choose_length_unit(depth)
+    return f"{format_number(stress)} N/mm² at depth {depth * unit.per_mm:.3g} {unit.name}"
+
+
+def draw_section_stress(axes, result, along, row, column, ends):
+    """Draw the von Mises stress below a row or column of cells, between `ends` [mm].
+
+    Returns False if Poisson's ratio is unknown or the pressure is zero or not finite.
+    """
+    poisson_ratio, pressure, grid = find_poisson_ratio(result.attributes), result.pressure, result.grid
+    if poisson_ratio is None or not np.isfinite(pressure).all() or not pressure.any():
+        return False
+    place = {"y": result.y[row]} if along == "x" else {"x": result.x[column]}
+    while grid.n > _MAX_CELLS and (coarse := coarsen(pressure, grid)):
+        pressure, grid = coarse
+    depths = PANEL_SHAPE * (ends[1] - ends[0]) * np.linspace(0, 1, _DEPTHS) ** 2
+    below = SubsurfaceStress(pressure, grid, poisson_ratio)
+    mises = von_mises(below.section(depths, **place))
+    largest = mises.max()
+    highest = min(largest, 1.5 * float(np.quantile(mises, _SCALE_SHARE)))
+    unit, z_unit = _draw_mises(
+        axes, along, grid, ends, depths, mises, highest, PANEL_SHAPE, f"   ν = {below.nu:.3g}"
+    )
+    k, cell = np.unravel_index(mises.argmax(), mises.shape)
+    if grid.n == result.grid.n and np.ptp(mises) > MIN_STRESS_VARIATION * largest:
+        centres = grid.x() if along == "x" else grid.y()
+        depth = _peak(depths, mises[:, cell], k)
+        _mark(axes, centres[cell] * unit.per_mm, depth * z_unit.per_mm, _describe(largest, depth))
+    return True
+
+
+def _peak(depths, values, k):
+    """Return the depth of the parabola's peak through the largest value and its neighbours."""
+    if not 0 < k < len(depths) - 1:
+        return float(depths[k])
+    a, b, _ = np.polyfit(depths[k - 1 : k + 2] - depths[k], values[k - 1 : k + 2], 2)
+    return float(depths[k] - b / (2 * a)) if a < 0 else float(depths[k])
+
+
+def _find_ends(grid, along, mises):
+    """Return the ends of the shown part of a section [mm]."""
+    sides, largest = cell_edges(grid, along), mises.max(axis=0)
+    shown = np.flatnonzero(largest >= _SHOWN_SHARE * largest.max())
+    return sides[shown[0]], sides[shown[-1] + 1]
+
+
+def _widen(low, high, length):
+    """Return ends with a given distance about the same middle."""
+    middle = (low + high) / 2
+    return middle - length / 2, middle + length / 2
+
+
+@with_style
+def stress_figure(grid, stresses, heading):
+    """Draw stresses on sections along x and y and on a vertical line.
+
+    `stresses` are those of `app.api.subsurface.survey`. Both sections have the same scales of depth and colour; x and y
+    have the same scale, too, unless one section is much longer.
+    """
+    mises = {"x": von_mises(stresses.section_x), "y": von_mises(stresses.section_y)}
+    depths, at, line = stresses.depths, stresses.at, stresses.line
+    ends = {along: _find_ends(grid, along, mises[along]) for along in "xy"}
+    lengths = [high - low for low, high in ends.values()]
+    if max(lengths) <= _MAX_RATIO * min(lengths):
+        length = max(*lengths, min(depths[-1] / _SHAPES[1], _MAX_WIDENING * max(lengths)))
+        ends = {along: _widen(*pair, length) for along, pair in ends.items()}
+        lengths = [length] * 2
+    shape = float(np.clip((depths[-1] or 1.0) / min(lengths), *_SHAPES))
+    heights = [5.4 * shape + 1.4] * 2
+    figure, panels = new_mosaic([["x", "line"], ["y", "line"]], [7.4, 5.4], heights, heading)
+    highest = max(field.max() for field in mises.values())
+    varies = max(np.ptp(field) for field in mises.values()) > MIN_STRESS_VARIATION * highest
+    text = _describe(at.von_mises, at.depth) if varies else f"{format_number(highest)} N/mm² everywhere"
+    for along, other in ("xy", "yx"):
+        unit = choose_length_unit(max(lengths))
+        across = f"   at {other} = {getattr(at, other) * unit.per_mm:.3g} {unit.name}".replace("-", "−")
+        shown = grid, ends[along], depths, mises[along], highest, shape
+        unit, z_unit = _draw_mises(panels[along], along, *shown, across if varies else "")
+        place = getattr(at, along) * unit.per_mm, at.depth * z_unit.per_mm
+        _mark(panels[along], *place, text if along == "x" else "")
+    right = panels["line"]
+    z_unit = choose_length_unit(depths[-1])
+    z = depths * z_unit.per_mm
+    for k, label, colour, style in (
+        (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
+    ):  # fmt: skip
+        right.plot(line[k], z, color=colour, linestyle=style, label=label)
+    right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
+    right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
+    right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
+    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{z_unit.name}]", ylim=(z[-1] or 1.0, 0))
+    right.locator_params(axis="x", nbins=5)
+    add_legend(right)
+    return figure

@@ -1,0 +1,77 @@
+"""Stress below the contact."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from results import with_attributes
+
+from app.halfspace.grid import Grid
+from app.halfspace.stress.subsurface import StressMaximum
+from app.plots import figures, stress
+
+
+def survey(grid, depths, section_x, section_y, line, von_mises):
+    """Stresses as those of `app.api.subsurface.survey`, the largest at the origin and at half the depth."""
+    at = StressMaximum(von_mises, float(grid.x()[grid.nx // 2]), 0.0, depths[-1] / 2, np.zeros(6))
+    return SimpleNamespace(depths=depths, section_x=section_x, section_y=section_y, line=line, at=at)
+
+
+def bell(grid, along, depths):
+    """Stress on a section that falls with the distance from a point."""
+    s = grid.x() if along == "x" else grid.y()
+    section = np.zeros((6, depths.size, s.size))
+    section[2] = -np.exp(-((depths[:, None] / depths[-1] - 0.5) ** 2)) * np.exp(-4 * s**2)
+    return section
+
+
+def draw(deepest, height=1.0):
+    grid, z = Grid.from_domain(200, 50, (-1, 1, -height, height)), np.linspace(0, deepest, 21)
+    x, y = bell(grid, "x", z), bell(grid, "y", z)
+    figure = stress.stress_figure(grid, survey(grid, z, x, y, x[:, :, 100], 1.0), "")
+    figure.canvas.draw()
+    return figure.axes[0], figure.axes[2]
+
+
+@pytest.mark.parametrize(("deepest", "times"), [(1.0, None), (0.1, 5.12), (10, 0.2)])
+def test_sections_state_the_scale_of_depth(deepest, times):
+    axes, _ = draw(deepest)
+    box = axes.get_window_extent()
+    unit = 1e3 if "µm" in axes.get_ylabel() else 1
+    drawn = box.height / (abs(np.ptp(axes.get_ylim())) / unit) / (box.width / np.ptp(axes.get_xlim()))
+    assert f"(z: {drawn:.3g} × the scale of x)" in axes.get_xlabel() or (
+        times is None and abs(drawn - 1) < 0.02
+    )
+    assert times or axes.get_ylabel().endswith("[mm]")
+
+
+@pytest.mark.parametrize(("height", "same"), [(1.0, True), (0.6, True), (0.05, False)])
+def test_sections_along_both_axes_have_the_same_scale(height, same):
+    first, second = draw(0.5, height)
+    assert (
+        first.get_ylim() == second.get_ylim()
+        and first.collections[0].get_clim() == second.collections[0].get_clim()
+    )
+    assert (np.ptp(first.get_xlim()) == pytest.approx(np.ptp(second.get_xlim()))) == same
+
+
+def test_legend_is_clear_of_curves_for_a_single_column():
+    z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
+    section[2, :, 0] = -1 - z
+    grid = Grid.from_domain(1, 1, (2, 4, -1, 1))
+    figure = stress.stress_figure(grid, survey(grid, z, section, section, section[:, :, 0], 26395.0), "")
+    left, right = figure.axes[:2]
+    assert left.get_legend().get_texts()[0].get_text().startswith("26395 N/mm²")
+    figure.canvas.draw()
+    assert right.get_legend().get_window_extent().x0 >= right.bbox.x1
+
+
+def test_summary_shows_the_stress_below_if_poissons_ratio_is_known(result):
+    known = with_attributes(result, poisson_ratio=0.3)
+    below = figures.summary_figure(known).axes[3]
+    assert below.get_ylabel().startswith("depth") and "ν = 0.3" in below.get_xlabel()
+    assert np.ptp(below.get_xlim()) == pytest.approx(abs(np.ptp(below.get_ylim())) / stress.PANEL_SHAPE)
+    infinite = np.where(result.pressure == result.pressure.max(), np.inf, result.pressure)
+    for other in (replace(known, pressure=infinite), with_attributes(result, poisson_ratio=None)):
+        assert not any(axes.get_ylabel().startswith("depth") for axes in figures.summary_figure(other).axes)
