@@ -20,7 +20,7 @@ _WORK = {  # columns of the solver's work and accuracy, with their labels
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proportional on one patch
 _UNITS = (
     ("N", "load|.+_design_load"),
-    ("N/mm²", "young|.+_modulus|mean_pressure"),
+    ("N/mm²", "young|.+_modulus|mean_pressure|hardness"),
     ("degrees", ".+_angle"),
     ("ohm m", "resistivity"),
     ("W/(m K)", "thermal_conductivity"),

@@ -160,6 +160,10 @@ def test_legend_names_the_options_that_differ():
 
 def test_axes_have_the_units_of_options():
     for option in PROBLEM_OPTIONS:
-        said = [unit for unit in ("mm", "N", "N/mm2", "degrees") if f"[{unit}]" in option.meaning]
+        said = [
+            unit
+            for unit in ("mm", "N", "N/mm2", "degrees", "ohm m", "W/(m K)")
+            if f"[{unit}]" in option.meaning
+        ]
         if not option.name.endswith("_path"):
             assert (sweeps.find_unit(option.name) or "").replace("²", "2") == "".join(said), option.name
