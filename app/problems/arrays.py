@@ -1,4 +1,4 @@
-"""Validation of arrays: real numbers, coordinates of a lattice, limits of size."""
+"""Checks of arrays: real numbers, coordinates of a lattice, limits of size."""
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from app.options.option_table import LARGEST
 def real_numbers(label, values, needed="an array of real numbers, or a function of x and y"):
     """Return a float64 copy of an array, with NaN for masked entries.
 
-    Raises InputError also for texts, complex numbers and None, which numpy would convert.
+    Raises InputError for anything that is not real, also for texts, complex numbers and None, which numpy would
+    convert.
     """
     try:
         array = np.asanyarray(values)
@@ -23,7 +24,8 @@ def real_numbers(label, values, needed="an array of real numbers, or a function 
 def lattice(x, y, origin):
     """Return coordinates x (nx,) and y (ny,) relative to an origin.
 
-    They are the columns and rows of a lattice of points. Raises InputError for other shapes.
+    They are those of the columns and rows of a lattice. Raises InputError unless x has the shape (nx,) and y the shape
+    (ny,).
     """
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):
@@ -35,7 +37,7 @@ def lattice(x, y, origin):
 def check_size(label, values, first_row=0):
     """Raise InputError for numbers above `LARGEST`, whose products may overflow.
 
-    The number of the `first_row` is needed for the message.
+    `first_row` is the number of the first row of `values`; the message contains the number of a row.
     """
     large = np.abs(values) > LARGEST
     if large.any():

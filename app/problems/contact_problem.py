@@ -16,7 +16,7 @@ from app.problems.shapes import Plane
 
 
 class _SampledOrFunction:
-    """Gap or surface that is an array or a function."""
+    """Gap or surface, given as an array or a function."""
 
     name = "given"
 
@@ -75,17 +75,18 @@ class ContactProblem(Problem):
     grid : Grid
     material : Material
     gap : array_like, shape (ny, nx), or callable, or shape, [mm]
-        Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An
-        array holds all cells on every rank, first row at the smallest y; coarser grids average it. A function
-        ``gap(x, y)`` is called with arrays that broadcast to the cells wanted, also for coarser grids, whose last
-        cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a plane.
+        Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An array
+        has all cells on every rank; its first row is at the smallest y, and coarser grids average it. A function
+        ``gap(x, y)`` is called with arrays that broadcast to the shape of some cells. It is also called for coarser
+        grids, whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem.
+        None means a plane.
     periodic : bool or str, optional
-        Whether the patch repeats for ever in x and y; True means "spectral", one of the symbols of
-        `app.halfspace.periodic_symbol`. Default: as the grid. The attribute `periodic` is the grid's symbol, an empty
-        text on a free patch.
+        True if the patch repeats without end in x and y. A name chooses a symbol of `app.halfspace.periodic_symbol`;
+        True means "spectral". Default: as the grid. The attribute `periodic` is the name of the symbol, empty if the
+        patch is not periodic.
     surfaces : sequence of array_like, callable or surface
-        Roughness of either body: heights [mm], positive towards the other body, which are subtracted from the gap.
-        Each is an array or a function as for `gap`, a surface of `app.problems.random_surfaces`, or a measured one
+        Roughness of either body: heights [mm], positive towards the other body, which are subtracted from the gap. Each
+        is an array or a function as for `gap`, a surface of `app.problems.random_surfaces`, or a measured surface
         (`app.read_surface`).
     hardness : float or array_like, shape (ny, nx), [N/mm2], optional
         Largest pressure of the softer body, positive; infinite where it stays elastic. Coarser grids average an array.
@@ -180,7 +181,7 @@ class ContactProblem(Problem):
 
     @property
     def notes(self):
-        """Doubts about gap and surfaces for the user, one line each."""
+        """Warnings about gap and surfaces for the user, one line each."""
         return tuple(note for part in self._parts for note in getattr(part, "notes", ()))
 
     def shape_on(self, grid, rows=slice(None)):
@@ -193,9 +194,9 @@ class ContactProblem(Problem):
         return distance
 
     def reference(self, approach):
-        """Return the analytic solution at an approach, or None.
+        """Return the analytic solution at an approach, None if unknown.
 
-        It is known of some smooth shapes on a free patch.
+        It is known for some smooth shapes, if the patch is not periodic.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
         if not smooth or not hasattr(self.shape, "analytic"):

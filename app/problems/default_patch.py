@@ -1,4 +1,4 @@
-"""Default patches of the base shapes, from their own theories."""
+"""Default patches of the base shapes, from analytic contact sizes."""
 
 import math
 
@@ -16,7 +16,7 @@ END_MARGIN = (
 def default_patch(shape, contact_modulus, approach=None, load=None):
     """Return a patch around the contact of a smooth shape.
 
-    It is (x0, x1, y0, y1) [mm], centred at the origin.
+    The patch (x0, x1, y0, y1) [mm] has its centre at the origin.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
     Raises
     ------
     InputError
-        If the shape has no theory, or there is no contact.
+        If no analytic solution of the shape is known, or there is no contact.
     """
     if isinstance(shape, FlatPunch):
         return _centred(END_MARGIN * shape.diameter / 2, END_MARGIN * shape.diameter / 2)
@@ -57,7 +57,8 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
 def _roller_sides(roller, contact_modulus, loading):
     """Return half the sides of a roller's patch [mm].
 
-    They follow from the line contact, or from Hertz's ellipse if an arc crown makes that shorter than the roller.
+    They follow from the line contact, or from Hertz's ellipse if an arc crown makes the contact shorter than the
+    roller.
     """
     half_width = LINE_MARGIN * roller.line_contact(contact_modulus, **loading).a
     half_length = END_MARGIN * roller.half_length

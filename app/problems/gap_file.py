@@ -8,7 +8,7 @@ from app.problems.surfaces.text_heads import read_gwyddion_head
 
 
 class FieldFile(StoredArray):
-    """Array with a number for each cell, from a file.
+    """Array from a file with a number for each cell.
 
     Subclasses have a `label`, and the `quantity` and `unit` of the numbers.
     """
@@ -58,7 +58,7 @@ class GapFile(FieldFile):
         check_size(f"gap file {self.file}", self.rows(rows), rows.start or 0)
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return some rows of the file's array, on its own grid only."""
+        """Return some rows of the array, for its own grid only."""
         if grid.shape != self.shape:
             raise ValueError("a sampled gap is known on its own grid only")
         return self.rows(rows)

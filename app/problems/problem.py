@@ -1,8 +1,8 @@
-"""Interface of contact problems.
+"""Base class of contact problems.
 
 The paper's undeformed distance h(x, y) is ``shape - approach``, and its delta is ``approach`` [mm]. `shape` is the
-distance at zero approach. It is NaN in *inadmissible* cells, where contact is impossible: outside a punch, at holes in
-measured data.
+distance at zero approach. It is NaN in *inadmissible* cells, where contact is impossible, such as outside a punch or at
+holes in measured data.
 """
 
 from copy import copy
@@ -20,7 +20,8 @@ from app.problems.arrays import check_size, real_numbers
 class Problem:
     """A patch of cells, a material and a shape, which subclasses define.
 
-    If `sampled` is true, coarse grids average the shape of the target grid; otherwise `shape_on` is called for them.
+    If `sampled` is true, coarse grids average the shape on the target grid; otherwise `shape_on` is called for each
+    grid.
     """
 
     grid: Grid
@@ -34,8 +35,8 @@ class Problem:
     def shape_on(self, grid, rows=slice(None)):
         """Return the undeformed distance in some rows of a grid.
 
-        The array of shape (rows, nx) holds the distance in cell centres at zero approach [mm], NaN in inadmissible
-        cells.
+        The array of shape (rows, nx) has the distance in cell centres at zero approach [mm], NaN where contact is
+        impossible.
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
@@ -45,7 +46,7 @@ class Problem:
 
     @property
     def periodic(self):
-        """Name of the Fourier symbol of a periodic patch, empty if free."""
+        """Name of the symbol of a periodic patch, empty if not periodic."""
         return self.grid.periodic
 
     @property
@@ -54,7 +55,7 @@ class Problem:
         return not self.sampled and np.ndim(self.hardness) == 0
 
     def on(self, grid):
-        """Return the problem on another grid of the same patch."""
+        """Return the same problem on another grid of its patch."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
@@ -75,7 +76,7 @@ class Problem:
 
 
 def evaluate_shape(problem, grid, rows):
-    """Return a validated float64 copy of what `Problem.shape_on` returns.
+    """Return what `Problem.shape_on` returns, as a checked float64 copy.
 
     Raises InputError unless these are real numbers of shape (rows, nx).
     """

@@ -1,7 +1,7 @@
 """Random rough surfaces: sums of waves.
 
-All ranks evaluate the same function. Coarse grids evaluate a `WavySurface` in their own cell centres (Sec. 5.2). They
-average a `SelfAffineSurface`, whose short waves would be aliased.
+All ranks evaluate the same function. On coarse grids a `WavySurface` is evaluated in the cell centres of the coarse
+grid (Sec. 5.2). A `SelfAffineSurface` is averaged instead, because its short waves would be aliased.
 """
 
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ def _check_pair(name, pair, needed, above=-np.inf):
 def _product(left, right):
     """Return a matrix product with reproducible rounding.
 
-    The rounding of BLAS depends on the shape of the matrices. Here the terms of an entry are rounded and added in
-    order.
+    With BLAS, the rounding depends on the shapes of the matrices. Here the terms of each entry are rounded and added in
+    a fixed order.
     """
     product = np.zeros((left.shape[0], right.shape[1]))
     step = max(1, BLOCK // max(1, right.shape[1]))
@@ -68,9 +68,10 @@ class WavySurface(_Function):
     modes : tuple of int
         M, N: number of waves in x and y, 1 or more.
     decay : float
-        gamma, 0 < gamma <= 1: before scaling, the amplitude of wave (m, n) is uniform on [0, gamma^(m+n-2)).
+        gamma, 0 < gamma <= 1: before scaling, the amplitude of wave (m, n) is uniformly distributed on [0,
+        gamma^(m+n-2)).
     sigma : float
-        Standard deviation of the height over the patch [mm]. Exact: the amplitudes are scaled to it.
+        Standard deviation of the height over the patch [mm]. The amplitudes are scaled so that it is exact.
     seed : int
     extent : tuple of float
         l_x, l_y: sides of the patch [mm].
@@ -147,8 +148,8 @@ class WavySurface(_Function):
     def height(self, x, y):
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
-        A value depends on its own x and y only, to the bit. Each value costs O(M + N) operations: by
-        cos(a + b) = cos a cos b - sin a sin b the double sum over the waves becomes two matrix products.
+        A value depends on its own x and y only, to the last bit. A value costs O(M + N) operations, because cos(a + b)
+        = cos a cos b - sin a sin b turns the double sum over the waves into two matrix products.
         """
         a, phi, theta = self.coefficients
         qx, qy = self._wave_numbers
@@ -163,9 +164,9 @@ class WavySurface(_Function):
 
 
 def _samples_per_period(coordinates, period):
-    """Return the number of equal steps per period.
+    """Return the number of equal steps of coordinates per period.
 
-    None if the coordinates are not equally spaced by such a step.
+    None if the coordinates do not have equal steps that divide the period.
     """
     if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
         return None
@@ -180,8 +181,8 @@ def _samples_per_period(coordinates, period):
 def _synthesise(coefficients, first, coordinates, period):
     """Return ``sum_k c[k] exp(2 pi i (first + k) x / period)``.
 
-    c are the `coefficients`, one column for each sum, and x the `coordinates`. The sum is an FFT if the coordinates
-    divide the period into equal steps, otherwise a matrix product.
+    Here c are the `coefficients`, with one column for each sum, and x the `coordinates`. The sum is an FFT if the
+    coordinates divide the period into equal steps, otherwise a matrix product.
     """
     k = first + np.arange(len(coefficients))
     n = _samples_per_period(coordinates, period)
@@ -199,22 +200,23 @@ def _synthesise(coefficients, first, coordinates, period):
 class SelfAffineSurface(_Function):
     """Isotropic self-affine surface: waves with random phases.
 
-    ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
-    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum (see References), which is
+    The height is ``z = sum_k a_k cos(q_k . (x, y) + phi_k)`` with q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each
+    pair +-q_k. The phases are uniformly distributed on [0, 2 pi). The squared amplitudes a_k^2 are proportional to the
+    power spectrum (see References), which is
 
-    - q^(-2-2H) from the roll-off wavelength to the shortest one,
+    - proportional to q^(-2-2H) from the roll-off wavelength to the shortest wavelength,
     - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
 
     As a sum of many independent waves the height is Gaussian. The sum is periodic; use it on a patch inside one period.
-    Phases are drawn from small to large wave numbers: a shorter `shortest_wavelength` adds waves and keeps the others,
-    except for the common factor that meets the rms value.
+    Phases are drawn from small to large wave numbers. So a shorter `shortest_wavelength` adds waves and keeps the
+    others, except for the common factor that makes the rms value right.
 
     Parameters
     ----------
     hurst : float
         Hurst exponent H, 0 < H <= 1.
     rolloff_wavelength, shortest_wavelength, longest_wavelength : float
-        Wavelengths [mm] that bound the ranges of the spectrum. The longest one is by default that of the period.
+        Wavelengths [mm] between which the spectrum has its ranges. The longest one is by default the period.
     period : tuple of float
         l_x, l_y: sides of the period [mm].
     seed : int
@@ -319,7 +321,10 @@ class SelfAffineSurface(_Function):
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
-        """Yield slices of k_x, their unscaled power spectrum and wave numbers q."""
+        """Yield slices of k_x with their power spectrum and wave numbers q.
+
+        The power spectrum is not scaled to the rms value.
+        """
         kx, ky = self.wave_numbers
         for start in range(0, len(kx), STRIP):
             columns = slice(start, start + STRIP)
@@ -358,10 +363,10 @@ class SelfAffineSurface(_Function):
     def height(self, x, y):
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
-        x and y must span less than a period. If their steps divide it into equal parts (cell centres of grids with
-        whole cells per period), the sum is computed by an FFT, otherwise by a matrix product; the values agree up to
-        rounding. Waves too short for the lattice are aliased. The work arrays take 16 bytes for each pair of a row and
-        a k_x, and 8 for each wave.
+        x and y must span less than a period. If their steps divide the period into equal parts, as those of cell
+        centres may do, the sum is computed by an FFT, otherwise by a matrix product. The values agree up to rounding.
+        Waves too short for the points are aliased. The work arrays take 16 bytes for each pair of a row and a k_x, and
+        8 bytes for each wave.
         """
         x, y = lattice(x, y, self.origin)
         self._check_span(x, y)
@@ -379,7 +384,7 @@ class SelfAffineSurface(_Function):
 
 
 def check_cut_off(grid, shortest):
-    """Raise InputError for waves shorter than two cells."""
+    """Raise InputError if the shortest wave is shorter than two cells."""
     if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
         sides = (grid.nx * grid.dx, grid.ny * grid.dy)
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)

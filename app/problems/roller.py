@@ -16,21 +16,21 @@ CROWNS = ("none", "log", "arc")
 
 @dataclass(frozen=True)
 class Roller(Shape):
-    """A roller lying along y, with its middle at the origin.
+    """A roller parallel to y, with its middle at the origin.
 
-    Contact is impossible on the chamfers and past the ends. The crown is the drop of the surface along the length
-    between the chamfers.
+    Contact is impossible on the chamfers and past the ends. The crown is the profile along the roller, between the
+    chamfers: the drop z of the surface from its highest line.
 
     Parameters
     ----------
     radius : float
-        Radius in the middle; of two rollers the relative one, 1/R = 1/R1 + 1/R2 [mm].
+        Radius in the middle [mm]. For two rollers give the relative radius R, 1/R = 1/R1 + 1/R2.
     length : float
         Length with the chamfers [mm].
     crown : str, callable or array_like, shape (n, 2)
-        "none"; "log", the profile of `app.reference.line.LineContact`, whose pressure is nearly uniform along the
-        roller at the design load; "arc", a parabola; a function z(y), the drop of the surface; or a table of y and z,
-        linear between its rows and the same on both sides if all y are at least 0 [mm].
+        "none" for a straight roller; "log" for the profile of `app.reference.line.LineContact`, whose pressure is
+        nearly uniform along the roller at the design load; "arc" for a parabola. Or a function z(y), or a table of y
+        and z [mm]. A table is linear between its rows; if all y are at least 0, it is used for both halves.
     end_chamfer : float
         Axial length of the chamfer at each end [mm].
     design_load : float, optional
@@ -100,7 +100,7 @@ class Roller(Shape):
         return self.length / 2 - self.end_chamfer
 
     def line_contact(self, contact_modulus, approach=None, load=None):
-        """Return the roller's contact as a `LineContact`, without its crown."""
+        """Return the contact of the roller without crown, a `LineContact`."""
         numbers = self.radius, 2 * self.half_length, contact_modulus
         return LineContact.from_approach(*numbers, approach) if load is None else LineContact(*numbers, load)
 
@@ -121,11 +121,14 @@ class Roller(Shape):
         return np.interp(np.abs(inside) if table[0, 0] >= 0 else inside, *table.T) + 0 * inside
 
     def distance(self, x, y):
-        """Return the undeformed distance in points [mm]."""
+        """Return the undeformed distance at points x, y [mm]."""
         return x**2 / (2 * self.radius) + self.drop(y)
 
     def check_grid(self, grid):
-        """Raise for a one-cell strip, or without cells under the roller."""
+        """Raise if a grid is unsuitable for a roller.
+
+        It must not be one cell wide, unless periodic, and must have cells under the roller.
+        """
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.half_length).any():
             raise InputError(
@@ -144,9 +147,9 @@ class Roller(Shape):
 
 
 def read_profile(path):
-    """Read a crown's table from a text file.
+    """Read the table of a crown from a text file.
 
-    It has two columns, y and the drop z of the surface [mm].
+    The table has two columns: y, and the drop z of the surface [mm].
     """
     try:
         with open(path, encoding="utf-8") as file:  # noqa: PTH123

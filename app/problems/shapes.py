@@ -1,7 +1,7 @@
-"""Base shapes: smooth bodies with apex at the origin.
+"""Base shapes: smooth bodies with their apex at the origin.
 
-A shape has `name`, `sampled`, `shape_on` and `describe`, as `app.problems.problem.Problem` has. Its `check_grid`, if
-any, raises InputError for a grid that does not fit.
+A shape has `name`, `sampled`, `shape_on` and `describe`, as `app.problems.problem.Problem` has. A shape may have a
+method `check_grid`, which raises InputError for a grid that does not fit.
 """
 
 import math
@@ -29,7 +29,7 @@ class Shape:
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
     def analytic(self, contact_modulus, approach=None, load=None):
-        """Return the analytic solution at an approach or load, or None.
+        """Return the analytic solution at an approach or load, None if unknown.
 
         `contact_modulus` is E* [N/mm2].
         """
@@ -53,7 +53,7 @@ class Plane(Shape):
     name = "rough"
 
     def distance(self, x, y):
-        """Return the undeformed distance in points [mm]."""
+        """Return the undeformed distance at points x, y [mm]."""
         return np.zeros(np.broadcast(x, y).shape)
 
 
@@ -62,7 +62,8 @@ class Plane(Shape):
 class Paraboloid(Shape):
     """A paraboloid of relative radii of curvature rx, ry [mm].
 
-    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), as in the paper's Sec. 5.1. The contact is Hertz's ellipse.
+    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), as in Sec. 5.1 of the paper. The contact area is Hertz's
+    ellipse.
 
     Examples
     --------
@@ -86,13 +87,14 @@ class Paraboloid(Shape):
     def between(cls, radii1, radii2, angle=0.0):
         """Return the relative paraboloid of two bodies.
 
-        `radii1` and `radii2` [mm] are the radii of curvature along the first and second axis of each body; inf:
-        straight; negative: concave. `angle` [degrees] goes from body 1's first axis to body 2's.
+        `radii1` and `radii2` [mm] are the radii of curvature of each body along its first and second axis. The radius
+        inf means straight, a negative radius concave. `angle` [degrees] is the angle from the first axis of body 1 to
+        that of body 2.
 
-        The bodies' curvatures in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1)
-        ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``, with s the sum of all four curvatures and
-        d1, d2 the difference of each body's two. The patch's x is the principal direction of k nearest to the first
-        axis of body 1.
+        The curvatures of both bodies in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1) ``k(theta)
+        = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``. Here s is the sum of all four curvatures, and d1 and d2
+        are the differences of the two curvatures of body 1 and body 2. The x axis of the patch is the principal
+        direction of k nearest to the first axis of body 1.
         """
         for body, radii in ((1, radii1), (2, radii2)):
             if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):
@@ -120,7 +122,7 @@ class Paraboloid(Shape):
         return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
 
     def distance(self, x, y):
-        """Return the undeformed distance in points [mm]."""
+        """Return the undeformed distance at points x, y [mm]."""
         return x**2 / (2 * self.rx) + y**2 / (2 * self.ry)
 
     @property
@@ -128,7 +130,10 @@ class Paraboloid(Shape):
         return reference.EllipticHertz, self.rx, self.ry
 
     def describe(self):
-        """Return relative radii, and the bodies' if known, for result files."""
+        """Return the relative radii, and those of the bodies if known.
+
+        The result file contains them.
+        """
         facts = {"hertz_rx": self.rx, "hertz_ry": self.ry}
         if self.bodies:
             radii1, radii2, angle, turn = self.bodies
@@ -141,7 +146,7 @@ class Paraboloid(Shape):
 class Sphere(Paraboloid):
     """A sphere of (relative) radius R [mm], approximated by a paraboloid.
 
-    The difference is of the order of the terms that the half-space approximation neglects anyway.
+    The error is of the order of the terms that the half-space approximation neglects.
     """
 
     name = "sphere"
@@ -151,7 +156,7 @@ class Sphere(Paraboloid):
         super().__init__(radius, radius)
 
     def describe(self):
-        """Return the radius and the paraboloid's data for result files."""
+        """Return the radius and the data of the paraboloid, for result files."""
         return {"sphere_radius": self.rx, **super().describe()}
 
 
@@ -171,11 +176,14 @@ class Cylinder(Shape):
             require_positive(length=self.length)
 
     def distance(self, x, y):
-        """Return the undeformed distance in points [mm]."""
+        """Return the undeformed distance at points x, y [mm]."""
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Raise for a one-cell strip, or without cells under the cylinder."""
+        """Raise if a grid is unsuitable for a cylinder.
+
+        It must not be one cell wide, unless periodic, and must have cells under the cylinder.
+        """
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
@@ -185,7 +193,7 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True)
 class Cone(Shape):
-    """A cone whose flank has an angle [degrees] to the flat body."""
+    """A cone with an `angle` [degrees] between its flank and a plane."""
 
     angle: float
 
@@ -201,7 +209,7 @@ class Cone(Shape):
         return math.tan(math.radians(self.angle))
 
     def distance(self, x, y):
-        """Return the undeformed distance in points [mm]."""
+        """Return the undeformed distance at points x, y [mm]."""
         return self.slope * np.hypot(x, y)
 
     @property
@@ -213,7 +221,7 @@ class Cone(Shape):
 class FlatPunch(Shape):
     """A rigid circular punch with a flat end, of a `diameter` [mm].
 
-    It is that of the paper's Sec. 5.2. The centre is the origin. Contact is impossible outside of the punch.
+    It is the punch of the paper's Sec. 5.2. Its centre is the origin. Contact is impossible outside of the punch.
     """
 
     diameter: float
@@ -224,7 +232,7 @@ class FlatPunch(Shape):
         require_positive(diameter=self.diameter)
 
     def distance(self, x, y):
-        """Return the undeformed distance in points [mm]."""
+        """Return the undeformed distance at points x, y [mm]."""
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
     def check_grid(self, grid):
@@ -240,9 +248,9 @@ class FlatPunch(Shape):
 
 
 def check_strip(grid):
-    """Raise InputError for a free patch one cell wide.
+    """Raise InputError for a patch one cell wide that is not periodic.
 
-    It is no line contact, as users may expect.
+    Users may expect a line contact, but only a narrow strip would carry pressure.
     """
     if min(grid.nx, grid.ny) == 1 and not grid.periodic:
         raise InputError(

@@ -1,9 +1,8 @@
 """Statistics of heights: moments, slopes, power spectrum, normal plot.
 
-Heights are taken about their mean. The Fourier transform of heights z on n_y x n_x cells is
-``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)`` with l_x, l_y the
-sides of the patch, so that
-``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
+The mean of the heights is subtracted first. The Fourier transform of heights z on n_y x n_x cells is ``Z(q) = dx dy
+sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)`` with l_x, l_y the sides of the
+patch, so that ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
 """
 
 from dataclasses import dataclass
@@ -28,9 +27,10 @@ class Roughness:
     rms_slope_x, rms_slope_y, rms_slope : float
         Root mean square of dz/dx, dz/dy and of the gradient's length.
     skewness, kurtosis : float
-        Third and fourth standardised moments (0 and 3 for Gaussian heights); NaN for a flat surface.
+        Third and fourth standardised moments of the heights (0 and 3 for Gaussian heights); NaN for a flat surface.
     arithmetic_mean_height, maximum_height : float
-        Mean distance from the mean, Sa, and distance from the lowest to the highest height, Sz [mm].
+        Sa, the mean distance of the heights from their mean, and Sz, the distance from the lowest to the highest height
+        [mm].
     """
 
     rms_height: float
@@ -101,8 +101,8 @@ def _check_cells(height, least, **sizes):
 def roughness(height, dx, dy):
     """Return the `Roughness` of heights in cells of dx x dy [mm].
 
-    The heights have the shape (ny, nx), at least 2 x 2. Slopes are differences between neighbouring cells over their
-    distance. They reduce the slope of a wave cos(q x) by the factor sin(q dx / 2) / (q dx / 2).
+    The heights have the shape (ny, nx), at least 2 x 2. A slope is the difference between neighbouring cells divided by
+    their distance. So the slope of a wave cos(q x) is too small by the factor sin(q dx / 2) / (q dx / 2).
     """
     height = _check_cells(height, 2, dx=dx, dy=dy)
     deviation = height - height.mean()
@@ -119,10 +119,10 @@ def roughness(height, dx, dy):
 def radial_spectrum(height, dx, dy, window=False):
     """Return the `RadialSpectrum` of heights in cells of dx x dy [mm].
 
-    The heights have the shape (ny, nx), at least 4 x 4. Rings are as wide as the coarser spacing of the wave vectors.
-    They end below the smaller Nyquist wave number, beyond which rings would not be closed. `window` multiplies the
-    heights by a Hann window of mean square 1. Use it on patches that are not periodic: the step from one side to the
-    other would add to the spectrum.
+    The heights have the shape (ny, nx), at least 4 x 4. A ring is as wide as the larger spacing of the wave vectors in
+    x or y. The rings end below the smaller Nyquist wave number, because larger rings would not be closed. If `window`
+    is true, the heights are multiplied by a Hann window of mean square 1. Use the window for patches that are not
+    periodic, because the step from one side to the other would add to the spectrum.
     """
     height = _check_cells(height, 4, dx=dx, dy=dy)
     height = height - height.mean()
@@ -145,7 +145,7 @@ def radial_spectrum(height, dx, dy, window=False):
 def normal_plot(height):
     """Return the `NormalPlot` of at least 2 heights [mm].
 
-    The paper draws it in Fig. 12(d).
+    Fig. 12(d) of the paper is such a plot.
     """
     height = np.sort(_check_finite(height), axis=None)
     if height.size < 2:

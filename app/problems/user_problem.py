@@ -40,7 +40,7 @@ def load(name):
 
     The name is ``package.module.Name`` or ``path/to/file.py:Name``.
 
-    Every rank imports for itself. Modules are also searched in the current folder.
+    Every rank imports the module itself. Modules are also searched in the current folder.
     """
     path, in_file, attribute = name.rpartition(":")
     if not in_file:
@@ -59,9 +59,9 @@ def load(name):
 
 
 def create(name, grid, material, texts):
-    """Create the user-defined problem of a name, see `load`.
+    """Create a user-defined problem by its name, see `load`.
 
-    `texts` maps all options to their texts. Returns the problem and the `OptionReader` of its own options.
+    `texts` maps all options to their texts. Return the problem, and the `OptionReader` of its own options.
     """
     factory = load(name)
     options = OptionReader(getattr(factory, "OPTIONS", ()), texts)
@@ -109,7 +109,10 @@ def _import_file(path):
 
 
 def _call(name, function, *arguments):
-    """Call user code; turn its errors into InputError with the line."""
+    """Call a function of the user; turn its errors into InputError.
+
+    The message contains the line of the user's code.
+    """
     try:
         return function(*arguments)
     except InputError as error:

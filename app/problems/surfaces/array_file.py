@@ -34,7 +34,7 @@ class UnknownFormat(InputError):
 
 
 class StoredArray:
-    """2-D array of real numbers, whose rows may be read later."""
+    """2-D array of real numbers; its rows may be read later."""
 
     label = "array"  # for messages
 
@@ -47,7 +47,7 @@ class StoredArray:
             )
 
     def __getstate__(self):
-        """Return the state with any HDF5 dataset read into an array."""
+        """Return the state, with an HDF5 dataset read into an array."""
         return {**self.__dict__, "_array": np.asarray(self._array)}
 
     @property
@@ -62,9 +62,9 @@ class StoredArray:
 
 
 class FileContent(NamedTuple):
-    """Array, HDF5 attributes, and head of a file.
+    """Content of a file: array, HDF5 attributes, and head.
 
-    `comments` are the head and the comment lines of a text, `esri` the entries of an ESRI grid's head.
+    `comments` are the head and the comment lines of a text, `esri` the entries in the head of an ESRI grid.
     """
 
     array: object
@@ -77,11 +77,12 @@ class FileContent(NamedTuple):
 def read_array(name, label, skip=0, channel=""):
     """Read a 2-D array from ``.npy``, ``.npz``, HDF5, or text.
 
-    ``:/dataset`` behind the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read later. Texts
-    may be compressed (``.gz``). `label` is "surface file", which may have heads and marks of missing points, or "gap
-    file". `skip` lines at the head of a text are left out; `channel` is the name or number of one of its channels.
+    ``:/dataset`` after the name chooses one of several 2-D datasets. Rows of ``.npy`` and HDF5 are read only when
+    needed. Texts may be compressed (``.gz``). `label` is "surface file" or "gap file"; only surface files may have
+    heads and marks of missing points. The first `skip` lines of a text are left out. `channel` is the name or number of
+    a channel of a text.
 
-    UnknownFormat is raised for a text with words at its head and for a file that is no text, InputError for any other
+    Raises UnknownFormat for a text with words at its head and for a file that is no text, and InputError for any other
     file that cannot be read.
     """
     heights = label == "surface file"
@@ -151,7 +152,7 @@ def _load_npz(path, dataset, heights):
 
 
 def _open_hdf5(path, name, heights):
-    """Return an HDF5 dataset, still unread, and its attributes."""
+    """Return an unread HDF5 dataset and its attributes."""
     import h5py
 
     file, names = h5py.File(path, "r"), []

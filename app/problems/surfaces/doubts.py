@@ -1,4 +1,4 @@
-"""Notes on wrong units and spikes of a measured surface."""
+"""Warnings about wrong units and spikes of a measured surface."""
 
 from app.base.units import format_lengths
 
@@ -9,7 +9,7 @@ MAX_SPIKE = 12.0  # rms steps by which a point may exceed its neighbours; Gaussi
 
 
 def note_doubtful_units(surface, grid):
-    """Return a note on a measured surface's unusual slope, or None."""
+    """Return a warning if a measured surface has unusual slopes, else None."""
     slope = surface.rms_slope(grid)
     flat = MIN_WIDE_SLOPE if max(surface.cell(grid)) > WIDE_CELL else MIN_MEASURED_SLOPE
     if slope > MAX_SLOPE:
@@ -23,7 +23,7 @@ def note_doubtful_units(surface, grid):
 
 
 def note_spike(surface):
-    """Return a note on a spike of a measured surface, or None."""
+    """Return a warning if a measured surface has a spike, else None."""
     height, steps, row, column = surface.spike
     if steps <= MAX_SPIKE or height <= surface.rounding:
         return None

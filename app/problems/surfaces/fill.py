@@ -13,11 +13,12 @@ MAX_WAVE_STEP = 0.5
 def fill_missing(heights, around=(False, False)):
     """Return heights for the missing points, row by row.
 
-    The best plane is subtracted first. Then each missing point is the mean of its neighbours up, down, left and right,
-    so that a plane is continued. `around` says whether the map wraps around in x and in y. If heights are a wave along
-    such a direction, the plane's slope is not subtracted: the ends of the period meet much better without.
+    The best plane is subtracted first, and added again at the end. In between, each missing point gets the mean of its
+    neighbours up, down, left and right. So planes are continued. `around` has two values: true if the map is periodic
+    in x, and in y. If the heights in a periodic direction are a wave, the slope of the plane is not subtracted, because
+    the ends of the period then join better.
 
-    `heights`, of shape (ny, nx), are NaN where missing. At least one must be known.
+    `heights`, of shape (ny, nx), are NaN where missing. At least one height must be known.
 
     Examples
     --------
@@ -37,9 +38,9 @@ def fill_missing(heights, around=(False, False)):
 
 
 def _is_wave(columns, slope):
-    """Return whether columns are periodic waves rather than parts of a plane.
+    """Return whether columns look like periodic waves, not like a plane.
 
-    `slope` is that of the best plane along the columns, whose ends are at -1 and 1.
+    `slope` is that of the best plane along the columns, with the ends of a column at -1 and 1.
     """
     columns = columns[:, ~np.isnan(columns).all(axis=0)]
     known, n, i = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])
@@ -54,7 +55,7 @@ def _is_wave(columns, slope):
 
 
 def _solve_laplace(heights, missing, around):
-    """Return the missing heights, each the mean of its neighbours."""
+    """Return the missing heights, each the mean of its four neighbours."""
     rows, columns = np.nonzero(missing)
     number = np.full(heights.shape, -1)
     number[rows, columns] = np.arange(len(rows))

@@ -3,10 +3,11 @@
 A filter of nesting index (cut-off wavelength) c has the weights exp(-pi (r/(alpha c))^2) at a distance r, with
 alpha = sqrt(ln 2/pi). It multiplies a wave of length l by 2^-(c/l)^2, so by one half at l = c.
 
-On a free patch a plane is fitted to the heights around each point by least squares with these weights: Gaussian
-regression of order one (ISO 16610-31 and -71). Far from the patch boundary and from missing points its value is the
-weighted mean of the heights. Near them planes are kept, as by the retained moments of ISO 16610-28. On a periodic
-patch, which has no boundary, the filter takes the weighted mean of the known heights (order zero).
+On a patch that is not periodic, a plane is fitted to the heights around each point by least squares with these weights.
+This is Gaussian regression of order one (ISO 16610-31 and -71). Far from the patch boundary and from missing points,
+the plane's value at the point is the weighted mean of the heights. Near the boundary and missing points, the filter
+leaves planes unchanged, as with the retained moments of ISO 16610-28. On a periodic patch, which has no boundary, the
+filter takes the weighted mean of the known heights (order zero).
 """
 
 import numpy as np
@@ -21,7 +22,10 @@ MIN_SPREAD = 1e-10  # variance of weighted points, in squared widths; less is ro
 
 
 def check_order(s_filter, l_filter):
-    """Raise InputError for invalid nesting indices, or s_filter not below l_filter."""
+    """Raise InputError unless both nesting indices are valid and in order.
+
+    `s_filter` must be below `l_filter`.
+    """
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
             raise InputError(
@@ -38,8 +42,9 @@ def check_order(s_filter, l_filter):
 def check_cells(file, s_filter, l_filter, shape, cell):
     """Raise InputError for nesting indices out of range.
 
-    They must be at least two cells and at most the shorter side. A direction of one cell does not count, as nothing is
-    filtered in it. `shape` is (ny, nx); `cell` is (dx, dy) [mm], or None if unknown, which is an error, too.
+    A nesting index must be at least two cells and at most the shorter side. A direction of one cell does not count,
+    because nothing is filtered in it. `shape` is (ny, nx); `cell` is (dx, dy) [mm]. If `cell` is None (unknown),
+    InputError is raised, too.
     """
     if s_filter is l_filter is None:
         return
@@ -64,9 +69,9 @@ def check_cells(file, s_filter, l_filter, shape, cell):
 def band_pass(heights, s_filter, l_filter, cell, periodic=False):
     """Remove waves shorter than the S-filter and longer than the L-filter.
 
-    `heights`, of shape (ny, nx), are overwritten; NaN entries have no weight and stay NaN. The nesting indices
-    `s_filter` and `l_filter` have the unit of `cell`, (dx, dy); None means no filter. Heights wrap around if
-    `periodic`.
+    `heights`, of shape (ny, nx), are overwritten; NaN entries have no weight and stay NaN. The nesting indices (cut-off
+    wavelengths) `s_filter` and `l_filter` have the unit of `cell`, (dx, dy); None means no filter. If `periodic`, the
+    filter continues across the sides of the map.
 
     Examples
     --------
@@ -84,9 +89,10 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 
 
 def _low_pass(heights, index, cell, periodic):
-    """Smooth heights in place by a filter of one nesting index.
+    """Smooth heights in place by a Gaussian filter.
 
-    Sums are taken along rows first, then along columns.
+    `index` is the nesting index (cut-off wavelength), in the unit of `cell`. Sums are taken along rows first, then
+    along columns.
     """
     missing = np.isnan(heights)
     middle = np.mean(heights, where=~missing)  # large offsets would cost digits
@@ -122,10 +128,11 @@ def _low_pass(heights, index, cell, periodic):
 
 
 def _fit(moment, weights, sums, periodic):
-    """Fit a plane around each point by weights; return its heights there.
+    """Fit a plane around each point; return its height at the point.
 
-    If `periodic`, return the weighted means instead. ``moment(values, i, j)`` sums `weights` or the weighted heights
-    `sums`, times the powers i and j of the distances in x and y.
+    If `periodic`, return weighted means instead. The function ``moment(values, i, j)`` returns weighted sums around
+    each point: the values are `weights` or the weighted heights `sums`, multiplied by powers i and j of the distances
+    in x and y.
     """
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points
@@ -145,10 +152,10 @@ def _fit(moment, weights, sums, periodic):
 
 
 def _smooth(values, axis, cells, periodic, power=0):
-    """Convolve values along an axis with a filter's weights, in place.
+    """Convolve values in place along an axis with a filter's weights.
 
-    `cells` is the nesting index in cells. The weights are multiplied by a `power` of the signed distance, in widths
-    alpha c of the filter.
+    `cells` is the nesting index in cells. The weights are multiplied by a `power` of the signed distance, divided by
+    the width alpha c of the filter.
     """
     from scipy.fft import irfft, next_fast_len, rfft  # loads slowly
 

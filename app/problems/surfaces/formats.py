@@ -1,4 +1,4 @@
-"""Formats of files with heights or gaps."""
+"""File formats of heights and gaps."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -7,8 +7,8 @@ from typing import NamedTuple
 class Format(NamedTuple):
     """A file format, recognised by its suffixes or first bytes.
 
-    A file of `kind` "instrument" is read by `app.convert` with SurfaceTopography, one of kind "other" not at all. The
-    `description` says in a message what the file is.
+    A file of `kind` "instrument" is read by `app.convert` with SurfaceTopography. A file of kind "other" cannot be
+    read. The `description` says in a message what the file is.
     """
 
     kind: str

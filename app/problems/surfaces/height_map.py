@@ -1,4 +1,4 @@
-"""Height maps: heights, units, spacing and orientation."""
+"""Height maps: arrays of heights with unit, spacing and orientation."""
 
 import os
 from itertools import islice
@@ -32,28 +32,31 @@ TURNS = {
 
 
 def turn(rows, orient):
-    """Apply turns, named as in `TURNS`, to an array in order."""
+    """Apply turns to an array, one after the other.
+
+    `orient` has names of `TURNS`, such as "flip_x".
+    """
     for name in orient:
         rows = TURNS[name](rows)
     return rows
 
 
 def turn_spacing(spacing, orient):
-    """Return the spacing (dx, dy) after turns, named as in `TURNS`."""
+    """Return the spacing (dx, dy) after the turns `orient`, see `turn`."""
     return spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
 class HeightMap(StoredArray):
-    """Turned heights, with unit and spacing as stated in their source.
+    """Heights after turns, with unit and spacing as their source states them.
 
     Attributes
     ----------
     spacing : pair of float or None
-        dx, dy of a cell after the turns; the argument of this name is before them.
+        Size dx, dy of a cell after the turns. The argument of the same name is the size before the turns.
     unit, lateral : str or None
-        Unit of the heights; unit of the spacing if that differs.
+        Unit of the heights, and unit of the spacing if it differs.
     other_unit : str or None
-        Unit of the values if it is no length, such as V.
+        Unit of the values if it is not a unit of length, such as V.
     """
 
     label = "surface file"
@@ -66,7 +69,7 @@ class HeightMap(StoredArray):
             self._array = turn(self.rows(), orient)
 
     def check_crop(self, crop):
-        """Return a validated crop; None means the whole map."""
+        """Return a checked crop i0, i1, j0, j1; None means all."""
         ny, nx = self.shape
         try:
             i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
@@ -81,7 +84,10 @@ class HeightMap(StoredArray):
         return crop
 
     def cropped_rows(self, crop, start, stop):
-        """Return rows `start` to `stop` of a crop, in the source's unit."""
+        """Return some rows of a crop, in the source's unit.
+
+        They are the rows `start` to `stop` - 1.
+        """
         i0, i1, j0, _ = crop
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
@@ -93,9 +99,9 @@ class HeightMap(StoredArray):
     def settle(self, unit=None, height_unit=None, spacing=None, override=False, options=OPTIONS):
         """Determine units and spacing from the source and the arguments.
 
-        `override` lets the arguments replace what the source states. `options` are the names of the four arguments in
-        messages. Raises InputError if a unit is stated nowhere or in two ways, a spacing in two ways, or `override` has
-        no effect.
+        If `override` is true, the arguments replace what the source states. `options` are the names of the four
+        arguments in messages. Raises InputError if a unit is stated nowhere, if a unit or the spacing is stated twice
+        with different values, or if `override` has no effect.
         """
         unit_option, height_option, spacing_option, override_option = options
         where, mend = f"surface file {self.file}", f"if that is wrong, add {override_option}"
@@ -152,8 +158,8 @@ class HeightMap(StoredArray):
 def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
     """Return the `HeightMap` of a file or array.
 
-    `skip`, `orient` and `channel` are those of `read_surface`. A text that looks like a line scan, or begins with
-    coordinates, is an error unless `coordinates` is true, as before a crop.
+    `skip`, `orient` and `channel` are those of `read_surface`. A text that looks like a line scan, or that begins with
+    coordinates, is an error, unless `coordinates` is true; a crop may remove coordinates.
     """
     channel = "" if channel is None else str(channel)
     if not isinstance(path, str | os.PathLike):
@@ -184,7 +190,7 @@ def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
 
 
 def _check_esri(where, shape, nrows, ncols):
-    """Raise unless an ESRI grid has the shape that its header states."""
+    """Raise unless the array has the shape that the ESRI header states."""
     try:
         if shape == (float(nrows), float(ncols)):
             return
@@ -197,7 +203,7 @@ def _check_esri(where, shape, nrows, ncols):
 
 
 def _read_stated(where, content):
-    """Return unit and spacing that a file states, as arguments of `HeightMap`."""
+    """Return unit and spacing that a file states, by arguments of `HeightMap`."""
 
     def length(key):
         if key not in content.attributes:
@@ -227,7 +233,7 @@ def _read_stated(where, content):
 
 
 def _positive_pair(values):
-    """Return two positive numbers as floats, or None."""
+    """Return two positive numbers as floats, None if they are not."""
     try:
         one, other = map(float, values)
     except (TypeError, ValueError):
@@ -236,7 +242,7 @@ def _positive_pair(values):
 
 
 def _check_heights(where, array, kind, orient):
-    """Raise if a text is a list, or begins with coordinates."""
+    """Raise if a text lists points, or begins with coordinates."""
     lines, numbers = array.shape
     ny, nx = lines, numbers
     if orient.count("transpose") % 2:
@@ -264,8 +270,8 @@ def _check_heights(where, array, kind, orient):
 def _begins_with_coordinates(rows):
     """Return whether the first row looks like coordinates.
 
-    Its steps, without the corner, are equal; those of the next rows, the heights, vary or are much smaller or larger.
-    Rows without heights do not count.
+    Coordinates have equal steps, apart from the corner. The next rows, the heights, have varying steps, or much smaller
+    or larger ones. Rows without heights do not count.
     """
     if rows.shape[1] < MIN_COORDINATES:
         return False

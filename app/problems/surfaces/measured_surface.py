@@ -1,6 +1,6 @@
-"""A measured surface: levelled, averaged, filtered heights.
+"""A measured surface: heights after levelling, filling, filtering and averaging.
 
-Each rank keeps its own rows only. Each rank fills all missing points, so that the filled heights are the same on any
+Each rank stores only its own rows. Each rank fills all missing points, so that the filled heights are the same on any
 number of ranks.
 """
 
@@ -24,7 +24,7 @@ class Surface:
     Attributes
     ----------
     file, unit, level, missing, crop, orient, s_filter, l_filter, periodic
-        As of `read_surface`; an array has the file name ``(array)``.
+        Arguments of `read_surface`; `file` is ``(array)`` if an array was given.
     shape : tuple of int
         ny, nx: numbers of cells after cropping and averaging.
     spacing : tuple of float or None
@@ -32,20 +32,20 @@ class Surface:
     rms_height : float
         Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
     rms_level, skewness, kurtosis : float
-        Standard deviation of these heights about their best plane, or about the quadratic of `level` "quadratic" [mm];
-        their third and fourth standardised moments about the same.
+        Standard deviation of these heights about their best plane [mm], and their third and fourth standardised
+        moments. With `level` "quadratic" the best quadratic is used instead of the plane.
     steps : tuple of float
-        Root mean square of the steps from cell to cell of the file in x and in y, less those of this plane or
-        quadratic, after filters [mm].
+        Rms height difference of neighbouring points of the file in x, and in y, after subtraction of this plane or
+        quadratic and after filters [mm].
     spike : tuple
-        Point that stands out most from this plane or quadratic, before filters: its height above the highest of its
-        four neighbours [mm], this height over the rms step, its row and column.
+        The point that stands out most, before filters: its height above the highest of its four neighbours [mm], the
+        same divided by the rms step, its row and its column. The plane or quadratic is subtracted first.
     rounding : float
         Largest difference of heights in the file that may be rounding only [mm].
     missing_points : int
         Number of missing points of the file, within the crop.
     notes : tuple of str
-        Doubts for the user.
+        Warnings for the user.
     warned : tuple of str
         Notes that `read_surface` has issued as warnings.
     """
@@ -84,7 +84,7 @@ class Surface:
     sampled = measured = True
 
     def grid(self, domain=None, periodic=None):
-        """Return a grid with the surface's cells.
+        """Return a grid with the cells of the surface.
 
         `domain` is x0, x1, y0, y1 [mm], by default centred at the origin. It is needed if the spacing is unknown.
         """
@@ -133,7 +133,8 @@ class Surface:
         """Return the surface without short and long waves.
 
         Waves shorter than `s_filter` and longer than `l_filter` [mm] are removed; waves of just these lengths keep half
-        of their height. Every rank filters and keeps the whole surface. On a periodic grid the filters wrap around.
+        of their height. Every rank filters and keeps the whole surface. On a periodic grid the filters continue across
+        the sides of the patch.
         """
         if s_filter is None and l_filter is None:
             return self
@@ -168,7 +169,10 @@ class Surface:
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
     def rms_slope(self, grid=None):
-        """Return the rms slope between the file's cells, less the best plane's."""
+        """Return the rms slope between cells of the file.
+
+        The slope of the best plane is subtracted first.
+        """
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
     def understood(self, grid=None):
@@ -192,7 +196,7 @@ class Surface:
 
     @property
     def _about(self):
-        """Words that say about which surface the rms height is taken."""
+        """Words that say to which level or plane the rms height refers."""
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
@@ -229,8 +233,8 @@ class Surface:
     def heights(self, rows=slice(None), around=None):
         """Return the heights of some rows, shape (rows, nx) [mm].
 
-        Peaks are positive, missing points are NaN. `around` says whether the surface wraps around in x and in y when
-        missing points are filled; by default it does if it was read as periodic.
+        Peaks are positive, missing points are NaN. `around` has two values, true if missing points are filled as on a
+        surface periodic in x, and in y. By default both are as the surface was read.
         """
         start, stop, _ = rows.indices(self.shape[0])
         stop, (fy, fx) = max(start, stop), self._averaged
@@ -266,9 +270,9 @@ class Surface:
         return views.load().surface_html(self)
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return heights in some rows of a grid of these cells [mm].
+        """Return heights in some rows of a grid with these cells [mm].
 
-        On a periodic grid missing points are filled from the other side, too.
+        On a periodic grid missing points are filled across the sides of the patch, too.
         """
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
@@ -294,7 +298,7 @@ class Surface:
     def _levelled(self, start, stop, around):
         """Return rows of the crop, levelled, filled and filtered [mm].
 
-        They are not averaged yet.
+        The heights are those of the file's points, before averaging.
         """
         if self._filtered is not None:
             return self._filtered[start:stop].copy()

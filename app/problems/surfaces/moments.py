@@ -18,15 +18,15 @@ MIN_DEPTH = 2.0  # of an unmeasured row, in rms heights below the best plane of 
 
 
 def cell_centres(n):
-    """Return the centres of n cells between -1 and 1."""
+    """Return the centres of n equal cells between -1 and 1."""
     return (2 * np.arange(n) + 1) / n - 1
 
 
 def add_polynomial(z, coefficients, start, ny, sign=1):
-    """Add a polynomial in x and y to rows z, in place.
+    """Add `sign` times a polynomial in x and y to rows z.
 
-    z are the rows from `start` of a map of `ny` rows. x and y go from -1 to 1 over the map. `coefficients` maps powers
-    (k, m) to the factor of x^k y^m.
+    z are the rows from `start` on of a map of `ny` rows. x and y go from -1 to 1 over the map. `coefficients` maps
+    powers (k, m) to the factor of x^k y^m.
     """
     x, y = cell_centres(z.shape[1]), cell_centres(ny)[start : start + len(z)]
     for (k, m), coefficient in coefficients.items():
@@ -37,10 +37,10 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 class Moments:
     """Sums over the known heights of a map.
 
-    They are the sums of x^k y^m and z x^k y^m over heights z, where x and y go from -1 to 1. There are also the sums
-    of steps, which are differences of neighbouring heights in x or y, and of squared steps. ``rows(start, stop)``
-    returns a new array of heights [mm], NaN where missing. Infinite or too large heights, and a map without any
-    height, raise InputError.
+    They are the sums of x^k y^m and z x^k y^m over the heights z, where x and y go from -1 to 1. A step is the
+    difference of neighbouring heights in x or y; there are also the sums of steps and of squared steps. The function
+    ``rows(start, stop)`` returns a new array of heights [mm], NaN where missing. Infinite or too large heights, and a
+    map without any height, raise InputError.
     """
 
     def __init__(self, name, rows, shape):
@@ -92,7 +92,7 @@ class Moments:
 
     @property
     def rounding(self):
-        """Largest difference of heights that may be rounding only [mm]."""
+        """Largest height difference that may be rounding only [mm]."""
         low, high = np.nanmin(self._in_rows[0]), np.nanmax(self._in_rows[1])
         return float(np.dot(ROUNDING, (high - low, max(high, -low))))
 
@@ -110,19 +110,23 @@ class Moments:
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
     def tilt(self):
-        """Return the rise of the best plane, and rms height about it."""
+        """Return the rise of the best plane, and the rms height about it."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
     def slopes(self):
-        """Return the coefficients of x and y in the best plane [mm]."""
+        """Return the factors of x and y in the best plane [mm].
+
+        x and y go from -1 to 1 over the map.
+        """
         return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
 
     def unmeasured(self):
         """Find rows and columns that were probably not measured.
 
-        All points of such a row have the lowest height, far below the best plane of the others. Returns a list of
-        tuples: "row" or "column", the numbers of these rows or columns, and by how much they move the best plane [mm].
+        All points of an unmeasured row have the lowest height of the map, far below the best plane of the other points.
+        Return a list of tuples: "row" or "column", the numbers of these rows or columns, and by how much they move the
+        best plane [mm].
         """
         unmeasured, lowest = [], np.nanmin(self._in_rows[0])
         for k, (low, high, known) in enumerate((self._in_rows, self._in_columns)):
@@ -147,8 +151,8 @@ class Moments:
     def roughness(self, level):
         """Return attributes of `Surface` from `rms_height` to `spike`, by name.
 
-        This takes a second pass over the heights. ``rms_height`` refers to the given level, the other numbers to the
-        best plane, or to the fitted quadratic if the level is "quadratic".
+        All heights are read a second time. ``rms_height`` is that after subtraction of the `level`. For the other
+        numbers the best plane is subtracted, or the best quadratic if the level is "quadratic".
         """
         if level == "quadratic":
             bowl = self.fit(level)
@@ -183,7 +187,7 @@ class Moments:
     def fit(self, level):
         """Return the polynomial of a level that fits the heights best [mm].
 
-        It maps powers (k, m) to the factor of x^k y^m.
+        The returned dict maps powers (k, m) to the factor of x^k y^m.
         """
         terms = LEVELS[level]
         coefficients = dict(zip(terms, map(float, self._solve(terms)), strict=True))
@@ -210,7 +214,7 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Update lowest, highest and number of known heights along an axis."""
+    """Update the extremes and the number of known heights along an axis."""
     low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
@@ -220,8 +224,8 @@ def _add_extremes(extremes, z, known, axis):
 def _find_spike(z, run):
     """Find the point that stands out most above its four neighbours.
 
-    Only points in the slice `run` of the rows of z count. Returns the height above the highest neighbour, 0 if no point
-    stands out, and the row in `run` and the column.
+    Only points in the rows `run` (a slice) of z count. Return its height above the highest neighbour, or 0 if no point
+    stands out, its row within `run`, and its column.
     """
     padded = np.pad(z, 1, constant_values=np.nan)
     highest = np.fmax.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])

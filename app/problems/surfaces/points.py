@@ -15,9 +15,9 @@ POINTS = "points x, y, z"
 def detect_list(table):
     """Return what a table's rows list; an empty text for a map.
 
-    Three columns are `POINTS` if there are many rows, or if x and y take all places of a lattice. Two columns are a
-    line scan if there are many rows. A few rows of two columns, or two rows, are one if x always increases or always
-    decreases and z differs from x.
+    A table with three columns is `POINTS` if it has many rows, or if its x and y are all places of a lattice. A table
+    with two columns is a line scan if it has many rows. A table with two columns and few rows, or with two rows, is a
+    line scan if x always increases or always decreases, and z differs from x.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def arrange(points):
     """Arrange points x, y, z on their lattice; return heights and spacing.
 
     Heights have the shape (ny, nx). The first row has the smallest y; heights are NaN where there is no point. Raises
-    ValueError if the points lie on no regular lattice, or two of them in one place.
+    ValueError if the points do not lie on a regular lattice, or if two points have the same place.
 
     Examples
     --------
@@ -73,7 +73,10 @@ def arrange(points):
 
 
 def _merge_clusters(values):
-    """Return sorted values, each cluster of close ones replaced by its mean."""
+    """Return sorted values, with the mean in place of each cluster.
+
+    A cluster consists of values that are close to each other.
+    """
     steps = np.diff(values)
     sizes = np.sort(steps)
     for size in sizes[:-1][sizes[1:] > 3 * sizes[:-1]][::-1]:
@@ -85,9 +88,9 @@ def _merge_clusters(values):
 
 
 def _find_places(name, values):
-    """Return each value's number on an equally spaced axis, and the spacing.
+    """Return each value's index on an equally spaced axis, and the spacing.
 
-    Raises ValueError, with the `name` of the axis, if values are not equally spaced.
+    Raises ValueError if values are not equally spaced; the message contains the `name` of the axis.
     """
     lines = _merge_clusters(np.unique(values))
     first, last = lines[0], lines[-1]

@@ -1,7 +1,7 @@
 """Reading of measured surfaces.
 
-Heights are read in runs of rows. Each rank keeps its own rows only. Each rank computes level and missing points from
-all heights, in the same order, so that these are the same on any number of ranks.
+Heights are read a few rows at a time. Each rank stores only its own rows. Each rank computes the level and the missing
+points from all heights, in the same order, so that both are the same on any number of ranks.
 """
 
 from dataclasses import replace
@@ -47,10 +47,10 @@ def read_surface(
     Parameters
     ----------
     path : str or Path, or array_like, shape (ny, nx)
-        The heights, NaN or masked where a point is missing; or a file of them: ``.npy``, ``.npz`` or ``.h5``
-        (``:/dataset``), text with a row of cells per line, or text with points x, y, z of a regular grid in any
-        order. Peaks towards the other body are positive; the first row is the one of smallest y.
-        ``python -m app.convert`` turns files of instruments into ``.h5``.
+        The heights, NaN or masked where a point is missing; or a file of heights: ``.npy``, ``.npz`` or ``.h5``
+        (``:/dataset``), text with a row of cells per line, or text with points x, y, z of a regular grid in any order.
+        Peaks towards the other body are positive; the first row has the smallest y. ``python -m app.convert`` converts
+        files of instruments to ``.h5``.
     unit : str, optional
         Unit of the file's lengths: m, cm, mm, um (or µm), nm, pm, angstrom (or Å) or in. Needed if the file does not
         state one.
@@ -59,27 +59,29 @@ def read_surface(
     crop : sequence of int, optional
         i0, i1, j0, j1: only columns i0 to i1 - 1 and rows j0 to j1 - 1 are read.
     missing : str
-        "hole": contact is impossible at missing points (NaN). "fill": they are filled by a harmonic function.
+        "hole": contact is impossible at missing points (NaN). "fill": missing points are filled by a harmonic function.
     height_unit : str, optional
         Unit of the heights alone, if x and y of points are in `unit`.
     orient : sequence of str, or str
-        Turns of rows and columns before all else, one after the other: transpose, flip_x, flip_y, or a text of
-        these with commas between. By default an ESRI grid is flipped in y: its rows go from north to south.
+        Turns of rows and columns, made first, one after the other: transpose, flip_x, flip_y. Several may be one text,
+        separated by commas. By default an ESRI grid is flipped in y, because its rows go from north to south.
     skip : int
         Number of lines to leave out at the head of a text.
     spacing : pair of float, optional
-        Size dx, dy of a cell before the turns, if the file does not state it. Without any, `Surface.grid` needs a
-        domain.
+        Size dx, dy of a cell before the turns, if the file does not state it. If the size is unknown, `Surface.grid`
+        needs a domain.
     s_filter, l_filter : float, optional
-        Nesting indices (cut-off wavelengths) of Gaussian filters [mm], which come last. `s_filter` removes shorter
-        waves, as of noise, `l_filter` longer ones, as of waviness. If only `Surface.grid` has the spacing, use
-        `Surface.filtered`.
+        Cut-off wavelengths (nesting indices) of Gaussian filters [mm], which are applied last. `s_filter` removes
+        shorter waves, such as noise; `l_filter` removes longer waves, such as waviness. If the spacing is not known
+        before `Surface.grid`, use `Surface.filtered` instead.
     periodic : bool
-        Whether the patch repeats for ever, so that filters wrap around; also the default of `Surface.grid`.
+        True if the patch repeats without end, so that filters continue across its sides; also the default of
+        `Surface.grid`.
     channel : str or int, optional
-        Name or number, from 0, of a channel of a text that has several, one below the other.
+        Name or number, from 0, of a channel, if a text has several channels, one below the other.
     override : bool
-        Whether `unit`, `height_unit` and `spacing` replace what the file states; otherwise a contradiction is an error.
+        If true, `unit`, `height_unit` and `spacing` replace what the file states; otherwise a contradiction is an
+        error.
     spacing_unit : str, optional
         Unit of `spacing`; default: mm.
 
@@ -144,7 +146,10 @@ def read_surface(
 
 
 def make_surface(source, level="none", crop=None, missing="hole"):
-    """Return the `Surface` of a `HeightMap` after `HeightMap.settle`."""
+    """Return the `Surface` of a `HeightMap`, after `HeightMap.settle`.
+
+    The arguments are those of `read_surface`.
+    """
     crop, scale = source.check_crop(crop), UNITS[source.unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
     moments = Moments(source.file, lambda *rows: scale * source.cropped_rows(crop, *rows), (ny, nx))

@@ -1,9 +1,9 @@
 """Measured surfaces on any cells, by volume-preserving splines.
 
-The volume under the surface up to each edge of the file's cells is interpolated by cubic splines, first along rows,
-then along columns. The increase of this volume over a cell of the grid gives the cell's mean height (*histosplines*:
-heights are parabolas between the edges). So volumes are kept, whole blocks of cells get their mean, and quadratic
-surfaces are exact.
+The volume under the surface, summed up to each edge of the file's cells, is interpolated by cubic splines, first along
+rows, then along columns. The increase of this volume over a cell of the grid gives the mean height of the cell. (Such
+splines are called *histosplines*; heights are parabolas between the edges.) So volumes are preserved, whole blocks of
+cells get their mean, and quadratic surfaces are exact.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,8 @@ class ResampledSurface:
     """A measured surface on any grid, from `Surface.resampled`.
 
     The middle of the surface lies in the middle of the grid's patch, which may be smaller. If the file does not state
-    its spacing, the surface is as large as the patch. A cell of the grid is missing where it overlaps no known point.
+    its spacing, the surface is as large as the patch. A cell of the grid is missing if it overlaps no known point of
+    the file.
 
     Examples
     --------
@@ -47,7 +48,7 @@ class ResampledSurface:
     )
 
     def own_grid(self, grid):
-        """Return the grid of the surface's own cells."""
+        """Return the grid of the cells of the file."""
         extent = grid.x0, grid.x0 + grid.nx * grid.dx, grid.y0, grid.y0 + grid.ny * grid.dy
         return self.surface.grid(None if self.spacing else extent, grid.periodic)
 
@@ -108,7 +109,7 @@ class ResampledSurface:
 
 
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
-    """Return a grid on the surfaces' common patch.
+    """Return a grid on the patch that all surfaces cover.
 
     `cells` is (nx, ny); by default cells are as large as those of the first surface. `domain`, x0, x1, y0, y1 [mm], is
     needed if a file does not state its spacing.
@@ -126,7 +127,7 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
 def _edges(own, grid, rows):
     """Return edges of the grid's cells, in units of the file's cells.
 
-    These are those in x, and those of some rows in y. The third value says whether x and y wrap around.
+    Return the edges in x, the edges in y of some rows, and two values that are true if x and y are periodic.
     """
     all_edges, around = [], []
     for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
@@ -140,10 +141,10 @@ def _edges(own, grid, rows):
 
 
 def _means(values, edges, degree, around=False):
-    """Return means of each row of values over other cells.
+    """Return the means of each row of values over other cells.
 
-    A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` of the other cells are
-    in units of these cells, from 0 to n. Rows are periodic if `around`.
+    A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` are those of the other
+    cells, in units of these n cells, from 0 to n. If `around` is true, rows are periodic.
     """
     from scipy.interpolate import make_interp_spline
 

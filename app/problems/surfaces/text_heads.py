@@ -1,4 +1,4 @@
-"""Heads and channels of texts: Gwyddion, ESRI grids."""
+"""Heads and channels of text files: Gwyddion, ESRI grids."""
 
 import re
 from itertools import takewhile
@@ -32,10 +32,10 @@ def _gwyddion_entry(line):
 def select_channel(lines, wanted, advice):
     """Return the lines of one channel, with all other lines empty.
 
-    A line of a Gwyddion head that follows data begins the next channel, unless no more data follow: then it is a
-    footer. `wanted` is a
-    channel's name, or its number from 0; an empty text means the only channel. ValueError lists the channels if
-    `wanted` is not one of them, and adds `advice` on how to choose if several are there and none is wanted.
+    A line of a Gwyddion head after data begins the next channel; if no more data follow, it is a footer. `wanted` is
+    the name of a channel, or its number from 0; an empty text means the only channel. Raises ValueError, with a list of
+    the channels, if there is no channel `wanted`. If there are several channels and `wanted` is empty, the message also
+    has the `advice` on how to choose one.
 
     Examples
     --------
@@ -72,7 +72,9 @@ def select_channel(lines, wanted, advice):
 
 
 def read_gwyddion_head(comments):
-    """Return unit and sides [mm] stated in Gwyddion's head, None where missing.
+    """Return unit and sides [mm] that a Gwyddion head states.
+
+    What the head does not state is None.
 
     Examples
     --------
@@ -91,7 +93,7 @@ def read_gwyddion_head(comments):
 
 
 def find_esri_entries(lines):
-    """Return the entries of an ESRI head by lower-case names.
+    """Return the entries of an ESRI head, by names in lower case.
 
     Values are texts with decimal points.
     """
@@ -99,9 +101,10 @@ def find_esri_entries(lines):
 
 
 def read_esri_head(lines, skip=0):
-    """Return the entries of an ESRI head and its number of lines.
+    """Return the entries of an ESRI head, and its number of lines.
 
-    The head consists of the first `skip` lines, if any are to be skipped. Entries are empty if it is no ESRI grid.
+    If `skip` is not 0, the head consists of the first `skip` lines. There are no entries if the text is not an ESRI
+    grid.
     """
 
     def in_head(line):

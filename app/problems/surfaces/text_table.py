@@ -2,12 +2,12 @@
 
 All lines of a text have the same layout. Numbers are separated by the first of these that applies:
 
-- semicolons, or tabs if there are no blanks; commas then begin decimals, and points as well are an error,
-- commas, if some numbers have points, or if a blank follows all commas,
-- blanks; commas then begin decimals,
-- commas without blanks, if they cannot begin decimals.
+- semicolons, or tabs if there are no blanks; commas are then decimal commas, and a comma and a point are an error,
+- commas, if some numbers have points, or if a blank follows every comma,
+- blanks; commas are then decimal commas,
+- commas without blanks, if they cannot be decimal commas.
 
-Commas in quotes begin decimals if those outside separate. Exponents may begin with D, as Fortran writes them.
+If commas outside of quotes separate, commas in quotes are decimal commas. Exponents may begin with D, as in Fortran.
 """
 
 import re
@@ -51,7 +51,7 @@ class UnknownText(ValueError):
 def is_comment(line):
     """Return whether a line is a comment, beginning with # or %.
 
-    Error values of spreadsheets, such as #N/A, begin no comment.
+    A line that begins with an error value of a spreadsheet, such as #N/A, is not a comment.
     """
     return line.lstrip().startswith(("#", "%")) and not _ERROR_FIRST.match(line)
 
@@ -64,10 +64,9 @@ def is_row(line):
 def read_table(lines, skip=0, heights=False):
     """Return the numbers of a table as a 2-D array.
 
-    The first `skip` lines are left out. For `heights`, entries like ``***``, empty ones, and the number in a skipped
-    line ``NODATA_value`` are NaN.
-    Raises UnknownText if there are words at the head only, ValueError if a line holds something else, is of another
-    length, or could be read in two ways.
+    The first `skip` lines are left out. If `heights` is true, missing points are NaN: entries like ``***``, empty
+    entries, and the number in a skipped line ``NODATA_value``. Raises UnknownText if only the head has words. Raises
+    ValueError if a line has other entries or another length, or can be read in two ways.
 
     Examples
     --------
@@ -140,9 +139,9 @@ def _check_head(numbers, texts, heights):
 
 
 def _check_blocks(numbers, columns):
-    """Raise if other lines divide the rows into blocks of equal size.
+    """Raise if empty or other lines divide the rows into equal blocks.
 
-    These may be several maps.
+    The blocks may be several maps.
     """
     starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
     rows = np.diff(starts, append=len(numbers))
@@ -154,7 +153,7 @@ def _check_blocks(numbers, columns):
 
 
 def _unquote(lines):
-    """Replace commas in quotes by points, and separating commas by semicolons."""
+    """Replace commas in quotes by points, and other commas by semicolons."""
     text = "\n".join(lines)
     if '"' not in text:
         return lines
@@ -184,7 +183,7 @@ def _first_word(line, heights):
 
 
 def _find_layout(lines):
-    """Return the separator of numbers, and whether commas begin decimals."""
+    """Return the separator of numbers, and whether commas are decimal commas."""
     text = "\n".join(lines)
     points, commas = "." in text, text.count(",")
     if ";" in text or ("\t" in text and " " not in text):
@@ -212,7 +211,7 @@ def _find_layout(lines):
 
 
 def _check_commas_separate(lines):
-    """Raise if commas may be decimal commas as well as separators."""
+    """Raise if commas may be decimal commas instead of separators."""
     rows = [line.rstrip(",").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
         return
@@ -237,7 +236,10 @@ def _check_commas_separate(lines):
 
 
 def _number(entry, j, i, heights):
-    """Return the value of an entry, NaN for missing heights."""
+    """Return the value of an entry in row j and column i.
+
+    If `heights` is true, an entry for a missing point is NaN.
+    """
     entry = entry.strip()
     if heights and (not entry or _MISSING.fullmatch(entry)):
         return np.nan
