@@ -41,7 +41,8 @@ seminorm: a constant pressure does not count.
     p.max(g, 0) + (H - p).max(-g, 0) + w.Bw / 2,    g = e + w.
 
 Cell by cell this is least if w moves e towards zero, by at most smallest p from above and smallest (H - p) from below.
-On a free patch w = 0 gives a second bound. On a periodic patch B_II replaces 1 / smallest, and w gets the mean zero as
+On a free patch w = 0 gives a second bound. Without a
+plastic cell the dual with g >= 0 is used, which is feasible here, too. On a periodic patch B_II replaces 1 / smallest, and w gets the mean zero as
 above, by a factor on the gaps that are left, or on the overlaps.
 
 *Prescribed load.* Both bounds hold if p has the load: f at the approach found and f under the load differ by
@@ -135,9 +136,9 @@ def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.distance.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
-    bounds, penetrates = state.bounds, np.empty(len(b), bool)
+    bounds, capped, penetrates = state.bounds, state.has_plastic(), np.empty(len(b), bool)
     largest, sums = np.full(6, -np.inf), np.zeros(6)
-    if bounds.capped:
+    if capped:
         fields = b, depth, u, p, bounds.upper, admissible
         capped_certificate.survey(*fields, smallest, largest[1:], sums)
     else:
@@ -151,9 +152,9 @@ def _prove(state, enough, work):
     if tension > bounds.rounding * highest:
         gap = np.inf
     elif state.grid.periodic:
-        gap, energy, shifted = _close_gap(state, energy, enough, work)
+        gap, energy, shifted = _close_gap(state, energy, enough, work, capped)
     else:
-        lifted = 0.0 if bounds.capped else _lift_penetrations(state, lift, energy, penetrates)
+        lifted = 0.0 if capped else _lift_penetrations(state, lift, energy, penetrates)
         gap = float(min(defect + lifted, to_p + moved / (2 * smallest)))  # either bound holds
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
@@ -192,7 +193,7 @@ def _lift_penetrations(state, most, energy, penetrates):
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
 
 
-def _close_gap(state, energy, enough, work):
+def _close_gap(state, energy, enough, work, capped):
     """Return duality gap, p.Ap and rounding error on a periodic patch. Collective.
 
     The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g and B are those of the module docstring. If the
@@ -200,7 +201,7 @@ def _close_gap(state, energy, enough, work):
     with B. If h is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is larger.
     """
     inverse, n = state.operator.inverse, state.grid.n
-    diagonal, capped = float(inverse.centre[1, 1]) or 1.0, state.bounds.capped
+    diagonal = float(inverse.centre[1, 1]) or 1.0
     fields, depths, to_plastic, kernels = [state.distance.b, state.depth, state.u, state.p], 0.0, 0.0, loops
     if capped:
         fields += [state.bounds.upper, state.admissible, 1 / diagonal]

@@ -111,6 +111,9 @@ class Loading:
         """Move the approach, given u = A p; return the step [mm]. Collective."""
         return 0.0
 
+    def meet(self, state):
+        """Prepare p for `settle` before the last product, which then needs no other. Collective."""
+
     def settle(self, state, update):
         """Meet the prescribed number exactly; return the new `Update`. Collective."""
         return update

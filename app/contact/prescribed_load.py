@@ -247,7 +247,7 @@ class PrescribedLoad(Loading):
         first touch.
         """
         beyond = state.depth - state.distance.zero_load_depth
-        mean_slope = expected / beyond if beyond > 0 and not state.bounds.capped else 0.0
+        mean_slope = expected / beyond if beyond > 0 and not state.has_plastic() else 0.0
         (before, then), self._before = self._before or (state.depth, 0.0), None
         moved = state.depth - before
         if abs(moved) > MIN_SECANT_STEP * rms:
@@ -266,13 +266,22 @@ class PrescribedLoad(Loading):
         """
         load = state.load
         if load > 0:
-            state.set_load(self.load, load)
+            if not (state.has_plastic() and isclose(load, self.load, rel_tol=LOAD_ROUNDING)):
+                state.set_load(self.load, load)
+            if state.bounds.capped and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
+                self._leave_plateau(state, state.load)  # C is empty, or all its cells are at a bound
+                return update._replace(added=1)
         elif update.cells:  # a load so small that p = 0 counts as solved
             state.distribute_load(self.load)
         else:
             return update._replace(added=1)  # continue: there must be contact
         state.depth += state.on_contact_or_overlap().mean
         return state.activate_penetrating().after(update)
+
+    def meet(self, state):
+        """Add the missing load if cells are plastic; see `Loading.meet`."""
+        if state.has_plastic():
+            state.add_load(self.load - state.load)
 
     def scale_pressure(self, pressure, total, cell_area):
         """Scale a pressure to the prescribed load; see `Loading.scale_pressure`."""

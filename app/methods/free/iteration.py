@@ -204,6 +204,7 @@ class _ContactSets:
         self._rehearsal_failed = False
         solver.free_work()
         if state.displacement_status is not Displacement.EXACT:
+            loading.meet(state)
             state.compute_displacement(exact=True)
             solver.check_multilevel(state, self._max_multilevel_error(solved.allowed))
         loading.update(state)
