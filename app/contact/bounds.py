@@ -167,6 +167,11 @@ class CappedBounds(PressureBounds):
         """Add a constant to p on C within the bounds; return the sum of the changes."""
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
+    def expected_change(self, b, depth, u, p, contact, stiffness):
+        """Estimate the sum of changes of p that would close the gaps of C."""
+        fields = b, depth, u, p, self.upper, self.admissible, contact
+        return capped_kernels.expected_change(*fields, stiffness)
+
     def change(self, p, step):
         """Return the change of p by `step`, clipped to the bounds [N/mm2]."""
         return np.where(self.admissible, np.clip(p + step, self.lower, self.upper) - p, 0.0)

@@ -158,3 +158,20 @@ def exchange(
             total += new_w
             moves += moved * moved if abs(moved) <= far else np.inf
     return cells, added, removed, total, moves
+
+
+@njit()
+def expected_change(b, depth, u, p, upper, admissible, contact, stiffness):
+    """Estimate the sum of the changes of p that would close the gaps of C.
+
+    Each pressure changes by -e `stiffness` within its bounds. Besides C this is done in cells outside that would leave
+    their bound.
+    """
+    total = 0.0
+    for j in range(b.shape[0]):
+        for i in range(b.shape[1]):
+            e = gap(u[j, i], b[j, i], depth)
+            leaves = e > 0 if p[j, i] >= upper[j, i] else e < 0
+            if contact[j, i] | (admissible[j, i] & leaves):
+                total += min(max(p[j, i] - e * stiffness, 0.0), upper[j, i]) - p[j, i]
+    return total

@@ -41,9 +41,9 @@ seminorm: a constant pressure does not count.
     p.max(g, 0) + (H - p).max(-g, 0) + w.Bw / 2,    g = e + w.
 
 Cell by cell this is least if w moves e towards zero, by at most smallest p from above and smallest (H - p) from below.
-On a free patch w = 0 gives a second bound. Without a
-plastic cell the dual with g >= 0 is used, which is feasible here, too. On a periodic patch B_II replaces 1 / smallest, and w gets the mean zero as
-above, by a factor on the gaps that are left, or on the overlaps.
+On a free patch w = 0 gives a second bound. Without a plastic cell the dual with g >= 0 is used, which is feasible here,
+too. On a periodic patch B_II replaces 1 / smallest, and w gets the mean zero as above, by a factor on the gaps that are
+left, or on the overlaps.
 
 *Prescribed load.* Both bounds hold if p has the load: f at the approach found and f under the load differ by
 a constant.
@@ -136,7 +136,7 @@ def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.distance.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
-    bounds, capped, penetrates = state.bounds, state.has_plastic(), np.empty(len(b), bool)
+    bounds, capped, penetrates = state.bounds, state.plastic_cells() > 0, np.empty(len(b), bool)
     largest, sums = np.full(6, -np.inf), np.zeros(6)
     if capped:
         fields = b, depth, u, p, bounds.upper, admissible

@@ -183,11 +183,11 @@ class ContactState:
         """Return a mask of the admissible cells with p < H."""
         return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible
 
-    def has_plastic(self, factor=1.0):
-        """Return whether any cell has factor p >= H. Collective."""
+    def plastic_cells(self, factor=1.0):
+        """Count the cells with factor p >= H. Collective."""
         if not self.bounds.capped:
-            return False
-        return self.sum([np.count_nonzero(self.bounds.plastic(factor * self.p))])[0] > 0
+            return 0
+        return int(self.sum([np.count_nonzero(self.bounds.plastic(factor * self.p))])[0])
 
     def cells_in_contact(self):
         """Count the cells in contact, those of C and plastic ones. Collective."""
@@ -337,7 +337,7 @@ class ContactState:
 
         If a cell reached the hardness, a constant is added to p on C instead, and u is computed.
         """
-        if not self.has_plastic(max(load / present_load, 1.0)):
+        if not self.plastic_cells(max(load / present_load, 1.0)):
             return self.scale(load / present_load)
         self.add_load(load - present_load)
         return self.compute_displacement(exact=True)

@@ -32,7 +32,7 @@ def lift(transfer, coarse, state):
     p, bounds, closable = state.values, state.bounds, state.admissible
     if bounds.capped:
         transfer.copy(coarse.p, p)
-        plastic = bounds.plastic_after(p, state.gap(), state.operator.diagonal)
+        plastic = state.admissible & ~state.contact & (p > 0) & (state.gap() < 0)
         closable = closable & ~plastic
     transfer.interpolate(coarse.u, p)  # 1. p stores T until 3.
     _close_gaps(state.distance.b, state.depth, state.u, closable, state.contact, p)  # 2.
