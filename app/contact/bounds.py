@@ -168,9 +168,8 @@ class CappedBounds(PressureBounds):
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
     def expected_change(self, b, depth, u, p, contact, stiffness):
-        """Estimate the sum of changes of p that would close the gaps of C."""
-        fields = b, depth, u, p, self.upper, self.admissible, contact
-        return capped_kernels.expected_change(*fields, stiffness)
+        """Return the sum of the changes of p on C by -e `stiffness` within the bounds."""
+        return capped_kernels.expected_change(b, depth, u, p, self.upper, contact, stiffness)
 
     def change(self, p, step):
         """Return the change of p by `step`, clipped to the bounds [N/mm2]."""

@@ -161,17 +161,12 @@ def exchange(
 
 
 @njit()
-def expected_change(b, depth, u, p, upper, admissible, contact, stiffness):
-    """Estimate the sum of the changes of p that would close the gaps of C.
-
-    Each pressure changes by -e `stiffness` within its bounds. Besides C this is done in cells outside that would leave
-    their bound.
-    """
+def expected_change(b, depth, u, p, upper, contact, stiffness):
+    """Return the sum of the changes of p on C by -e `stiffness` within the bounds."""
     total = 0.0
     for j in range(b.shape[0]):
         for i in range(b.shape[1]):
-            e = gap(u[j, i], b[j, i], depth)
-            leaves = e > 0 if p[j, i] >= upper[j, i] else e < 0
-            if contact[j, i] | (admissible[j, i] & leaves):
+            if contact[j, i]:
+                e = gap(u[j, i], b[j, i], depth)
                 total += min(max(p[j, i] - e * stiffness, 0.0), upper[j, i]) - p[j, i]
     return total

@@ -233,7 +233,8 @@ class PrescribedLoad(Loading):
     def _expected_load(self, state, gaps):
         """Return the load at this approach once the system (2.11) is solved [N]. Collective.
 
-        `gaps` are those of C and overlapping cells. With plastic cells no cell changes by more than its bounds allow.
+        `gaps` are those of C and overlapping cells. With plastic cells each cell of C changes within its bounds, and
+        overlapping ones do not count, because they soon become plastic.
         """
         if not (plastic := state.plastic_cells()):
             return gaps.load - self.slope * gaps.mean
@@ -256,9 +257,9 @@ class PrescribedLoad(Loading):
     def _learn_slope(self, state, expected, gaps):
         """Update the slope dF/d(depth) from the last move of the depth. Collective.
 
-        Moves below `MIN_SECANT_STEP` times the residual are not used. `gaps` are those of C and overlapping cells. `expected` is the load at
-        this depth [N]. In elastic contact the slope grows with the depth, so it is at least the mean slope since
-        first touch.
+        Moves below `MIN_SECANT_STEP` times the residual are not used. `gaps` are those of C and overlapping cells.
+        `expected` is the load at this depth [N]. In elastic contact the slope grows with the depth, so it is at least
+        the mean slope since first touch.
         """
         beyond = state.depth - state.distance.zero_load_depth
         plastic = state.plastic_cells()

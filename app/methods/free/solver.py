@@ -136,7 +136,8 @@ class TrackingSolver(LinearSolver):
     def predict(self, state, factor):
         """Predict the change of u outside contact for a zero residual [mm].
 
-        The preconditioner's method ``extend`` continues the residual past the contact edge. It uses the contact set of
+        Between plastic cells the mean residual on C also displaces cells far from C. The preconditioner's method
+        ``extend`` continues the residual past the contact edge. It uses the contact set of
         the last solve, so that released cells are not predicted to return. Returns `factor` times this change, in a
         work array of the solver; None if `factor` is 0 or the preconditioner has no ``extend``.
         """
@@ -144,7 +145,11 @@ class TrackingSolver(LinearSolver):
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
         if not factor or extend is None:
             return None
-        expected = self._cg.product
-        kernels.defect(state.distance.b, state.depth, state.u, state.contact, factor, expected)
+        expected, mean = self._cg.product, 0.0
+        if state.plastic_cells():
+            mean = state.on_contact().mean
+        kernels.defect(state.distance.b, state.depth + mean, state.u, state.contact, factor, expected)
         extend(expected)
+        if mean:
+            expected -= factor * mean
         return expected
