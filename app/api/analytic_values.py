@@ -9,12 +9,14 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 )  # fmt: skip
 
 
-def analytic_values(problem, approach, load=None):
+def analytic_values(problem, measures, approach, load=None):
     """Return the numbers of the analytic solution, named ``analytic_NAME``.
 
     Parameters
     ----------
     problem : Problem
+    measures : ContactMeasures
+        Those of the solution.
     approach : float
         Approach of the analytic solution [mm], unless a load is given.
     load : float, optional
@@ -23,8 +25,10 @@ def analytic_values(problem, approach, load=None):
     Returns
     -------
     dict
-        Empty if there is no analytic solution, or no contact.
+        Empty if there is no analytic solution, no load, or plastic cells.
     """
+    if not measures.load > 0 or measures.plastic_area:
+        return {}
     reference = problem.reference(approach)
     if not isinstance(reference, NormalContact) or reference.a == 0:
         return {}

@@ -1,6 +1,9 @@
 """Load paths: one problem at many loads.
 
 Each step starts from the coarsest grid, so it depends on its own load alone, and a path can be resumed after any step.
+With a hardness a smaller load unloads the bodies elastically, from the shape that the largest load has indented. A
+larger load goes on as if there had been no unloading. So a step depends on the largest load before it, too.
+
 Starting from the last solution is faster only if steps are small. This table has the operator applications for 20 loads
 on a self-affine surface of 512 x 512 cells::
 
@@ -25,7 +28,10 @@ from app.base.progress_bar import progress_bar
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
+from app.contact.measures import PLASTIC_NUMBERS
 from app.io.frames import to_dataframe
+from app.problems.contact_problem import ContactProblem
+from app.problems.residual_surface import ResidualSurface
 
 # Columns of the table that are numbers of a Solution.
 COLUMNS = (
@@ -47,7 +53,8 @@ class LoadPath:
     kind : str
         Prescribed quantity: load, mean_pressure, approach or mean_gap.
     numbers : sequence of float
-        Prescribed values, one for each step, in any order.
+        Prescribed values, one for each step, in any order. With a hardness, smaller loads (or approaches, or larger
+        mean gaps) than an earlier one unload the indented bodies.
     stiffness : bool
         Solve for the exact stiffness and the conductance of every step, too.
     rows : sequence of dict, optional
@@ -127,16 +134,37 @@ class LoadPath:
         if self._progress:
             arguments = {"total": len(self), "initial": done, "desc": "path", "unit": "step"}
             steps = progress_bar(self._rank, iterable=steps, **arguments)
+        history = _LoadHistory(self._problem, self._kind)
+        for step in range(done):
+            history.add(self.numbers[step])
         for step in steps:
             if self._solver.problem is not self._problem:
                 raise InputError("path: its solver has been given another problem; make a path of that")
-            solution = self._solver.solve(**{self._kind: self.numbers[step]})
-            if self._with_stiffness:
-                solution = self._solver.with_stiffness(solution)
-            self.operator_applications += solution.operator_applications
-            self.solve_seconds += solution.solve_seconds
+            solution = self._solve_step(history, self.numbers[step])
             self.rows[step:] = [self._row(step, solution)]
             yield solution
+
+    def _solve_step(self, history, number):
+        """Solve for one number of the path. Collective."""
+        if not history.unloads(number):
+            solution = self._solve_counted(number)
+            history.add(number, solution)
+            return solution
+        if (
+            history.indented is None
+        ):  # an earlier run has solved for the largest load, if there is no solution
+            history.indent(history.solution or self._solve_counted(history.largest))
+        with self._solver.replaced(history.indented):
+            return self._solve_counted(number + history.mean_gap)
+
+    def _solve_counted(self, number):
+        """Solve for one number, and count the work. Collective."""
+        solution = self._solver.solve(**{self._kind: number})
+        if self._with_stiffness:
+            solution = self._solver.with_stiffness(solution)
+        self.operator_applications += solution.operator_applications
+        self.solve_seconds += solution.solve_seconds
+        return solution
 
     def _row(self, step, solution):
         return {
@@ -222,11 +250,57 @@ class LoadPath:
             raise InputError(f"{path}: cannot be written: {reason}") from None
 
 
+class _LoadHistory:
+    """Largest load of a path so far, and the bodies that it has indented.
+
+    Attributes
+    ----------
+    largest : float or None
+        Number of the largest load, which is the smallest one of mean gaps.
+    solution : Solution or None
+        Solution for the largest load, until the bodies unload.
+    indented : ContactProblem or None
+        Problem of the indented bodies, once they unload.
+    mean_gap : float
+        Number to add to a prescribed mean gap for the indented bodies [mm]; 0 for other quantities.
+    """
+
+    def __init__(self, problem, kind):
+        self._problem, self._by_gap = problem, kind == "mean_gap"
+        self.largest = self.solution = self.indented = None
+        self.mean_gap = 0.0
+
+    def unloads(self, number):
+        """Return whether a step unloads indented bodies."""
+        if self._problem.hardness is None or self.largest is None:
+            return False
+        return number > self.largest if self._by_gap else number < self.largest
+
+    def add(self, number, solution=None):
+        """Record a step; it counts if its load is the largest one."""
+        if self._problem.hardness is not None and not self.unloads(number):
+            self.largest, self.solution, self.indented = number, solution, None
+
+    def indent(self, solution):
+        """Make the problem of the bodies indented by a solution. Collective."""
+        problem, surface, self.solution = self._problem, solution.residual_surface(), None
+        shape, surfaces = problem, ()
+        if type(problem) is ContactProblem:
+            shape = problem.shape
+            surfaces = [other for other in problem.surfaces if not isinstance(other, ResidualSurface)]
+        self.indented = ContactProblem(
+            problem.grid, problem.material, shape, surfaces=(*surfaces, surface), hardness=problem.hardness
+        )
+        # The displacements of a periodic patch have no mean: the mean gap follows from the mean shape.
+        self.mean_gap = float(surface.depth.mean()) if self._by_gap else 0.0
+
+
 def numbers_of(solution):
     """Return the numbers of a solution for a row of a table. Collective."""
     optional = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
     return {
         **{name: getattr(solution, name) for name in COLUMNS},
+        **({} if solution.plastic is None else {name: getattr(solution, name) for name in PLASTIC_NUMBERS}),
         **{name: solution.problem[name] for name in optional if name in solution.problem},
         **solution.count_patches(),
     }
@@ -243,10 +317,12 @@ def _as_rows(rows, kind, numbers):
         raise InputError("path: rows: must be the `rows` of an earlier path")
     rounding = 1e-12 * max(map(abs, numbers))
     for step, (row, number) in enumerate(zip(rows, numbers, strict=False), 1):
+        # Plastic cells overlap, so the mean gap is larger than the prescribed one.
+        value = row[kind] - (row.get("mean_plastic_depth", 0.0) if kind == "mean_gap" else 0.0)
         # A step that has not converged may have missed its load.
-        if row["converged"] and not np.isclose(row[kind], number, 1e-9, rounding):
+        if row["converged"] and not np.isclose(value, number, 1e-9, rounding):
             raise InputError(
-                f"path: rows: step {step} has {kind} {format_exact(row[kind])}, this path {format_exact(number)} "
+                f"path: rows: step {step} has {kind} {format_exact(value)}, this path {format_exact(number)} "
                 f"{LOADINGS[kind]}; they must be rows of the same path, from its first step on"
             )
     return rows

@@ -84,7 +84,7 @@ def solve_many(
         HDF5 file for `fields` of all rows, which appears whole or not at all, see `app.io.field_stack`. All problems
         are on one grid then.
     fields : sequence of str
-        Among pressure, gap, displacement, undeformed_distance and contact.
+        Among pressure, gap, displacement, undeformed_distance, contact, plastic and plastic_depth.
     progress : bool
         Show a progress bar (tqdm) on rank 0.
 

@@ -7,11 +7,13 @@ import numpy as np
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.contact.certificate import Certificate
 from app.contact.grid_errors import GridErrors
+from app.contact.measures import PLASTIC_NUMBERS
 from app.halfspace.grid import Grid
 from app.io.contact_fields import ATTRIBUTE_NAMES, ContactFields
 from app.parallel.communicator import Traffic
 from app.parallel.slabs import Slabs
 from app.problems.arrays import real_numbers
+from app.problems.residual_surface import ResidualSurface
 
 STIFFNESS_NUMBERS = (  # None unless requested
     "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance", "thermal_conductance",
@@ -48,7 +50,11 @@ class Solution(ContactFields):
     mean_pressure, mean_gap : float
         Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
     contact_area, mean_contact_pressure : float
-        Area of the contact set [mm2]; load over this area [N/mm2].
+        Area in contact [mm2]; load over this area [N/mm2].
+    plastic_area, plastic_fraction : float
+        Area of the cells at the hardness [mm2]; their share of the cells where contact is possible.
+    plastic_volume, mean_plastic_depth : float
+        Volume of the permanent indentation [mm3]; its mean over the cells where contact is possible [mm].
     pressure_centre_x, pressure_centre_y, moment_x, moment_y : float
         Centre of pressure [mm], and moments about the axes through the origin [N mm].
     semi_axis_major, semi_axis_minor, major_axis_angle : float
@@ -99,6 +105,8 @@ class Solution(ContactFields):
         Conductance of the contact [S] and [W/K]; only for a material with the constants of `Material.conducting`.
     plastic : ndarray of bool, or None
         Cells at the hardness; None without a hardness.
+    indentation_before : ndarray of float64, or None
+        Depth of the residual surfaces of the problem [mm]; None without one or without a hardness.
     """
 
     pressure: np.ndarray
@@ -162,6 +170,7 @@ class Solution(ContactFields):
     electrical_conductance: float | None = None
     thermal_conductance: float | None = None
     plastic: np.ndarray | None = None
+    indentation_before: np.ndarray | None = None
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""
@@ -177,13 +186,52 @@ class Solution(ContactFields):
 
     @property
     def undeformed_distance(self):
-        """Undeformed distance h at the approach, shape (rows, nx) [mm]."""
+        """Undeformed distance h at the approach, shape (rows, nx) [mm].
+
+        With a hardness it is that of the bodies before any permanent indentation.
+        """
         return self.distance()
 
     @property
     def gap(self):
-        """Gap e = h + u, shape (rows, nx) [mm]."""
-        return self.undeformed_distance + self.displacement
+        """Gap, shape (rows, nx) [mm].
+
+        It is e = h + u, with a hardness e + `plastic_depth`.
+        """
+        gap = self.undeformed_distance + self.displacement
+        return gap if self.plastic is None else gap + self.plastic_depth
+
+    @property
+    def plastic_depth(self):
+        """Depth of the permanent indentation, shape (rows, nx) [mm]; None without a hardness.
+
+        In cells at the hardness it is the overlap -e. Elsewhere it is zero, or the `indentation_before`.
+        """
+        if self.plastic is None:
+            return None
+        overlap = -(self.undeformed_distance + self.displacement)
+        before = 0.0 if self.indentation_before is None else self.indentation_before
+        return np.where(self.plastic, np.maximum(overlap, before), before)
+
+    def residual_surface(self):
+        """Return the permanent indentation after unloading, as a surface. Collective.
+
+        Put it into ``surfaces=[...]`` of a `ContactProblem` of the original bodies, with the same hardness: loads up to
+        that of this solution are elastic there. It replaces the residual surface of an earlier solution.
+
+        Returns
+        -------
+        ResidualSurface
+            The same on all ranks, with all rows.
+
+        Raises
+        ------
+        InputError
+            If the problem has no hardness.
+        """
+        if self.plastic is None:
+            raise InputError("residual_surface: the problem has no hardness, so nothing is permanent")
+        return ResidualSurface(self._all_rows(self.plastic_depth))
 
     @property
     def error_bound(self):
@@ -212,6 +260,8 @@ class Solution(ContactFields):
         from app import __version__
 
         numbers = [field.name for field in fields(self) if field.type in (bool, int, float, str)]
+        if self.plastic is None:
+            numbers = [name for name in numbers if name not in PLASTIC_NUMBERS]
         return {
             **self.problem,
             **{ATTRIBUTE_NAMES.get(name, name): getattr(self, name) for name in numbers},
@@ -237,19 +287,29 @@ class Solution(ContactFields):
             return self
         from app.base.mpi import MPI
 
-        is_root, whole, nx = self.comm.rank == root, {}, self.grid.nx
-        for name in ("pressure", "displacement", "contact", "undeformed_distance"):
-            local = np.ascontiguousarray(getattr(self, name))
-            # Counts of items are limited to 2^31, so an item is a row.
-            row = MPI.BYTE.Create_contiguous(nx * local.itemsize).Commit()
-            whole[name] = np.empty((self.grid.ny if is_root else 0, nx), local.dtype)
-            received = [whole[name], list(self.slabs.counts), row] if is_root else None
-            self.comm.Gatherv([local, len(local), row], received, root)
-            row.Free()
-        if not is_root:
+        names = "pressure", "displacement", "contact", "undeformed_distance", "plastic", "indentation_before"
+        fields = {name: field for name in names if (field := getattr(self, name)) is not None}
+        whole = {name: self._all_rows(field, root) for name, field in fields.items()}
+        if self.comm.rank != root:
             return None
         h = whole.pop("undeformed_distance")
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
+
+    def _all_rows(self, local, root=None):
+        """Collect all rows of a field on the rank `root`, by default on all ranks. Collective."""
+        from app.base.mpi import MPI
+
+        local, nx, receives = np.ascontiguousarray(local), self.grid.nx, root in (None, self.comm.rank)
+        # Counts of items are limited to 2^31, so an item is a row.
+        row = MPI.BYTE.Create_contiguous(nx * local.itemsize).Commit()
+        whole = np.empty((self.grid.ny if receives else 0, nx), local.dtype)
+        sent, received = [local, len(local), row], [whole, list(self.slabs.counts), row] if receives else None
+        if root is None:
+            self.comm.Allgatherv(sent, received)
+        else:
+            self.comm.Gatherv(sent, received, root)
+        row.Free()
+        return whole
 
     def _select_fields(self, attributes, taken, what):
         """Return the attributes that are arrays of the cells, as local rows."""
@@ -293,14 +353,18 @@ class Solution(ContactFields):
         from app.io.write import ByRows, write_result
 
         check_equal_on_ranks(self.comm, list(attributes), f"result file {path}: names of attributes")
-        h, u = self.undeformed_distance, self.displacement
+        h, u, depth = self.undeformed_distance, self.displacement, self.plastic_depth
         fields = {
             "pressure": self.pressure,
-            "gap": ByRows(u.shape, u.dtype, lambda rows: h[rows] + u[rows]),
+            "gap": ByRows(
+                u.shape, u.dtype, lambda rows: h[rows] + u[rows] + (0.0 if depth is None else depth[rows])
+            ),
             "displacement": u,
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),
         }
+        if depth is not None:
+            fields |= {"plastic": self.plastic.view(np.uint8), "plastic_depth": depth}
         facts = self.attributes | ({} if attributes.keys() >= _COUNTED else self.count_patches())
         own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
         more = call_collectively(self.comm, self._select_fields, attributes, own, f"result file {path}")

@@ -13,7 +13,7 @@ of its own, and only during set-up and solves.
 
 import time
 import weakref
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -195,7 +195,11 @@ class ContactSolver(Derivatives):
         shapes = hierarchy.shapes(problem)
         target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
-        lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
+        indentation, indented, first_touch = problem.indentation, 0.0, np.inf
+        if indentation is not None:
+            indented, indentation = float(indentation.sum()), indentation[hierarchy.slabs.rows]
+            first_touch = np.nanmin(target - indentation, initial=np.inf)
+        lowest, highest, first_touch = minimum_over(comm, [lowest, -highest, first_touch]) * (1, -1, 1)
         if lowest > highest:
             raise InputError(f"problem {problem.name}: contact is impossible in all cells (NaN)")
         if self.settings.single:
@@ -210,6 +214,9 @@ class ContactSolver(Derivatives):
         # From here on nothing fails.
         before, self._distances = self._distances, distances
         self.touching, self._roughness = reference, roughness
+        # Of earlier loads: depth in the local rows, its sum over all cells, and the approach to touch again.
+        self._indentation, self._indented = indentation, indented
+        self._residual_approach = 0.0 if indentation is None else reference - first_touch
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
             self._resources.add(distance)
@@ -343,6 +350,18 @@ class ContactSolver(Derivatives):
             self.problem, self._was_interrupted = before, True
             raise
 
+    @contextmanager
+    def replaced(self, problem):
+        """Replace the problem as `update` does, during a ``with`` block."""
+        before = self.problem
+        self.update(problem)
+        try:
+            yield self
+        except BaseException:
+            self.problem, self._was_interrupted = before, True
+            raise
+        self.update(before)
+
     def _check_open(self):
         if not self._finalizer.alive:
             raise InputError("the solver is closed")
@@ -360,6 +379,12 @@ class ContactSolver(Derivatives):
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
         measured = loading.restore_prescribed(measured)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
+        indentation, plastic = (
+            self._indentation,
+            state.bounds.plastic(state.p) if state.bounds.capped else None,
+        )
+        if self._indented:
+            measured = measured.add_indentation(self._indented, state.grid, distance.statistics.cells)
         approach, moments = loading.solved_approach(state), measure_moments(state)
         notes = notes_on(state, self.problem, measured, self._roughness)
         # Rank 0 has a part of every grid and window.
@@ -368,14 +393,17 @@ class ContactSolver(Derivatives):
         return Solution(
             pressure=state.p,
             displacement=state.u,
-            distance=synchronized(lambda: distance.h_at(depth)),
+            distance=synchronized(
+                lambda: distance.h_at(depth) - (0.0 if indentation is None else indentation)
+            ),
             contact=state.in_contact().copy(),
-            plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
+            plastic=plastic,
+            indentation_before=indentation,
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,
             approach=approach,
-            indentation=depth - distance.zero_load_depth,
+            indentation=depth - distance.zero_load_depth + self._residual_approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
@@ -392,7 +420,7 @@ class ContactSolver(Derivatives):
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe()
-            | (analytic_values(self.problem, approach, loading.load) if measured.load > 0 else {})
+            | analytic_values(self.problem, measured, approach, loading.load)
             | theories(self.problem, measured.mean_pressure, self._roughness.rms_slope),
             options=format_options(self.settings.texts),
             notes=(*self.settings.warnings, *notes),

@@ -12,7 +12,7 @@ from app.api.summary import summary
 from app.base.errors import InputError
 from app.base.quantities import label_of, unit_of
 from app.base.units import format_lengths, format_quantity
-from app.io.result import Result
+from app.io.result import FIELDS, PLASTIC_FIELDS, Result
 from app.plots import figures, heights, load_curves, pictures, style
 from app.plots.stress import stress_figure
 
@@ -34,7 +34,7 @@ def as_result(solution):
         return solution
     if solution.pressure.shape != solution.grid.shape:
         raise InputError("solution: has the rows of one rank; use solution.gather() on one rank")
-    names = "pressure", "gap", "displacement", "undeformed_distance", "contact", "x", "y"
+    names = *FIELDS, *PLASTIC_FIELDS, "x", "y"
     return Result(
         **{name: getattr(solution, name) for name in names},
         attributes=solution.attributes | solution.count_patches(),

@@ -196,8 +196,11 @@ class PrescribedMeanGap(PrescribedApproach):
         self._mean, self._mean_gap = distance.statistics.mean, max(mean_gap, 0.0)
 
     def restore_prescribed(self, measures):
-        """Restore the mean gap, at least 0; see `Loading.restore_prescribed`."""
-        return measures._replace(mean_gap=self._mean_gap)
+        """Restore the mean gap, at least 0; see `Loading.restore_prescribed`.
+
+        What is prescribed is the mean of e. Plastic cells overlap, and then the mean of max(e, 0) is larger.
+        """
+        return measures if measures.mean_plastic_depth else measures._replace(mean_gap=self._mean_gap)
 
     def depth_on(self, distance):
         """Return the depth that gives the mean gap; see `Loading.depth_on`."""

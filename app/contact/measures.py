@@ -18,6 +18,7 @@ from app.parallel.reductions import add_tuples, njit_reassoc, sum_over, sums_and
 # Share of a cell by which the contact area is too large for each face on the contact edge, on average over directions
 # (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
 PER_FACE = (np.pi - 1 + np.log(2)) / 24
+PLASTIC_NUMBERS = "plastic_area", "plastic_fraction", "plastic_volume", "mean_plastic_depth"
 
 
 class ContactMeasures(NamedTuple):
@@ -37,6 +38,16 @@ class ContactMeasures(NamedTuple):
     plastic_fraction: float  # these cells over admissible cells
     plastic_volume: float  # volume of the plastic indentation [mm3]
     mean_plastic_depth: float  # mean of max(-e, 0) over the admissible cells [mm]
+
+    def add_indentation(self, depth, grid, admissible):
+        """Return the measures with the summed `depth` of earlier loads [mm].
+
+        `admissible` is the number of admissible cells.
+        """
+        return self._replace(
+            plastic_volume=self.plastic_volume + grid.cell_area * depth,
+            mean_plastic_depth=self.mean_plastic_depth + depth / admissible,
+        )
 
 
 class ShapeRoughness(NamedTuple):

@@ -12,9 +12,10 @@ import numpy as np
 from app.base.errors import InputError, format_message
 from app.base.quantities import unit_of
 from app.io.files import atomic_file, check_output_path
-from app.io.result import FIELDS, UNITS
+from app.io.result import FIELDS, PLASTIC_FIELDS, UNITS
 from app.io.write import reserve
 
+_TYPES = FIELDS | PLASTIC_FIELDS
 _BYTES_PER_COLUMN = 4096  # more than HDF5 needs for the metadata of a dataset
 
 
@@ -28,8 +29,8 @@ def check_fields(path, names, grids):
     """
     check_output_path(path, what="output")
     names = (names,) if isinstance(names, str) else tuple(names)
-    if not names or not set(names) <= FIELDS.keys():
-        raise InputError(f"fields {names}: must be among {', '.join(FIELDS)}")
+    if not names or not set(names) <= _TYPES.keys():
+        raise InputError(f"fields {names}: must be among {', '.join(_TYPES)}")
     if len(set(grids)) > 1:
         raise InputError("output: the problems are on several grids; one file needs fields of one shape")
     return names
@@ -42,11 +43,11 @@ class FieldStack:
         self._file, self._path, self._target = file, path, target
 
     def write(self, row, fields):
-        """Write the fields of a row; if `fields` is None, write NaN."""
-        for name in FIELDS.keys() & self._file.keys():
-            missing = 0 if FIELDS[name] is np.uint8 else np.nan
+        """Write the fields of a row, NaN for missing ones; all are missing if `fields` is None."""
+        for name in _TYPES.keys() & self._file.keys():
+            missing = 0 if _TYPES[name] is np.uint8 else np.nan
             try:
-                self._file[name][row] = missing if fields is None else fields[name]
+                self._file[name][row] = missing if fields is None or fields[name] is None else fields[name]
             except OSError as error:
                 raise _unwritable(self._target, error) from None
 
@@ -85,12 +86,12 @@ def open_field_stack(path, names, rows, grid):
                 file[name].make_scale(name)
                 file[name].attrs["unit"] = UNITS[name]
             for name in names:
-                file.create_dataset(name, (rows, *grid.shape), FIELDS[name], dcpl=early)
+                file.create_dataset(name, (rows, *grid.shape), _TYPES[name], dcpl=early)
                 file[name].attrs["unit"] = UNITS[name]
                 for dimension, axis in zip(list(file[name].dims)[1:], ("y", "x"), strict=True):
                     dimension.attach_scale(file[axis])
             file.flush()
-            size = sum(rows * grid.n * np.dtype(FIELDS[name]).itemsize for name in names)
+            size = sum(rows * grid.n * np.dtype(_TYPES[name]).itemsize for name in names)
             reserve(temporary, temporary.stat().st_size + size, "r+b")
             in_block = True
             yield FieldStack(file, temporary, path)

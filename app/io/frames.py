@@ -6,13 +6,15 @@ import numpy as np
 
 from app.base.quantities import QUANTITIES, unit_of
 
-_FIELD_UNITS = {"pressure": "N/mm2", "contact": "1"}  # all other fields are in mm
+_FIELD_UNITS = {"pressure": "N/mm2", "contact": "1", "plastic": "1"}  # all other fields are in mm
 _LONG_NAMES = {
     "pressure": "pressure p",
     "gap": "gap e",
     "displacement": "displacement u",
     "undeformed_distance": "undeformed distance h",
     "contact": "contact",
+    "plastic": "cells at the hardness",
+    "plastic_depth": "permanent indentation",
 }
 
 
@@ -46,7 +48,7 @@ def to_xarray(result):
     Numbers and texts are attributes of the Dataset. Fields have the local rows only.
     """
     xarray = _import("xarray", "to_xarray()")
-    fields = {name: getattr(result, name) for name in _LONG_NAMES}
+    fields = {name: field for name in _LONG_NAMES if (field := getattr(result, name)) is not None}
     fields |= {name: field for name, field in getattr(result, "extra", {}).items() if np.ndim(field) == 2}
     variables = {
         name: (

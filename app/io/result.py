@@ -4,10 +4,12 @@
 dataset                    shape       type     unit   meaning (symbol of the paper)
 =========================  ==========  =======  =====  ==========================================
 ``pressure``               (ny, nx)    float64  N/mm2  p
-``gap``                    (ny, nx)    float64  mm     deformed distance e = h + u, (2.3)
+``gap``                    (ny, nx)    float64  mm     deformed distance e = h + u, (2.3), plus plastic depth
 ``displacement``           (ny, nx)    float64  mm     u = A p, (2.7)
 ``undeformed_distance``    (ny, nx)    float64  mm     h
-``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
+``contact``                (ny, nx)    uint8    1      1 in contact, else 0
+``plastic``                (ny, nx)    uint8    1      1 where p is the hardness; only with a hardness
+``plastic_depth``          (ny, nx)    float64  mm     permanent indentation; only with a hardness
 ``x``, ``y``               (nx), (ny)  float64  mm     cell centres
 ``history/<column>``       (k)                  yes    one entry per active set iteration
 ``path/<column>``          (steps)              yes    one entry per step of a load path; fields are of the last step
@@ -42,8 +44,10 @@ FIELDS = {
     "undeformed_distance": np.float64,
     "contact": np.uint8,
 }
+PLASTIC_FIELDS = {"plastic": np.uint8, "plastic_depth": np.float64}  # only with a hardness
 AXES = {"x": np.float64, "y": np.float64}
-UNITS = dict.fromkeys((*FIELDS, *AXES), "mm") | {"pressure": "N/mm2", "contact": "1"}
+UNITS = dict.fromkeys((*FIELDS, *PLASTIC_FIELDS, *AXES), "mm")
+UNITS |= {"pressure": "N/mm2", "contact": "1", "plastic": "1"}
 HISTORY = {
     "level": np.int64,
     "contact_cells": np.int64,
@@ -89,6 +93,8 @@ class Result(ContactFields):
         Unit of each dataset that has one.
     path : dict of str to ndarray, shape (steps,)
         Table of a load path; empty for a single loading.
+    plastic, plastic_depth : ndarray of uint8 and of float64, shape (ny, nx), or None
+        Cells at the hardness, and permanent indentation; None without a hardness.
     """
 
     pressure: np.ndarray
@@ -103,6 +109,8 @@ class Result(ContactFields):
     extra: dict = field(default_factory=dict)
     units: dict = field(default_factory=dict)
     path: dict = field(default_factory=dict)
+    plastic: np.ndarray | None = None
+    plastic_depth: np.ndarray | None = None
 
     slabs = comm = None  # this rank has all rows
 
@@ -159,9 +167,10 @@ def read_result(path):
         sizes = []
         file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
         check_fits(sum(sizes), "what it holds")  # a few bytes may stand for many
-        data = {name: read_dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
+        types = FIELDS | {name: dtype for name, dtype in PLASTIC_FIELDS.items() if name in file}
+        data = {name: read_dataset(file, name, dtype) for name, dtype in (types | AXES).items()}
         shape = data["y"].size, data["x"].size
-        for name in FIELDS:
+        for name in types:
             if data[name].shape != shape:
                 raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
         if data["contact"].max() > 1:

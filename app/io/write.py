@@ -11,7 +11,7 @@ from app.base.errors import InputError, call_collectively, format_message
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, make_temporary_name, publish, remove
-from app.io.result import AXES, FIELDS, HISTORY, UNITS
+from app.io.result import AXES, FIELDS, HISTORY, PLASTIC_FIELDS, UNITS
 
 _CELLS_PER_WRITE = 1 << 20
 _METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets
@@ -103,7 +103,8 @@ def _plan(fields, x, y, attributes, history, steps):
             raise InputError(
                 f"steps: column {name}: shape {column.shape}, type {column.dtype}; needed: a number for each step"
             )
-    types = {name: np.dtype(FIELDS.get(name) or _as_rows(values).dtype) for name, values in fields.items()}
+    known = FIELDS | PLASTIC_FIELDS
+    types = {name: np.dtype(known.get(name) or _as_rows(values).dtype) for name, values in fields.items()}
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
             raise InputError(f"field {name}: {dtype} is not numeric")

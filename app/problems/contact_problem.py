@@ -12,6 +12,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.problems.arrays import check_hardness, check_size, is_measured, real_numbers
 from app.problems.problem import Problem
+from app.problems.residual_surface import ResidualSurface
 from app.problems.shapes import Plane
 
 
@@ -178,6 +179,12 @@ class ContactProblem(Problem):
         """True if gap and surfaces are defined on finer grids, too."""
         parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
         return parts and np.ndim(self.hardness) == 0
+
+    @property
+    def indentation(self):
+        """Depth of the residual surfaces [mm], shape (ny, nx); None without one or without a hardness."""
+        depths = [surface.depth for surface in self.surfaces if isinstance(surface, ResidualSurface)]
+        return sum(depths[1:], depths[0]) if depths and self.hardness is not None else None
 
     @property
     def notes(self):

@@ -30,6 +30,7 @@ class Problem:
     name = ""
     sampled = False
     hardness = None  # largest pressure [N/mm2], a number or an array of shape (ny, nx); None: no limit
+    indentation = None  # permanent, of earlier loads [mm], an array of shape (ny, nx); None without one
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):

@@ -1,0 +1,45 @@
+"""Permanent indentation of a solution with a hardness, as a surface."""
+
+import numpy as np
+
+from app.base.errors import InputError
+
+
+class ResidualSurface:
+    """Permanent indentation, as a surface of `ContactProblem`.
+
+    Its heights are negative, because surfaces are subtracted from the gap, and the indentation enlarges it. Without a
+    load on the bodies, it is all that is left of the contact. Smaller loads than that of the solution are elastic on
+    the indented bodies. In a problem with a hardness, solutions count it as plastic depth already.
+
+    Parameters
+    ----------
+    depth : ndarray, shape (ny, nx), [mm]
+        Plastic depth in all cells, the same array on every rank.
+    """
+
+    sampled = True
+
+    def __init__(self, depth):
+        self.depth = depth
+
+    def __repr__(self):
+        ny, nx = self.depth.shape
+        return f"<ResidualSurface: {nx} x {ny} cells, depth up to {self.depth.max():.4g} mm>"
+
+    def check_grid(self, grid):
+        """Raise if a grid has another shape than the indentation."""
+        if self.depth.shape != grid.shape:
+            raise InputError(
+                f"residual surface: has shape {self.depth.shape}; the grid needs (ny, nx) = {grid.shape}"
+            )
+
+    def heights_on(self, grid, rows=slice(None)):
+        """Return the heights in some rows, on the grid of the solution only [mm]."""
+        if grid.shape != self.depth.shape:
+            raise ValueError("a residual surface is known on its own grid only")
+        return np.negative(self.depth[rows])
+
+    def describe(self):
+        """Return the largest depth, for the result file [mm]."""
+        return {"residual_depth": float(self.depth.max())}
