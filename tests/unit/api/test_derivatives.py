@@ -114,7 +114,7 @@ def test_plastic_cells_count_when_the_contact_unloads(share):
         assert loaded.stiffness == pytest.approx(slope(solver, loaded, 1e-7), rel=1e-4)
         assert solver.stiffness(loaded) == loaded.stiffness
     with ContactSolver(
-        ContactProblem(grid, material, shape - np.minimum(loaded.gap, 0)), options=options
+        ContactProblem(grid, material, shape + loaded.plastic_depth), options=options
     ) as solver:
         again = solver.solve(approach=loaded.approach)
         assert loaded.unloading_stiffness == pytest.approx(slope(solver, again, 1e-8), rel=1e-3)
