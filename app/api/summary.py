@@ -115,9 +115,11 @@ def _describe_pressure(facts, grid):
 
 def _describe_stiffness(facts, grid):
     """Return lines with stiffness and conductance."""
-    lines = [f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve"]
-    if facts.get("unloading_stiffness", facts["stiffness"]) != facts["stiffness"]:
-        lines[0] += f"; while unloading {facts['unloading_stiffness']:.8g} N/mm"
+    text = f"stiffness {facts['stiffness']:.8g} N/mm"
+    if facts.get("unloading_stiffness", facts["stiffness"]) == facts["stiffness"]:
+        lines = [f"{text}, by one more linear solve"]
+    else:
+        lines = [f"{text}, unloading {facts['unloading_stiffness']:.8g} N/mm, by two more linear solves"]
     width, area = facts.get("conductance_width", 0.0), grid.nx * grid.dx * grid.ny * grid.dy
     if not width > 0:
         return lines

@@ -34,8 +34,7 @@ def make_problem(periodic, change=0.0, hardness=None):
 def test_sensitivities_are_derivatives(comm, periodic, loading, hardness):
     change, weight = np.random.default_rng(2).random((2, 20, 24))
     step = 1e-8
-    method = "norm" if periodic and hardness else None
-    with ContactSolver(make_problem(periodic, 0.0, hardness), method, OPTIONS, comm=comm) as solver:
+    with ContactSolver(make_problem(periodic, 0.0, hardness), options=OPTIONS, comm=comm) as solver:
 
         def total(field):
             return comm.allreduce(float(np.sum(field)), MPI.SUM)
