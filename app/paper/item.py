@@ -1,4 +1,4 @@
-"""Tables, studies and figures of the reproduction, with their runs."""
+"""Tables, studies and figures of the reproduction, with the runs they need."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,8 @@ CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], 
 class Limits:
     """Limits of a reproduction: largest grid, and number of random surfaces.
 
-    `largest` is the number of cells per side. `seeds` counts surfaces other than that of the tables.
+    `largest` is the largest number of cells per side. `seeds` is the number of random surfaces in addition to the one
+    of the tables.
     """
 
     largest: int = 256
@@ -40,10 +41,11 @@ class Item:
     title : str
         Title in the report.
     plan : callable
-        ``plan(limits, scratch)`` maps cases (tuples of str) to their Run; `scratch` is a folder for input files.
+        Function ``plan(limits, scratch)`` that returns a mapping of cases (tuples of str) to their Run. `scratch` is a
+        folder for input files.
     evaluate : callable
-        ``evaluate(outcomes)`` takes a mapping of cases to outcomes of their runs. It returns data of
-        JSON types, or a figure of matplotlib.
+        Function ``evaluate(outcomes)`` that returns data of JSON types, or a figure of matplotlib. `outcomes` maps
+        cases to outcomes of their runs.
     note : str
         Remark for the reader.
     why : str
@@ -60,7 +62,7 @@ class Item:
 
 
 def solver_run(problem, method, n, **options):
-    """Return the `Run` of a problem with a method on n x n cells.
+    """Return the `Run` that solves a problem on n x n cells.
 
     `problem` and `method` are names of option files. Options that are None are left out.
     """

@@ -178,8 +178,8 @@ def _plan_contact(problem, cases):
 def _contact_figure(cases, height, outcomes):
     """Draw contact areas, one case per row.
 
-    `cases` maps the number of a case to its approach [mm]. If there is one case only, the approach is None:
-    the problem file has it.
+    `cases` maps the number of a case to its approach [mm]. A single case has the approach None, because the problem
+    file has it.
     """
     figure = new_figure(11.0, height)
     panels = figure.subplots(len(cases), 3, sharex=True, sharey=True, squeeze=False)

@@ -1,4 +1,4 @@
-"""Tables of the paper's numbers and ours, as text and Markdown."""
+"""Tables of the paper's numbers and this program's, as text and Markdown."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ _TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of a table, with the paper's value and ours.
+    """One entry of a table, with the paper's value and this program's.
 
     A value is a number, a pair (a count with work or convergence factor), or None if the method diverged.
     """
@@ -28,7 +28,7 @@ class Entry:
 
     @property
     def noticeable(self):
-        """True if the two values differ by a noticeable amount."""
+        """True if the two values differ noticeably."""
         if self.paper is None or self.ours is None:
             return (self.paper is None) != (self.ours is None)
         if not isinstance(self.paper, list):
@@ -39,7 +39,7 @@ class Entry:
         )
 
     def difference(self):
-        """Format our value's difference from the paper's for a table."""
+        """Difference of this program's value from the paper's, as text."""
         if self.paper is None or self.ours is None:
             return "" if self.paper is self.ours else "one diverged"
         if not isinstance(self.paper, list):
@@ -59,9 +59,9 @@ def format_entry(value):
 
 
 def pair_entries(name, ours):
-    """Return the entries of a table, the paper's values paired with ours.
+    """Return the entries of a table, with pairs of values.
 
-    `name` is the name of the table; `ours` maps grid sizes to rows.
+    `name` is the name of the table; `ours` maps grid sizes to rows of this program's values.
     """
     paired = []
     for size, row in ours.items():
@@ -86,7 +86,7 @@ def _column(name, column):
 
 
 def summarize(pairs):
-    """Summarise in a sentence how many entries differ noticeably."""
+    """Return a sentence on how many entries differ noticeably."""
     noticeable = [entry for entry in pairs if entry.noticeable]
     same = sum(format_entry(entry.paper) == format_entry(entry.ours) for entry in pairs)
     counts = f"{len(pairs)} entries, {same} of them equal in all digits printed"
@@ -166,9 +166,9 @@ class Section:
     name, title : str
         Name and title of the item.
     rows : sequence of mapping
-        Rows of the table, from heading to text.
+        Rows of the table, each a mapping from heading to text.
     picture : str
-        Name of the picture's file, which replaces the table.
+        Name of the picture's file, if there is a picture instead of the table.
     note : str
         Text below the table or picture.
     """
@@ -194,7 +194,7 @@ class Section:
 def table_section(item, ours):
     """Return the section of a table.
 
-    `ours` are our numbers, in the form of ``tables.json``.
+    `ours` has this program's numbers, in the form of ``tables.json``.
     """
     pairs = pair_entries(item.name, ours)
     why = item.why if any(entry.noticeable for entry in pairs) else ""
@@ -204,7 +204,7 @@ def table_section(item, ours):
 def study_section(item, data):
     """Return the section of a study.
 
-    `data` are its numbers, in the form of ``report.json``.
+    `data` has its numbers, in the form of ``report.json``.
     """
     triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
     note = _join(item.note, _TRIPLES if triples else "")
@@ -225,7 +225,7 @@ def format_page(items, tables, studies, pictures, checks, facts):
     checks : mapping
         Worst values of the complementarity conditions, by name of the item.
     facts : sequence of str
-        Facts for the head of the page: version, date and the like.
+        Texts for the head of the page: version, date and so on.
 
     Returns
     -------

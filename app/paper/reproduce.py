@@ -3,12 +3,12 @@
 Items: table1 .. table8, the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12, work, and the studies seeds and
 inexact; `tables`, `figures`, `studies` and `all` (default) name several. In DIR:
 
-- ``tables.json``: our numbers, under the paper's keys; ``report.json``: the studies and the checks;
-- ``report.md``: the paper's numbers and ours, with the pictures ``fig8.png`` ...;
+- ``tables.json``: this program's numbers of the tables; ``report.json``: the studies and the checks;
+- ``report.md``: the paper's numbers and this program's, with the pictures ``fig8.png`` ...;
 - ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: finished runs, which a second call skips.
 
-A call adds its items to those in DIR. Exit status: 0 all items done; 1 a run crashed or was refused, and its item is
-left out; 2 bad input; 130 interrupted, with the complete items written.
+A call adds its items to those that DIR already has. Exit status: 0 all items done; 1 a run crashed or was refused, and
+its item is left out; 2 bad input; 130 interrupted, with the complete items written.
 """
 
 import datetime
@@ -96,7 +96,7 @@ def _usable(outcome):
 
 
 def select_items(names):
-    """Return items by names and groups, in the order of the report.
+    """Return the items with given names or groups, in the report's order.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def select_items(names):
 
 
 def _write(folder, tables, rest, items, plans, found, quick, seconds):
-    """Add the results of items to the folder, and print them."""
+    """Add the results of items to the folder, and print the results."""
     studies, checks, made = (rest.setdefault(name, {}) for name in ("studies", "checks", "made"))
     tables["source"] = f"app.reproduce {__version__}, after {PAPER['source']}"
     (folder / "runs").mkdir(exist_ok=True)
@@ -160,7 +160,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
 def worst_conditions(outcomes):
     """Return the worst complementarity conditions of converged runs.
 
-    None if no run has a solution.
+    The result is None if no run has a solution.
     """
     solved = [outcome for outcome in outcomes if all(name in outcome for name in CHECKS)]
     if not solved:
@@ -172,7 +172,7 @@ def worst_conditions(outcomes):
 
 
 def _reading_order():
-    """Return the tables, each followed by its figures and studies."""
+    """Return the items in order: each table, then its figures and studies."""
     behind = {"table1": ["fig2", "fig5", "fig6", "fig7"], "table3": ["fig8"], "table4": ["fig12", "fig10"],
               "table8": ["fig11", "work", "seeds", "inexact"]}  # fmt: skip
     return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]

@@ -15,9 +15,9 @@ e^i, c                     ``SweepHistory``                (sweeps, n), as p
 v_h^j and v_H^j            ``ModePair``                    (n,), (n/2,), 1
 =========================  ==============================  ============================
 
-Modes are sorted by decreasing modulus of their eigenvalue. The paper's figures fit if its mode 1 is the
-eigenvalue 0, which undamped Gauss-Seidel always has, and the others follow by decreasing modulus: see
-`paper_mode_index`.
+Modes are sorted by decreasing modulus of their eigenvalue. The paper numbers modes in another way. Its figures fit if
+its mode 1 has the eigenvalue 0, which undamped Gauss-Seidel always has, and all other modes follow by decreasing
+modulus: see `paper_mode_index`.
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,10 @@ class LineContact:
         return dense_matrix(self.grid, self.material.compliance)
 
     def pressure(self):
-        """Return p over its maximum, sqrt(1 - (x / half_width)^2), shape (n,)."""
+        """Return the pressure, divided by its maximum, shape (n,).
+
+        It is sqrt(1 - (x / half_width)^2).
+        """
         return np.sqrt(1 - (self.grid.x() / self.half_width) ** 2)
 
 
@@ -76,7 +79,7 @@ class Modes:
     Attributes
     ----------
     values : ndarray of complex, shape (n,)
-        Eigenvalues. Of a conjugate pair the one with the positive imaginary part is first.
+        Eigenvalues. In a conjugate pair, the one with the positive imaginary part is first.
     vectors : ndarray of complex, shape (n, n)
         Eigenvectors v^j as columns. Their mean square is 1 (Euclidean norm sqrt(n)) and their largest
         component is real and positive, so that vectors of different grids can be compared.
@@ -95,7 +98,7 @@ class Modes:
 
 @dataclass(frozen=True)
 class SweepHistory:
-    """Errors after some numbers of sweeps (Fig. 6).
+    """Errors after several numbers of sweeps (Fig. 6).
 
     Attributes
     ----------
@@ -116,7 +119,7 @@ class SweepHistory:
 class ModePair:
     """Mode of Gauss-Seidel on a fine and a coarse grid (Fig. 7).
 
-    Only smooth modes have a partner on the coarse grid.
+    Only smooth modes have a partner, the mode of the same number on the coarse grid.
 
     Attributes
     ----------
@@ -125,8 +128,8 @@ class ModePair:
     vector, value : ndarray of complex, complex
         Eigenvector and eigenvalue on the fine grid.
     coarse_vector, coarse_value : as above, or None
-        Eigenvector and eigenvalue of the partner, on half as many cells. The phase of its vector is turned to
-        match that of the fine one.
+        Eigenvector and eigenvalue of the partner, on half as many cells. The phase of the eigenvector is that of the
+        fine one.
     """
 
     number: int
@@ -137,7 +140,7 @@ class ModePair:
 
 
 def jacobi(matrix, omega=1.0):
-    """Return the iteration matrix of Jacobi, ``I - omega D^-1 A`` (Fig. 5(a)).
+    """Return Jacobi's iteration matrix ``I - omega D^-1 A`` (Fig. 5(a)).
 
     Parameters
     ----------
@@ -153,9 +156,9 @@ def jacobi(matrix, omega=1.0):
 
 
 def gauss_seidel(matrix, omega=1.0):
-    """Return the iteration matrix of Gauss-Seidel, ``I - (D / omega + L)^-1 A`` (Fig. 5(b)).
+    """Return Gauss-Seidel's iteration matrix (Fig. 5(b)).
 
-    The order is lexicographic. Parameters and result are those of `jacobi`.
+    It is ``I - (D / omega + L)^-1 A``; the order is lexicographic. Parameters and result are those of `jacobi`.
     """
     lower = np.tril(matrix, -1) + np.diag(np.diag(matrix) / omega)
     return np.eye(len(matrix)) - solve_triangular(lower, matrix, lower=True)
@@ -182,16 +185,19 @@ def modes(iteration_matrix):
 
 
 def paper_mode_index(number, n):
-    """Return the index in `Modes` of the paper's mode `number`, 1 to n."""
+    """Return the index in `Modes` of a mode of the paper.
+
+    The paper's `number` is from 1 to n.
+    """
     if not 1 <= number <= n:
         raise ValueError(f"mode {number}: must be from 1 to {n}")
     return (number - 2) % n  # the paper's first mode is the last in `Modes`
 
 
 def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
-    """Compute the errors of a stationary iteration that starts from zero (Fig. 6).
+    """Compute the errors of an iteration that starts from zero (Fig. 6).
 
-    The errors depend on the exact solution alone: p - p^i = S^i p, with the iteration matrix S.
+    The error after i sweeps with the iteration matrix S is p - p^i = S^i p, where p is the exact solution.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Studies beyond the paper's tables: other random surfaces."""
+"""Studies beyond the paper's tables, with other random surfaces."""
 
 import itertools
 
@@ -15,7 +15,7 @@ INEXACT = (5, 4, 3, 2)  # numbers of CG iterations
 def quantiles(values):
     """Return ``[min, median, max]`` of the numbers that are not None.
 
-    None if there are no such numbers.
+    Return None if there are no numbers.
     """
     values = [value for value in values if value is not None]
     return [round(float(f(values)), 4) for f in (min, np.median, max)] if values else None

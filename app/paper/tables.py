@@ -1,4 +1,4 @@
-"""Tables 1 to 8: their runs, and the paper's counts."""
+"""Tables 1 to 8 of the paper: runs, and counts of work."""
 
 import json
 from functools import partial
@@ -24,7 +24,7 @@ _C0_SYSTEM = {
 def traced(problem, method, n, collect, **options):
     """Return a run of `solver_run` that records every iteration.
 
-    The iterations are written to a trace file. ``collect(path)`` reads the results from this file.
+    The iterations are written to a trace file. The function ``collect(path)`` reads results from this file.
     """
     run = solver_run(problem, method, n, **options)
     return Run(run.files, run.options, module=trace.__name__, collect=collect)
@@ -65,9 +65,10 @@ def _evaluate_table1(outcomes):
 
 
 def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256), **options):
-    """Return a problem's runs with the three cycles, and NORM if `norm`.
+    """Return runs of a problem with the three cycles, on several grids.
 
-    They are on all grids of `sizes` within `limits`. The names of the method files are `prefix` and the cycle.
+    The names of the method files are `prefix` and the name of the cycle, such as v11. If `norm` is true, NORM runs,
+    too. The grids are those of `sizes` within `limits`.
     """
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
     return {
@@ -78,7 +79,7 @@ def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256
 
 
 def evaluate_methods(outcomes):
-    """Return the `counts` of runs of `plan_methods`, by grid and method.
+    """Return the `counts` of the runs of `plan_methods`, by grid and method.
 
     The work units of NORM are its CG iterations.
     """

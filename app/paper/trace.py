@@ -24,24 +24,27 @@ from app.contact.history import Listener
 
 
 class Recorder(Listener):
-    """Recorder of the iterations and last linear solve on the target grid."""
+    """Recorder of the iterations and of the last linear solve.
+
+    It records the target grid only.
+    """
 
     def __init__(self):
         self.pressure, self.contact, self.linear_residuals = [], [], []
 
     def start(self, state, level):
-        """Forget iterations on a coarser grid; keep the initial state."""
+        """Delete the iterations of a coarser grid; store the initial state."""
         self.pressure, self.contact = [], []
         self._keep(state)
 
     def iteration(self, entry, state):
-        """Keep pressure and contact set after an active set iteration."""
+        """Store pressure and contact set after an active set iteration."""
         self._keep(state)
 
     def monitor(self, ksp, iteration, norm):
-        """Keep the defect's norm in a KSP iteration.
+        """Store the norm of the defect in an iteration of a KSP.
 
-        The KSP calls this as a monitor. Norms of earlier linear solves are dropped.
+        The KSP calls this function as a monitor. Norms of earlier linear solves are deleted.
         """
         if iteration == 0:
             self.linear_residuals = []
@@ -80,7 +83,7 @@ def main(given):
 def write(path, recorder, solution, exact):
     """Write the trace file.
 
-    `exact` is the analytic solution, or None.
+    `exact` is the analytic solution, or None if unknown.
     """
     from app.io.files import atomic_hdf5
 
@@ -95,15 +98,15 @@ def write(path, recorder, solution, exact):
 
 
 def collect_cycles(path):
-    """Read a trace's defect norms in the last linear system [mm]."""
+    """Return the defect norms of a trace's last linear system [mm]."""
     with h5py.File(path) as file:
         return {"linear_residuals": file["linear_residuals"][()].tolist()}
 
 
 def collect_errors(path):
-    """Compute a trace's pressure errors for Table 4.
+    """Return the errors of a trace's pressures for Table 4.
 
-    They are root mean squares over the last contact set.
+    An error is the root mean square over the last contact set.
 
     Returns
     -------
@@ -118,7 +121,10 @@ def collect_errors(path):
 
 
 def collect_contact(path):
-    """Read a trace's first and last contact set, admissible cells, cell centres."""
+    """Return contact sets, admissible cells and cell centres of a trace.
+
+    The contact sets are the first and the last one.
+    """
     with h5py.File(path) as file:
         fields = {
             "first": file["contact"][0],

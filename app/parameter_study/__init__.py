@@ -1,1 +1,1 @@
-"""Parameter studies: many runs of a program, one table."""
+"""Parameter studies: many runs of a program, with one table of results."""

@@ -15,7 +15,7 @@ _OF_PROBLEM = ("rms_height", "rms_slope", "contact_modulus")  # numbers that all
 
 
 def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
-    """Perform the runs that have no finished outcome in the journal.
+    """Perform the runs that are not finished according to the journal.
 
     Parameters
     ----------
@@ -24,11 +24,11 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
     folder : Path
         Folder of the runs' result files.
     journal : Journal
-        Outcomes of earlier runs by key; it receives each new outcome.
+        Outcomes of earlier runs by key; each new outcome is added.
     jobs, ranks : int
         Number of simultaneous runs, and number of ranks of each run.
     keep : bool
-        Keep the result files. A finished run whose file is missing is then repeated.
+        If true, keep the result files, and repeat finished runs whose files are missing.
     timeout : float, optional
         Longest time of a run [s].
     description : str
@@ -37,8 +37,8 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
     Returns
     -------
     list of dict or None
-        Outcome of each run (see `perform`), with the path of a kept file as `result`; None for a run that an
-        interrupt prevented.
+        Outcome of each run (see `perform`), with the path of a kept file as `result`. None for a run that was not done
+        because of an interrupt.
     bool
         True after an interrupt (Ctrl-C).
     """
@@ -94,9 +94,9 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
 def make_rows(runs, outcomes):
     """Return the table's rows, with labels and outcomes of runs.
 
-    A load path has a row for each step; only the row of the last step has numbers of the whole run, such as its work. A
-    column of the outcome is called ``result_NAME`` if NAME is a varied option. Quantities that load paths prescribe
-    come first.
+    A run with a load path has a row for each step. Only the row of the last step has numbers of the whole run, such as
+    its work. If NAME is a varied option, a result of the same name has the column ``result_NAME``. Quantities that load
+    paths prescribe come first.
     """
     labels = {name for run in runs for name in run.labels}
     finished = [(run, outcome) for run, outcome in zip(runs, outcomes, strict=True) if outcome is not None]

@@ -10,9 +10,9 @@ from app.base.errors import InputError
 class Journal:
     """Outcomes of runs or steps in a locked file of JSON lines.
 
-    `outcomes` maps keys to outcomes. With `resume` it begins with those in the file. Otherwise these are in
-    `discarded`, and the first call of `add` removes them from the file. InputError if the file cannot be written or is
-    locked.
+    `outcomes` maps keys to outcomes. If `resume` is true, it begins with the outcomes in the file. Otherwise these are
+    in `discarded`, and the first call of `add` removes them from the file. Raises InputError if the file cannot be
+    written or is locked.
     """
 
     def __init__(self, path, resume=False):
@@ -39,7 +39,7 @@ class Journal:
         self._truncate = not resume
 
     def add(self, key, outcome):
-        """Record an outcome and flush it; raise InputError on failure."""
+        """Write an outcome to disk; raise InputError on failure."""
         try:
             if self._truncate:
                 self._file.truncate(0)

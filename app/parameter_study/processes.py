@@ -22,11 +22,11 @@ _KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 
 
 def run_command(command, timeout=None, stop=None):
-    """Run a command; return exit status and standard error.
+    """Run a command; return its exit status and standard error.
 
-    The process has a process group of its own. After `timeout` [s] TimeoutExpired is raised, and InterruptedError when
-    the event `stop` is set; the process has been ended then. If a signal ended the process, the status is minus its
-    number.
+    The process has a process group of its own. It is ended after `timeout` [s], and then TimeoutExpired is raised. It
+    is also ended when the event `stop` is set, and then InterruptedError is raised. If a signal ended the process, the
+    status is minus the number of the signal.
     """
     environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
     environment |= SINGLE_RANK if command[0] != "mpiexec" else {}
@@ -58,9 +58,9 @@ def run_command(command, timeout=None, stop=None):
 
 
 def perform(run, output, stop=None, ranks=1, timeout=None):
-    """Run the program of a `Run` and return its outcome.
+    """Run the program of a `Run` and return its outcome, a dict.
 
-    The outcome is a dict of `exit_status`, `message` (warnings or error), and what ``run.collect(output)`` returns.
+    The outcome has `exit_status`, `message` (warnings or error), and what ``run.collect(output)`` returns.
     """
     command = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
     command += [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]

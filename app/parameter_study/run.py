@@ -40,9 +40,9 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 def collect_result(path):
     """Return the numbers of a result file for a table's row.
 
-    They are those of `OUTCOME` and `reason`; a load path has its rows in `steps`. Computed from the fields are
-    `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|) with
-    pressure p, gap e and undeformed distance h.
+    They are those of `OUTCOME`, and `reason`; a load path has its rows in `steps`. Three numbers are computed from the
+    fields: `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`. The last is max |p e| / (max
+    p max |h|), with pressure p, gap e and undeformed distance h.
     """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
@@ -70,7 +70,7 @@ def _list_steps(table):
 
 @dataclass(frozen=True)
 class Run:
-    """Call of a program: its options, files and labels in a table."""
+    """Call of a program: its options, option files and table labels."""
 
     files: tuple[str, ...] = ()  # option files
     options: Mapping[str, str] = field(
@@ -88,10 +88,10 @@ class Run:
         return words
 
     def inputs(self):
-        """Return the names of possible input files.
+        """Return the names of files that the run may read.
 
-        Among them are PETSc's start files, and the files that these or PETSc's environment variables name. Some may not
-        exist.
+        They are the files that its options name, PETSc's start files, and the files that these or PETSc's environment
+        variables name. Some may not exist.
         """
         home = Path(os.environ.get("HOME", "."), ".petscrc")
         files = [str(home), ".petscrc", "petscrc", *self.files]
@@ -114,7 +114,7 @@ def _petsc_variables():
 
 
 def _find_named_files(option_files, texts):
-    """Return the existing files that are named in option files and texts."""
+    """Return the existing files that option files and texts name."""
     named, texts, unread = [], list(texts), list(option_files)
     while texts or unread:
         if not texts:

@@ -23,7 +23,7 @@ _RESERVED = {
 
 
 class _Loader(yaml.BaseLoader):
-    """YAML loader that keeps scalars as text and rejects duplicate keys."""
+    """YAML loader that leaves values as texts and rejects duplicate keys."""
 
     def construct_mapping(self, node, deep=False):
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -36,8 +36,8 @@ class _Loader(yaml.BaseLoader):
 def read_sweep(path):
     """Return a `Run` for each combination of values in a sweep file.
 
-    The last list varies fastest. The labels of a run are its varied options. InputError if the file cannot be read or
-    its contents are not allowed.
+    The values of the last list change from run to run. The labels of a run are its varied options. Raises InputError if
+    the file cannot be read or its contents are not allowed.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -51,9 +51,9 @@ def read_sweep(path):
 
 
 def _combine(content):
-    """Return a `Run` for each combination of the axes.
+    """Return a `Run` for each combination of values in a sweep.
 
-    An axis is a list of alternatives, each a tuple of labels, option files and options.
+    An axis of combinations is a list of alternatives, each a tuple of labels, option files and options.
     """
     _check_mapping(content, "the file", _KEYS)
     files = _check_list(content.get("option_files") or [], "option_files")
@@ -103,7 +103,10 @@ def _file_axis(entry):
 
 
 def _option_axis(lists, label):
-    """Return the axis of combinations of options that vary together."""
+    """Return the axis of combinations of options that vary together.
+
+    `lists` maps each option to its list of values.
+    """
     axis = []
     for values in zip(*lists.values(), strict=True):
         options = {name: value for name, value in zip(lists, values, strict=True) if value != LEFT_OUT}

@@ -1,6 +1,6 @@
 """Analytic solutions of contact problems.
 
-Names are imported when first used: their special functions load slowly.
+A name is imported when it is first used, because special functions load slowly.
 """
 
 from importlib import import_module

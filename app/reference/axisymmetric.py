@@ -23,7 +23,7 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def b(self):
-        """Semi-axis along y, the same radius as `a` [mm]."""
+        """Semi-axis along y [mm]; the same radius as `a`."""
         return self.a
 
     @property
@@ -47,7 +47,7 @@ class AxisymmetricContact(NormalContact):
 
 @dataclass(frozen=True)
 class Sphere(AxisymmetricContact):
-    """Sphere of a relative `radius` [mm], approximated by the paraboloid r^2/(2 radius)."""
+    """Sphere of a relative `radius` R [mm], approximated by r^2/(2 R)."""
 
     radius: float
     e_star: float
@@ -85,7 +85,7 @@ class Sphere(AxisymmetricContact):
 class FlatCircularPunch(AxisymmetricContact):
     """Rigid cylinder of a `radius` [mm], pressed on with its flat end.
 
-    The pressure has an integrable singularity at the edge.
+    The pressure is infinite at the edge, but its integral is finite.
     """
 
     radius: float
@@ -125,7 +125,7 @@ class FlatCircularPunch(AxisymmetricContact):
 class Cone(AxisymmetricContact):
     """Cone whose undeformed distance is `slope` times the radius r.
 
-    The pressure has a logarithmic singularity at the tip.
+    The pressure is infinite at the tip, as log(1/r).
     """
 
     slope: float

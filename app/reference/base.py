@@ -1,4 +1,4 @@
-"""Interface of analytic solutions."""
+"""Base class of analytic solutions, and checks of their parameters."""
 
 import math
 from abc import ABC, abstractmethod
@@ -27,18 +27,18 @@ def require_positive(**values):
 
 
 def require_hardness(hardness):
-    """Raise InputError unless the hardness is positive, or infinite."""
+    """Raise InputError unless the hardness is positive; it may be infinite."""
     require_numbers(hardness=hardness)
     if not hardness > 0:
         raise InputError(f"hardness {format_exact(hardness)}: must be positive")
 
 
 class NormalContact(ABC):
-    """Frictionless contact in an ellipse about the origin.
+    """Frictionless contact in an ellipse with its centre at the origin.
 
     A subclass is a frozen dataclass of its geometry, `e_star` and `approach`, with properties `a`, `b`, `load`,
-    `max_pressure` and `stiffness`. Coordinates broadcast. Without contact
-    (approach <= 0) pressure and displacement are zero.
+    `max_pressure` and `stiffness`. Methods take arrays x and y [mm], which broadcast. Without contact (approach <= 0)
+    pressure and displacement are zero.
 
     Attributes
     ----------
@@ -51,14 +51,14 @@ class NormalContact(ABC):
     load : float
         Normal force [N].
     max_pressure : float
-        Supremum of the pressure [N/mm2]; infinite where the pressure is singular.
+        Largest pressure [N/mm2]; infinite if the pressure is singular.
     stiffness : float
-        d load / d approach [N/mm].
+        Derivative of the load with respect to the approach [N/mm].
 
     Raises
     ------
     InputError
-        If a geometric parameter or the modulus is not positive, or a value not finite.
+        If a geometric parameter or the modulus is not positive, or a value is not finite.
     """
 
     e_star: float
@@ -74,7 +74,7 @@ class NormalContact(ABC):
     def from_approach(cls, *parameters, **named):
         """Return the contact at an approach.
 
-        Parameters are those of the geometry, E* and ``approach`` [mm].
+        The parameters are those of the geometry, E* and ``approach`` [mm].
         """
         return cls(*parameters, **named)
 
@@ -82,7 +82,7 @@ class NormalContact(ABC):
     def from_load(cls, *parameters, **named):
         """Return the contact under a load.
 
-        Parameters are those of the geometry, E* and ``load`` [N].
+        The parameters are those of the geometry, E* and ``load`` [N].
         """
         names = [f.name for f in fields(cls) if f.name != "approach"]
         values = dict(zip([*names, "load"], parameters, strict=False)) | named
@@ -107,7 +107,7 @@ class NormalContact(ABC):
 
     @property
     def mean_pressure(self):
-        """Load over the contact area [N/mm2]; 0 without contact."""
+        """Load divided by the contact area [N/mm2]; 0 without contact."""
         return self.load / (math.pi * self.a) / self.b if self.a else 0.0
 
     def _radius2(self, x, y):
@@ -119,7 +119,7 @@ class NormalContact(ABC):
     def pressure(self, x, y):
         """Return the contact pressure p at points [N/mm2].
 
-        It is a semi-ellipsoid, as Hertz's, unless a subclass overrides it.
+        It is Hertz's semi-ellipsoid, unless a subclass has another pressure.
         """
         return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 

@@ -5,8 +5,9 @@ The pressure p_max sqrt(1 - x^2/a^2 - y^2/b^2) displaces the surface by
     u = p_max a b / (2 E*) * int_lam^inf (1 - x^2/(a^2 + w) - y^2/(b^2 + w)) / sqrt((a^2 + w) (b^2 + w) w) dw
       = p_max a b / E* * (R_F(A, B, lam) - x^2/3 R_D(B, lam, A) - y^2/3 R_D(A, lam, B)),
 
-with Carlson's elliptic integrals R_F and R_D, A = a^2 + lam and B = b^2 + lam. lam is 0 inside the contact area, and
-outside the positive root of x^2/A + y^2/B = 1. Inside, u = delta - x^2/(2 Rx) - y^2/(2 Ry) gives b/a, a and p_max.
+with Carlson's elliptic integrals R_F and R_D, A = a^2 + lam and B = b^2 + lam. Inside the contact area lam is 0;
+outside it is the positive root of x^2/A + y^2/B = 1. The condition u = delta - x^2/(2 Rx) - y^2/(2 Ry) inside gives
+b/a, a and p_max.
 
 References
 ----------
@@ -28,7 +29,7 @@ MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
-    """Return the ratio b/a of the contact ellipse's semi-axes.
+    """Return the ratio b/a of the semi-axes of the contact ellipse.
 
     `rx` and `ry` are the relative radii of curvature.
     """
@@ -50,10 +51,10 @@ def axis_ratio(rx, ry):
 
 @dataclass(frozen=True)
 class EllipticHertz(NormalContact):
-    """Paraboloids: undeformed distance x^2/(2 rx) + y^2/(2 ry).
+    """Hertz's contact: undeformed distance x^2/(2 rx) + y^2/(2 ry).
 
-    The bodies' principal axes lie along x and y. Either of the relative radii of curvature rx, ry [mm] may be the
-    larger one.
+    The principal axes of the bodies are parallel to x and y. Either of the relative radii of curvature rx, ry [mm] may
+    be the larger one.
     """
 
     rx: float
@@ -68,7 +69,7 @@ class EllipticHertz(NormalContact):
 
     @cached_property
     def _rf(self):
-        """Carlson's integral R_F(a^2, b^2, 0), in units of a."""
+        """Carlson's integral R_F(a^2, b^2, 0), times a."""
         return float(elliprf(1.0, self._ratio**2, 0.0))
 
     @cached_property

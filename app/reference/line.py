@@ -1,10 +1,10 @@
 """Line contact of a cylinder of finite length.
 
-A load W, uniform along the length L of a cylinder of radius R, has Hertz's half-width a, ``a^2 = 4 W R / (pi E* L)``.
-The bodies approach each other in the middle by ``W / (pi E* L) (1 + 2 ln(2 L / a))``, if a is small compared with L.
-The load is uniform if the cylinder has Lundberg's profile, a drop of ``W / (pi E* L) ln(1 / (1 - (2 y / L)^2))`` along
-y. This drop is infinite at the ends; Johns and Gohar multiply (2 y / L)^2 by ``1 - 0.6066 a / L`` to give Lundberg's
-finite drop there.
+If a load W is uniform along the length L of a cylinder of radius R, the contact has Hertz's half-width a, ``a^2 = 4 W R
+/ (pi E* L)``. In the middle the bodies approach each other by ``W / (pi E* L) (1 + 2 ln(2 L / a))``, if a is small
+compared with L. The load is uniform if the cylinder has Lundberg's profile, a drop of ``W / (pi E* L) ln(1 / (1 - (2 y
+/ L)^2))`` along y. This drop is infinite at the ends. To make it finite there, Johns and Gohar multiply (2 y / L)^2 by
+``1 - 0.6066 a / L``.
 
 References
 ----------
@@ -45,7 +45,7 @@ class LineContact:
 
     @classmethod
     def from_approach(cls, radius, length, e_star, approach):
-        """Return the line contact whose middle approaches by `approach` [mm]."""
+        """Return the contact whose middle has an approach [mm]."""
         require_positive(radius=radius, length=length, approach=approach)
         a = math.sqrt(2 * radius * approach)  # where the undeformed bodies overlap
         for _ in range(_STEPS):
@@ -54,7 +54,7 @@ class LineContact:
 
     @property
     def compliance(self):
-        """Load over pi E* L, the factor of approach and crown [mm]."""
+        """Load over pi E* L, a factor of approach and crown [mm]."""
         return self.load / (math.pi * self.e_star * self.length)
 
     @property
@@ -73,7 +73,7 @@ class LineContact:
         return self.compliance * (1 + 2 * math.log(2 * self.length / self.a))
 
     def crown(self, y):
-        """Return the logarithmic profile's drop [mm]; NaN past the ends."""
+        """Return the drop of the logarithmic profile [mm]; NaN past the ends."""
         rest = max(1 - END_DROP * self.a / self.length, 0.0)
         s = 2 * np.abs(y) / self.length
         s = np.where(s <= 1, s, np.nan)

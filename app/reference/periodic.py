@@ -1,8 +1,8 @@
-"""Periodic contact of waves; full contact.
+"""Periodic contact of waves, and full contact.
 
-A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. Displacements are counted
-from their mean, so that mean(gap) = mean(undeformed distance) - approach. `mean_pressure` is the load over the area of
-a period, not over the contact area.
+A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. Displacements are relative to
+their mean, so that mean(gap) = mean(undeformed distance at approach zero) - approach. `mean_pressure` is the load
+divided by the area of a period, not by the contact area.
 
 References
 ----------
@@ -24,11 +24,11 @@ from app.reference.hertz import EllipticHertz
 
 
 def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
-    """Return the pressure that flattens a periodic surface.
+    """Return the pressure that flattens a periodic surface [N/mm2].
 
-    A wave h_q of the undeformed distance h needs the pressure wave ``p_q = -E* |q| h_q / 2``. `distance` holds h,
-    shape (ny, nx), in points dx, dy apart over one period [mm]. The pressure solves the contact problem if it is
-    positive everywhere. E* and pressures are in N/mm2.
+    A wave h_q of the undeformed distance h needs the pressure wave ``p_q = -E* |q| h_q / 2``. `distance` is h, shape
+    (ny, nx), at points that are dx, dy apart over one period [mm]. If the pressure is positive everywhere, it solves
+    the contact problem. E* and `mean_pressure` are in N/mm2.
     """
     ny, nx = distance.shape
     q = 2 * np.pi * np.hypot(np.fft.fftfreq(ny, dy)[:, None], np.fft.rfftfreq(nx, dx))
@@ -46,7 +46,7 @@ class WavyContact(ABC):
     e_star : float
         Contact modulus E* [N/mm2].
     mean_pressure : float
-        Load over the area of a period [N/mm2]; no contact if not positive.
+        Load divided by the area of a period [N/mm2]; without contact if not positive.
     """
 
     amplitude: float
@@ -61,12 +61,12 @@ class WavyContact(ABC):
 
     @abstractmethod
     def _wave(self, x, y):
-        """Return the wave: the height over the amplitude, 1 at summits."""
+        """Return the wave: height divided by amplitude, 1 at summits."""
 
     @property
     @abstractmethod
     def full_contact_at(self):
-        """Least mean pressure p* of full contact [N/mm2]."""
+        """Mean pressure p* at which full contact begins [N/mm2]."""
 
     @property
     def is_full(self):
@@ -75,7 +75,7 @@ class WavyContact(ABC):
 
     @property
     def _share(self):
-        """Mean pressure over that of full contact, from 0 to 1."""
+        """Mean pressure divided by that of full contact, from 0 to 1."""
         return min(max(self.mean_pressure / self.full_contact_at, 0.0), 1.0)
 
     def undeformed_distance(self, x, y):
@@ -83,9 +83,9 @@ class WavyContact(ABC):
         return self.amplitude * (1 - self._wave(x, y))
 
     def full_pressure(self, x, y):
-        """Return the pressure that would hold full contact [N/mm2].
+        """Return the pressure that would keep full contact [N/mm2].
 
-        Where it is negative the bodies would have to be pulled together.
+        Where it is negative, full contact would need tension.
         """
         return self.mean_pressure + self.full_contact_at * self._wave(x, y)
 
@@ -94,15 +94,15 @@ class WavyContact(ABC):
 class Westergaard(WavyContact):
     """Waves in x: distance ``a (1 - cos(2 pi x/L))``.
 
-    Contact is at ``|x| < b``. With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over the
-    one of full contact, p*. Pressure p and gap e are::
+    Contact is at ``|x| < b``. Let ``psi = pi x / L`` and ``s = sin(pi b / L)``. Then ``s^2`` is the mean pressure divided
+    by p*, the mean pressure of full contact. Pressure p and gap e are::
 
         p = 2 p* cos(psi) sqrt(s^2 - sin(psi)^2)                                          in contact,
         e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    outside
 
-    They belong to p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)), which is analytic in the half-space: p is its
-    real part, e the integral over x of its imaginary part, up to a factor. The mean gap E follows from
-    dE/ds = 4 a s log(s).
+    Both follow from p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)), which is analytic in the half-space: p is
+    its real part, and e is the integral over x of its imaginary part, up to a factor. The mean gap E follows from dE/ds
+    = 4 a s log(s).
     """
 
     def _wave(self, x, y):
@@ -130,13 +130,16 @@ class Westergaard(WavyContact):
 
     @property
     def mean_gap(self):
-        """Mean distance of the deformed surfaces [mm]."""
+        """Mean of the gap [mm]."""
         share = self._share
         return self.amplitude * (1 - share + share * math.log(share)) if share else self.amplitude
 
     @property
     def approach(self):
-        """Approach [mm] if displacements have mean 0; 0 without contact."""
+        """Approach [mm], with displacements relative to their mean.
+
+        It is 0 without contact.
+        """
         return self.amplitude - self.mean_gap
 
     def _sines(self, x, y):
@@ -174,9 +177,9 @@ class Westergaard(WavyContact):
 class Bisinusoidal(WavyContact):
     """Waves in x and y: ``a (1 - cos(2 pi x/L) cos(2 pi y/L))``.
 
-    There are two summits in each period L x L. The solution of full contact is exact. Of partial contact only two
-    limits are known in closed form: Hertz's contact on every summit for light loads, and a pressurised penny-shaped
-    crack about every hollow near full contact.
+    There are two summits in each period L x L. The solution of full contact is exact. For partial contact only two
+    limits are known in closed form: for light loads, Hertz's contact on every summit; near full contact, a pressurised
+    penny-shaped crack around every hollow.
     """
 
     def _wave(self, x, y):
@@ -190,7 +193,7 @@ class Bisinusoidal(WavyContact):
 
     @cached_property
     def on_a_summit(self):
-        """Hertz's contact of one summit (`EllipticHertz`), for light loads."""
+        """Contact of one summit for light loads, an `EllipticHertz`."""
         radius = self.wavelength**2 / (4 * math.pi**2 * self.amplitude)
         load = max(self.mean_pressure, 0.0) * self.wavelength**2 / 2
         return EllipticHertz.from_load(radius, radius, self.e_star, load)
@@ -199,25 +202,25 @@ class Bisinusoidal(WavyContact):
     def light_contact_fraction(self):
         """Contact fraction for light loads, by Hertz's theory.
 
-        It is pi (3 pbar / (8 pi p*))^(2/3), with the mean pressure pbar and that of full contact, p*.
+        It is pi (3 pbar / (8 pi p*))^(2/3), where pbar is the mean pressure, and p* that of full contact.
         """
         return 2 * self.on_a_summit.contact_area / self.wavelength**2
 
     @property
     def hollow_radius(self):
-        """Radius c of the gap about a hollow, near full contact [mm].
+        """Radius c of the gap around a hollow, near full contact [mm].
 
-        Full contact at a mean pressure pbar below p* would need the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a
-        distance r from the hollow. It opens a crack without singularity at its edge if (2 pi c / L)^2 =
-        3 (1 - pbar / p*).
+        Let pbar be the mean pressure, a little below that of full contact, p*. To close the gap, the tension p* - pbar
+        - p* (2 pi r / L)^2 / 2 would be needed at a distance r from the hollow. So there is a crack whose edge has no
+        singularity if (2 pi c / L)^2 = 3 (1 - pbar / p*).
         """
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 
     @property
     def heavy_contact_fraction(self):
-        """Contact fraction near full contact: 1 without the cracks about hollows.
+        """Contact fraction near full contact: 1 minus the gaps around hollows.
 
-        It is 1 - 3/(2 pi) (1 - pbar/p*), with the mean pressure pbar and that of full contact, p*.
+        It is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* that of full contact.
         """
         return 1 - 2 * math.pi * (self.hollow_radius / self.wavelength) ** 2
 
@@ -225,8 +228,8 @@ class Bisinusoidal(WavyContact):
     def heavy_mean_gap(self):
         """Mean gap near full contact [mm].
 
-        The gap at a distance r from a hollow is (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), with k = 2 pi / L and c the
-        `hollow_radius`.
+        The gap at a distance r from a hollow is (8 p* k^2 / (9 pi E*)) (c^2 - r^2)^(3/2), with k = 2 pi / L, the
+        `hollow_radius` c, and the mean pressure p* of full contact.
         """
         k = 2 * math.pi / self.wavelength
         deepest = 8 * self.full_contact_at * k**2 / (9 * math.pi * self.e_star)

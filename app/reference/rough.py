@@ -1,6 +1,6 @@
 """Theories of the contact fraction of rough surfaces.
 
-The relative pressure p' is the mean pressure over E* times the rms slope.
+The relative pressure p' is the mean pressure divided by E* times the rms slope.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 def persson_fraction(relative):
     """Return Persson's contact fraction for a relative pressure p'.
 
-    p' is the mean pressure over E* times the rms slope. See J. Chem. Phys. 115 (2001) 3840.
+    p' is the mean pressure divided by E* times the rms slope. See J. Chem. Phys. 115 (2001) 3840.
     """
     from scipy.special import erf
 
@@ -19,7 +19,7 @@ def persson_fraction(relative):
 def persson_pressure(fraction):
     """Return the relative pressure p' for a contact fraction.
 
-    This is Persson's theory, and the inverse of `persson_fraction`.
+    It is the inverse of `persson_fraction`, by Persson's theory.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def persson_pressure(fraction):
 def bush_gibson_thomas_fraction(relative):
     """Return the contact fraction of Bush, Gibson and Thomas, sqrt(2 pi) p'.
 
-    It holds for small relative pressures p' (Wear 35 (1975) 87). NaN where it would exceed 1.
+    It is valid for small relative pressures p' (Wear 35 (1975) 87). NaN if it would exceed 1.
     """
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)

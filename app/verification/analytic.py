@@ -20,9 +20,10 @@ _SIZES = 16, 24, 32, 48, 64, 96, 128, 192, 256  # Many, because the contact edge
 
 
 def solve_at_approach(contact, nx, ny, half_x, half_y):
-    """Solve at the approach of a reference solution.
+    """Solve at the approach of an analytic solution `contact`.
 
-    Returns the solution, its grid and the exact pressure.
+    The patch is centred at the origin, with half sides `half_x` and `half_y` [mm]. Return the solution, its grid and
+    the exact pressure.
     """
     grid = Grid.from_domain(nx, ny, (-half_x, half_x, -half_y, half_y))
     problem = ContactProblem(grid, MATERIAL, contact.undeformed_distance)
@@ -138,7 +139,7 @@ _AMPLITUDE, _LENGTH = 0.02, 1.7
 def _waves(contact, nx, ny, symbol):
     """Return the problem of a wavy surface on one period.
 
-    `symbol` is the kind of the periodic patch.
+    `symbol` is the kind of the periodic patch, "spectral" or "love".
     """
     grid = Grid.from_domain(nx, ny, (0.0, _LENGTH, 0.0, _LENGTH * min(ny / nx, 1)))
     return ContactProblem(grid, MATERIAL, contact.undeformed_distance, periodic=symbol)

@@ -1,4 +1,4 @@
-"""Checks that the certificate bounds the true error, and is sharp."""
+"""Checks that the error bound (certificate) holds and is sharp."""
 
 import numpy as np
 
@@ -17,9 +17,9 @@ _MIN_RATIO = 0.1  # Least ratio of error to bound where rounding is negligible.
 
 
 def errors_of_answers(quick):
-    """Yield true relative errors in the energy norm and their bounds.
+    """Yield true relative errors in the energy norm, and their bounds.
 
-    Each item is a pair (kind of patch, {tolerance: errors and bounds}).
+    Each item is a kind of patch, and a dict that maps a tolerance to errors and bounds.
     """
     rng = np.random.default_rng(5)
     for periodic in PATCHES[: 2 if quick else 3]:
@@ -94,9 +94,9 @@ def of_anything(quick):
 
 
 def _ratios(kind, things, true, bounds, large):
-    """Return the figures of largest and smallest ratio of error to bound.
+    """Return figures of largest and smallest ratio of error to bound.
 
-    The largest must be at most 1. Among errors above `large`, the smallest must be at least `_MIN_RATIO`.
+    The largest ratio must be at most 1. Among errors above `large`, the smallest ratio must be at least `_MIN_RATIO`.
     """
     ratios = true / bounds
     sharp = ratios[true > large]

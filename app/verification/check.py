@@ -1,4 +1,4 @@
-"""The classes of a check, and of a figure with its limits."""
+"""Classes of a check, and of a measured number with its limits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from app.base.errors import format_distinct
 
 @dataclass(frozen=True)
 class Figure:
-    """Measured number with its limits, not a picture.
+    """Measured number with its limits (not a picture).
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ class Figure:
         Name of the number.
     value : float
     least, most : float
-        Smallest and largest value that are allowed. A figure without limits is only reported.
+        Smallest and largest value allowed. A figure without limits is only reported.
     points : pair of sequences of float
         Data behind the number, for a picture.
     """
@@ -66,9 +66,9 @@ class Check:
     title : str
         Title of the section.
     law : str
-        Law that is checked, as text of the section.
+        Law that is checked; the text of the section.
     measure : callable
-        ``measure(quick)`` returns a sequence of Figure; `quick`: small cases only.
+        Function ``measure(quick)`` that returns a sequence of Figure. If `quick` is true, it computes small cases only.
     """
 
     name: str
@@ -78,9 +78,9 @@ class Check:
 
 
 def fit_order(sizes, errors):
-    """Fit the order of convergence of errors in the cell size.
+    """Return the order of convergence of errors in the cell size.
 
-    `sizes` are numbers of cells in a direction.
+    `sizes` are the numbers of cells in a direction.
     """
     return float(-np.polyfit(np.log2(sizes), np.log2(errors), 1)[0])
 

@@ -43,7 +43,7 @@ The test suite runs all checks on small cases (`--quick`).
 
 @dataclass(frozen=True)
 class Result:
-    """Figures of a check, and the seconds that it took."""
+    """Result of a check: its figures, and the seconds that it took."""
 
     check: Check
     figures: tuple[Figure, ...]
@@ -51,7 +51,7 @@ class Result:
 
     @property
     def failed(self):
-        """List of the figures beyond their limits."""
+        """List of the figures outside their limits."""
         return [figure for figure in self.figures if not figure.passed]
 
     @property
@@ -157,7 +157,7 @@ def _software():
 def draw_orders(results):
     """Draw errors against numbers of cells, with observed orders.
 
-    Returns None if no result has an order.
+    Return the figure, or None if no result has an order.
     """
     shown = [(r, [f for f in r.figures if f.points and f.what.startswith("order of")]) for r in results]
     shown = [(result, figures) for result, figures in shown if figures]
@@ -196,7 +196,7 @@ def draw_orders(results):
 def draw_sharpness(results):
     """Draw true errors against their proved bounds.
 
-    Returns None if no result has such errors.
+    Return the figure, or None if no result has such errors.
     """
     shown = [
         figure for r in results for figure in r.figures if figure.points and "over its bound" in figure.what

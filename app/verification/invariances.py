@@ -1,4 +1,4 @@
-"""Checks of invariance under reflection, translation and changes of units."""
+"""Checks that symmetries and changes of units change answers as expected."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ _MAX_DIFFERENCE = 1e-9  # Limit on differences of pressures, over the largest.
 
 
 def bumps(x, y):
-    """Return a gap without any symmetry, with several contacts [mm]."""
+    """Return a gap without symmetry, with several places of contact [mm]."""
     waves = 0.05 * (np.sin(2 * x + 1) + np.cos(3.1 * y + 0.4 * x))
     return waves + 0.02 * (x - 0.3) ** 2 + 0.03 * (y + 0.2) ** 2
 
@@ -29,10 +29,10 @@ def _problem(periodic, grid=_GRID, gap=None, material=UNIT):
 
 
 def _each(change):
-    """Make a check of an invariance from ``change(problem, before)``.
+    """Return a check of an invariance, made from a function `change`.
 
-    `before` is the solution of `problem`. `change` yields other problems, their loadings and expected
-    pressures.
+    ``change(problem, before)`` yields other problems, their loadings and expected pressures; `before` is the solution
+    of `problem`.
     """
 
     def measure(quick):

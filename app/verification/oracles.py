@@ -1,6 +1,6 @@
 """Comparisons with independent solvers.
 
-They share only the influence coefficients, or the product with A, with the solvers under test.
+The independent solvers share only the influence coefficients, or the product with A, with the solvers under test.
 """
 
 import numpy as np

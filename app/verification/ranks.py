@@ -33,7 +33,7 @@ _WAYS = {
 
 
 def _problems(quick, periodic):
-    """Return problems and their mean pressures [N/mm2], by name."""
+    """Return problems and their mean pressures [N/mm2], by their names."""
     n = 40 if quick else 96
     grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
     surface = SelfAffineSurface(0.8, 0.25, 1 / 16, (1.0, 1.0), 3, rms_slope=0.1)
@@ -47,7 +47,10 @@ def _problems(quick, periodic):
 
 
 def solve_all(quick, comm):
-    """Return pressures and contact sets by case, on rank 0. Collective over `comm`."""
+    """Return the pressure and contact set of each case, on rank 0.
+
+    Collective over `comm`.
+    """
     arrays = {}
     for way, (method, options, _) in _WAYS.items():
         if quick and "rtol" in way:
@@ -82,7 +85,7 @@ def on_ranks(quick):
 
 
 def compare(answers):
-    """Compare answers of several ranks with those of one.
+    """Return figures that compare answers of several ranks with those of one.
 
     `answers` maps numbers of ranks to results of `solve_all`.
     """

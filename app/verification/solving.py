@@ -16,7 +16,10 @@ PATCHES = "", "spectral", "love"  # kinds of patches: free, and periodic with ei
 
 
 def solved(problem, method=None, comm=None, start=None, options=None, **loading):
-    """Solve a problem without warnings, converged or not. Collective over `comm`."""
+    """Return the solution of a problem, converged or not, without warnings.
+
+    Collective over `comm`.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
         warnings.simplefilter("ignore", NoteWarning)
@@ -46,5 +49,8 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
 
 
 def difference(found, expected):
-    """Return the largest difference of two fields over the largest expected value."""
+    """Return the largest difference of two fields, relative to `expected`.
+
+    It is divided by the largest expected value.
+    """
     return float(abs(found - expected).max() / (abs(expected).max() or 1.0))
