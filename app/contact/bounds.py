@@ -167,9 +167,9 @@ class CappedBounds(PressureBounds):
         """Add a constant to p on C within the bounds; return the sum of the changes."""
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
-    def expected_change(self, b, depth, u, p, contact, stiffness):
-        """Return the sum of the changes of p on C by -e `stiffness` within the bounds."""
-        return capped_kernels.expected_change(b, depth, u, p, self.upper, contact, stiffness)
+    def local_load(self, b, depth, u, p, t, compliance):
+        """Return the sum of pressures after a local approach; see `capped_kernels.local_load`."""
+        return capped_kernels.local_load(b, depth, u, p, self.upper, self.admissible, t, compliance)
 
     def change(self, p, step):
         """Return the change of p by `step`, clipped to the bounds [N/mm2]."""

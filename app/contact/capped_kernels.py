@@ -160,13 +160,23 @@ def exchange(
     return cells, added, removed, total, moves
 
 
+@njit_reassoc
+def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
+    total = 0.0
+    for i in range(b.size):
+        value = p[i] - (gap(u[i], b[i], depth) - t) / compliance
+        value = min(max(value, 0.0), upper[i])
+        total += value if admissible[i] else 0.0
+    return total
+
+
 @njit()
-def expected_change(b, depth, u, p, upper, contact, stiffness):
-    """Return the sum of the changes of p on C by -e `stiffness` within the bounds."""
+def local_load(b, depth, u, p, upper, admissible, t, compliance):
+    """Return the sum of pressures after a local approach t.
+
+    Each cell has a `compliance` of its own, so that p changes by (t - e) / compliance within the bounds.
+    """
     total = 0.0
     for j in range(b.shape[0]):
-        for i in range(b.shape[1]):
-            if contact[j, i]:
-                e = gap(u[j, i], b[j, i], depth)
-                total += min(max(p[j, i] - e * stiffness, 0.0), upper[j, i]) - p[j, i]
+        total += _local_load_row(b[j], depth, u[j], p[j], upper[j], admissible[j], t, compliance)
     return total

@@ -136,7 +136,8 @@ def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.distance.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
-    bounds, capped, penetrates = state.bounds, state.plastic_cells() > 0, np.empty(len(b), bool)
+    bounds, penetrates = state.bounds, np.empty(len(b), bool)
+    capped = bounds.capped and state.plastic_cells() > 0
     largest, sums = np.full(6, -np.inf), np.zeros(6)
     if capped:
         fields = b, depth, u, p, bounds.upper, admissible

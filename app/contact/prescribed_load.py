@@ -15,13 +15,14 @@ import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.loading import Loading, PrescribedApproach
+from app.contact.plastic_load import step_to_load
 from app.contact.stopping import BELOW_ROUNDING
 
 MIN_SECANT_STEP = 3.0  # least step of the approach that gives a secant slope, over the rms residual
 MAX_SLOPE_RATIO = 3.0  # factor by which the slope may change in one step
 MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the lower bound of the stiffness
 MIN_MEAN_SLOPE_FRACTION = 0.9  # least secant slope that is used, over the mean slope since first touch
-STIFFNESS_MARGINS = 0.8, 1.1  # factors on the range of the stiffness of C between plastic cells
+MAX_PLASTIC_FRACTION = 0.05  # plastic over elastic cells up to which the slope of the load is learned
 LOAD_ROUNDING = 1e-12  # relative difference of a load that has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # error of the approach that the residual explains, over the rms residual
 _MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which takes as long as a small solve
@@ -216,63 +217,40 @@ class PrescribedLoad(Loading):
         solved.
         """
         gaps = state.on_contact_or_overlap()
-        if not gaps.cells:
-            return self._leave_plateau(state, gaps.load)
-        depth, expected = state.depth, self._expected_load(state, gaps)
-        self._learn_slope(state, expected, gaps)
-        step = (self.load - expected) / self.slope
+        capped = state.bounds.capped
+        if not gaps.cells and not (capped and state.plastic_cells()):
+            state.first_contact()
+        depth = state.depth
+        if capped and state.plastic_cells() > MAX_PLASTIC_FRACTION * gaps.cells:
+            expected, step = np.nan, step_to_load(state, gaps.load, self.load)
+        else:
+            expected = gaps.load - self.slope * gaps.mean
+            self._learn_slope(state, expected, gaps.rms)
+            step = (self.load - expected) / self.slope
         if abs(step) <= LOAD_RESIDUAL_FRACTION * gaps.rms:
             return 0.0
         # The slope grows without bound towards full contact. Before first touch there is no load.
         new_depth = min(depth + step, (depth + state.distance.max_searched_depth) / 2)
         least = state.distance.zero_load_depth
         state.depth = new_depth if new_depth >= least else (depth + least) / 2
-        self._before = depth, expected
+        self._before = None if expected != expected else (depth, expected)
         return abs(state.depth - depth)
 
-    def _expected_load(self, state, gaps):
-        """Return the load at this approach once the system (2.11) is solved [N]. Collective.
-
-        `gaps` are those of C and overlapping cells. With plastic cells each cell of C changes within its bounds, and
-        overlapping ones do not count, because they soon become plastic.
-        """
-        if not (plastic := state.plastic_cells()):
-            return gaps.load - self.slope * gaps.mean
-        self.slope = float(np.clip(self.slope, *stiffness_range(state, gaps.cells, plastic)))
-        area, distance = state.grid.cell_area, state.distance
-        fields = distance.b, state.depth, state.u, state.p, state.contact
-        stiffness = self.slope / (area * gaps.cells)
-        return gaps.load + area * float(state.sum([state.bounds.expected_change(*fields, stiffness)])[0])
-
-    def _leave_plateau(self, state, load):
-        """Move to the approach at which a cell enters C, which is empty. Collective.
-
-        Plastic cells alone carry the `load` [N], which does not depend on the approach there.
-        """
-        depth, self._before = state.depth, None
-        state.approach_next_cell() if load < self.load else state.retreat_to_cell()
-        self.slope = state.grid.cell_area / state.operator.diagonal
-        return abs(state.depth - depth)
-
-    def _learn_slope(self, state, expected, gaps):
+    def _learn_slope(self, state, expected, rms):
         """Update the slope dF/d(depth) from the last move of the depth. Collective.
 
-        Moves below `MIN_SECANT_STEP` times the residual are not used. `gaps` are those of C and overlapping cells.
-        `expected` is the load at this depth [N]. In elastic contact the slope grows with the depth, so it is at least
-        the mean slope since first touch.
+        Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. `expected` is the load at
+        this depth [N]. The slope grows with the depth, so it is at least the mean slope since first touch.
         """
         beyond = state.depth - state.distance.zero_load_depth
-        plastic = state.plastic_cells()
-        mean_slope = expected / beyond if beyond > 0 and not plastic else 0.0
+        mean_slope = expected / beyond if beyond > 0 else 0.0
         (before, then), self._before = self._before or (state.depth, 0.0), None
         moved = state.depth - before
-        if abs(moved) > MIN_SECANT_STEP * gaps.rms:
+        if abs(moved) > MIN_SECANT_STEP * rms:
             slope = (expected - then) / moved
             if slope >= MIN_MEAN_SLOPE_FRACTION * mean_slope:
                 self.slope = min(max(slope, self.slope / MAX_SLOPE_RATIO), MAX_SLOPE_RATIO * self.slope)
         self.slope = max(self.slope, mean_slope)
-        if plastic:
-            self.slope = float(np.clip(self.slope, *stiffness_range(state, gaps.cells, plastic)))
         if least := least_stiffness(state):
             self.slope = min(max(self.slope, least), MAX_LEAST_STIFFNESS_RATIO * least)
 
@@ -284,10 +262,11 @@ class PrescribedLoad(Loading):
         """
         load = state.load
         if load > 0:
-            if not (state.plastic_cells() and isclose(load, self.load, rel_tol=LOAD_ROUNDING)):
+            capped = state.bounds.capped and state.plastic_cells()
+            if not (capped and isclose(load, self.load, rel_tol=LOAD_ROUNDING)):
                 state.set_load(self.load, load)
-            if state.bounds.capped and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
-                self._leave_plateau(state, state.load)  # C is empty, or all its cells are at a bound
+            if capped and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
+                self.update(state)  # C is empty, or all its cells are at a bound
                 return update._replace(added=1)
         elif update.cells:  # a load so small that p = 0 counts as solved
             state.distribute_load(self.load)
@@ -298,7 +277,7 @@ class PrescribedLoad(Loading):
 
     def meet(self, state):
         """Add the missing load if cells are plastic; see `Loading.meet`."""
-        if state.plastic_cells():
+        if state.bounds.capped and state.plastic_cells():
             state.add_load(self.load - state.load)
 
     def scale_pressure(self, pressure, total, cell_area):
@@ -335,18 +314,6 @@ def least_stiffness(state):
         return 0.0
     energy, cells = state.operator.energy_of_contact()
     return state.grid.cell_area * cells**2 / energy if energy > 0 else 0.0
-
-
-def stiffness_range(state, cells, plastic):
-    """Return a range of the stiffness dF/d(depth) of C between plastic cells [N/mm].
-
-    Each of the `cells` of C has the compliance A_II / area of its own. In series with it is that of a disc, which is
-    at least as large as all contact and at most as large as the patch. `plastic` is the number of plastic cells.
-    """
-    own = state.operator.diagonal / (cells * state.grid.cell_area)
-    disc = 1 / stiffness_of_patch(state)
-    low, high = STIFFNESS_MARGINS
-    return low / (own + disc * sqrt(state.grid.n / (cells + plastic))), high / (own + disc)
 
 
 def stiffness_of_patch(state):

@@ -337,7 +337,7 @@ class ContactState:
 
         If a cell reached the hardness, a constant is added to p on C instead, and u is computed.
         """
-        if not self.plastic_cells(max(load / present_load, 1.0)):
+        if not (self.bounds.capped and self.plastic_cells(max(load / present_load, 1.0))):
             return self.scale(load / present_load)
         self.add_load(load - present_load)
         return self.compute_displacement(exact=True)

@@ -146,7 +146,7 @@ class TrackingSolver(LinearSolver):
         if not factor or extend is None:
             return None
         expected, mean = self._cg.product, 0.0
-        if state.plastic_cells():
+        if state.bounds.capped and state.plastic_cells():
             mean = state.on_contact().mean
         kernels.defect(state.distance.b, state.depth + mean, state.u, state.contact, factor, expected)
         extend(expected)

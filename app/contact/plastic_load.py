@@ -1,0 +1,72 @@
+"""Step of the approach to a prescribed load if cells are plastic.
+
+The slope of the load then changes with every cell that becomes plastic, so the step is that of a model. Each cell has
+the compliance A_II of its own, and its pressure stays within the bounds. The change of the load also displaces all
+contact, like a punch of its extent. If the cells approach by t, the load is
+
+    F(t) = dx dy sum(clip(p - (e - t) / A_II, 0, H)),
+
+and the bodies approach by t plus the compliance of the punch times the change of the load. The range of elastic
+contact, and approaches at which no cell is elastic, follow from the same equation.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from app.halfspace.window import bounding_boxes
+
+_STEP_RTOL = 1e-2  # relative error of the change of the load
+_MAX_TRIALS = 60
+
+
+def step_to_load(state, load, target):
+    """Return the change of the depth that brings the `load` of a state to a target [mm].
+
+    Collective. Loads in N.
+    """
+    grid, distance, compliance = state.grid, state.distance, state.operator.diagonal
+    fields = distance.b, state.depth, state.u, state.p
+
+    def error(t):
+        total = state.sum([state.bounds.local_load(*fields, t, compliance)])[0]
+        return grid.cell_area * float(total) - target
+
+    low, at_low = 0.0, error(0.0)
+    cells = max(int(state.sum([np.count_nonzero(state.contact)])[0]), 1)
+    step = -at_low * compliance / (cells * grid.cell_area)
+    high, at_high = step, error(step)
+    for _ in range(_MAX_TRIALS):
+        if at_low * at_high <= 0:
+            break
+        step *= 2
+        low, at_low, high = high, at_high, high + step
+        at_high = error(high)
+    t = _zero(error, (low, at_low), (high, at_high), _STEP_RTOL * abs(target - load))
+    return t + punch_compliance(state) * (target - load)
+
+
+def _zero(function, one, other, allowed):
+    """Return where a monotone function is zero, up to an allowed value, by the Illinois method.
+
+    `one` and `other` are points (t, value) of opposite signs.
+    """
+    (a, at_a), (b, at_b) = one, other
+    for _ in range(_MAX_TRIALS):
+        if abs(at_b) <= allowed or at_a == at_b:
+            break
+        c = b - at_b * (b - a) / (at_b - at_a)
+        at_c = function(c)
+        if at_c * at_b <= 0:
+            a, at_a = b, at_b
+        else:
+            at_a /= 2
+        b, at_b = c, at_c
+    return b
+
+
+def punch_compliance(state):
+    """Return the compliance of a round punch with the extent of contact [mm/N]. Collective."""
+    [box] = bounding_boxes([state.in_contact()], state.operator.slabs, state.comm)
+    area = state.grid.cell_area * (box.n if box else 1)
+    return np.pi * state.operator.compliance / (2 * sqrt(area / np.pi))
