@@ -1,9 +1,13 @@
 """Analytic values and theories to compare a solution with."""
 
-from app.reference.base import NormalContact
-from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
+import numpy as np
 
-THEORIES = {"persson_fraction": persson_fraction, "bush_gibson_thomas_fraction": bush_gibson_thomas_fraction}
+from app.reference.base import NormalContact
+from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_hardness_fractions
+
+THEORIES = (  # contact fractions of rough surfaces; the last two only with a hardness
+    "persson_fraction", "bush_gibson_thomas_fraction", "persson_hardness_fraction", "persson_plastic_fraction",
+)  # fmt: skip
 ANALYTIC = (  # names of a Solution's numbers that have analytic values
     "load", "approach", "max_pressure", "contact_area", "semi_axis_major", "semi_axis_minor", "stiffness",
 )  # fmt: skip
@@ -16,7 +20,6 @@ def analytic_values(problem, measures, approach, load=None):
     ----------
     problem : Problem
     measures : ContactMeasures
-        Those of the solution.
     approach : float
         Approach of the analytic solution [mm], unless a load is given.
     load : float, optional
@@ -55,9 +58,14 @@ def theories(problem, mean_pressure, rms_slope):
     Returns
     -------
     dict
-        Empty if the bodies are not nominally flat and rough.
+        Empty if the bodies are not nominally flat and rough, are indented already, or have a hardness of each cell.
     """
-    scale = problem.material.contact_modulus * rms_slope
-    if problem.name != "rough" or not scale > 0:
+    scale, hardness = problem.material.contact_modulus * rms_slope, problem.hardness
+    if problem.name != "rough" or not scale > 0 or np.ndim(hardness) or problem.indentation is not None:
         return {}
-    return {name: float(theory(mean_pressure / scale)) for name, theory in THEORIES.items()}
+    relative = mean_pressure / scale
+    fractions = [persson_fraction(relative), bush_gibson_thomas_fraction(relative)]
+    if hardness is not None:
+        opened, _, plastic = persson_hardness_fractions(relative, hardness / scale)
+        fractions += [1 - opened, plastic]
+    return {name: float(fraction) for name, fraction in zip(THEORIES, fractions, strict=False)}

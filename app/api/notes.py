@@ -41,6 +41,8 @@ def notes_on(state, problem, contact, roughness):
     side = max(grid.nx * grid.dx, grid.ny * grid.dy)
     modulus = problem.material.contact_modulus
     notes += note_doubtful_moduli(problem.material)
+    if state.bounds.capped and contact.max_pressure > 0:
+        notes += note_hardness(problem, contact)
     if contact.max_pressure > MAX_ELASTIC_PRESSURE * modulus:
         notes.append(
             f"the maximum pressure is {contact.max_pressure / modulus:.2g} E*: beyond what solids bear elastically, or "
@@ -131,6 +133,25 @@ def note_doubtful_moduli(material):
             f"was meant write {modulus:.4g}e3"
         )
     return notes
+
+
+def note_hardness(problem, contact):
+    """Return a note on a hardness that has no effect, or that all contact has."""
+    hardness, pressure = float(np.min(problem.hardness)), contact.max_pressure
+    largest = MAX_ELASTIC_PRESSURE * problem.material.contact_modulus
+    if not contact.plastic_area and problem.indentation is None:
+        doubt = "; it is above E*/5: is it in another unit than N/mm2?" if hardness > largest else ""
+        return [
+            f"the hardness {format_distinct(hardness, pressure, 3)} N/mm2 has no effect: the maximum pressure is "
+            f"{format_distinct(pressure, hardness, 3)} N/mm2{doubt}"
+        ]
+    if contact.plastic_area < contact.contact_area:
+        return []
+    if contact.plastic_fraction < 1:
+        return ["all contact is plastic: several approaches have this load, this is one of them"]
+    return [
+        f"all cells are plastic: {contact.load:.6g} N is the largest load, and larger approaches have it, too"
+    ]
 
 
 def note_filled_points(surface, state):

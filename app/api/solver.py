@@ -195,16 +195,13 @@ class ContactSolver(Derivatives):
         shapes = hierarchy.shapes(problem)
         target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
-        indentation, indented, first_touch = problem.indentation, 0.0, np.inf
-        if indentation is not None:
-            indented, indentation = float(indentation.sum()), indentation[hierarchy.slabs.rows]
-            first_touch = np.nanmin(target - indentation, initial=np.inf)
-        lowest, highest, first_touch = minimum_over(comm, [lowest, -highest, first_touch]) * (1, -1, 1)
+        lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
         if lowest > highest:
             raise InputError(f"problem {problem.name}: contact is impossible in all cells (NaN)")
         if self.settings.single:
             check_single("pressures", max(-lowest, highest) / self._largest, "N/mm2")
         reference = float(lowest)
+        indentation = measures.measure_indentation(problem.indentation, target, hierarchy.slabs, comm)
         for shape in shapes:
             shape -= reference
         coarse_minimum = hierarchy.coarse_minimum(shapes)
@@ -214,9 +211,7 @@ class ContactSolver(Derivatives):
         # From here on nothing fails.
         before, self._distances = self._distances, distances
         self.touching, self._roughness = reference, roughness
-        # Of earlier loads: depth in the local rows, its sum over all cells, and the approach to touch again.
-        self._indentation, self._indented = indentation, indented
-        self._residual_approach = 0.0 if indentation is None else reference - first_touch
+        self._indentation = indentation
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
             self._resources.add(distance)
@@ -377,14 +372,9 @@ class ContactSolver(Derivatives):
         measured = measures.measure_contact(state)
         proof = proof.under(loading.load, measured.load)
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
-        measured = loading.restore_prescribed(measured)
+        before = self._indentation
+        measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
-        indentation, plastic = (
-            self._indentation,
-            state.bounds.plastic(state.p) if state.bounds.capped else None,
-        )
-        if self._indented:
-            measured = measured.add_indentation(self._indented, state.grid, distance.statistics.cells)
         approach, moments = loading.solved_approach(state), measure_moments(state)
         notes = notes_on(state, self.problem, measured, self._roughness)
         # Rank 0 has a part of every grid and window.
@@ -393,17 +383,15 @@ class ContactSolver(Derivatives):
         return Solution(
             pressure=state.p,
             displacement=state.u,
-            distance=synchronized(
-                lambda: distance.h_at(depth) - (0.0 if indentation is None else indentation)
-            ),
+            distance=synchronized(lambda: before.remove_from(distance.h_at(depth))),
             contact=state.in_contact().copy(),
-            plastic=plastic,
-            indentation_before=indentation,
+            plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
+            indentation_before=before.depth,
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,
             approach=approach,
-            indentation=depth - distance.zero_load_depth + self._residual_approach,
+            indentation=depth - distance.zero_load_depth + before.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
@@ -420,6 +408,7 @@ class ContactSolver(Derivatives):
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe()
+            | state.bounds.describe()
             | analytic_values(self.problem, measured, approach, loading.load)
             | theories(self.problem, measured.mean_pressure, self._roughness.rms_slope),
             options=format_options(self.settings.texts),

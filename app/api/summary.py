@@ -108,9 +108,22 @@ def _describe_pressure(facts, grid):
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
             f"the longer at {round_to_cell(facts['major_axis_angle'], 0.01):.4g} degrees from x{centre}"
         )
+    if "plastic_area" in facts:
+        lines.append(_describe_plastic(facts))
     if "stiffness" in facts:
         lines += _describe_stiffness(facts, grid)
     return lines
+
+
+def _describe_plastic(facts):
+    """Return a line with hardness, plastic area and permanent indentation."""
+    text = f"hardness {facts['hardness']:.6g} N/mm2: " if "hardness" in facts else ""
+    text += f"plastic area {facts['plastic_area']:.6g} mm2, {100 * facts['plastic_fraction']:.4g}%"
+    if "persson_plastic_fraction" in facts:
+        contact, plastic = facts["persson_hardness_fraction"], facts["persson_plastic_fraction"]
+        text += f" (Persson with hardness: contact {100 * contact:.4g}%, plastic {100 * plastic:.4g}%)"
+    text += f", plastic volume {facts['plastic_volume']:.6g} mm3"
+    return text + (f"; largest load {facts['largest_load']:.8g} N" if "largest_load" in facts else "")
 
 
 def _describe_stiffness(facts, grid):

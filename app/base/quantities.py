@@ -59,6 +59,14 @@ QUANTITIES = {
     "seconds": Quantity("s"),
     "contact_cells": Quantity("1", "cells in contact"),
     "contact_modulus": Quantity("N/mm2", "contact modulus E*", "1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂"),
+    "hardness": Quantity("N/mm2", "hardness", "largest pressure of a cell"),
+    "largest_load": Quantity("N", "largest load", "all cells at the hardness"),
+    "plastic_area": Quantity("mm2", "plastic area", "cells at the hardness times their area"),
+    "plastic_fraction": Quantity("1", "plastic fraction", "share of the cells where contact is possible"),
+    "plastic_volume": Quantity("mm3", "plastic volume", "volume of the permanent indentation"),
+    "mean_plastic_depth": Quantity("mm", "mean plastic depth", "permanent indentation, over the same cells"),
+    "persson_hardness_fraction": Quantity("1", "Persson's theory with hardness", "contact fraction"),
+    "persson_plastic_fraction": Quantity("1", "Persson's theory, plastic", "share at the hardness"),
     "rms_height": Quantity("mm", "rms height", "of the undeformed distance about its mean"),
     "rms_slope": Quantity("1", "rms slope", "of the undeformed distance on this grid"),
 }
@@ -97,5 +105,5 @@ def axis_label(name):
     >>> axis_label("contact_area"), axis_label("load"), axis_label("work_units")
     ('contact area  [mm²]', 'load F  [N]', 'work units')
     """
-    symbol, unit = QUANTITIES.get(name, Quantity()).symbol, unit_of(name).replace("2", "²")
+    symbol, unit = QUANTITIES.get(name, Quantity()).symbol, unit_of(name).replace("2", "²").replace("3", "³")
     return f"{label_of(name)} {symbol}".rstrip() + (f"  [{unit}]" if unit != "1" else "")

@@ -31,8 +31,9 @@ _QUANTITIES = (
     "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
     "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
     "largest_patch", "perimeter", "semi_axis_major", "semi_axis_minor", "pressure_centre_x", "pressure_centre_y",
-    "mean_gap", "stiffness", "unloading_stiffness", "conductance_width",
-    "electrical_conductance", "thermal_conductance", "contact_modulus", "rms_height", "rms_slope",
+    "plastic_area", "plastic_fraction", "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume",
+    "mean_plastic_depth", "hardness", "largest_load", "mean_gap", "stiffness", "unloading_stiffness",
+    "conductance_width", "electrical_conductance", "thermal_conductance", "contact_modulus", "rms_height", "rms_slope",
 )  # fmt: skip
 _ORIGIN = {
     "version": "version",
@@ -76,7 +77,7 @@ def format_quantity(value, unit, digits=6):
 
 def typeset(text):
     """Return a text with typographic minus signs and squares."""
-    text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)2\b", r"\1²", text)
+    text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)([23])\b", lambda unit: unit[1] + "²³"[unit[2] == "3"], text)
     return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 

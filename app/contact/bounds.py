@@ -50,6 +50,10 @@ class PressureBounds:
     def __init__(self, admissible):
         self.admissible = admissible
 
+    def describe(self):
+        """Return the largest load, if there is one, by name for result files."""
+        return {"largest_load": self.largest_load} if self.largest_load < np.inf else {}
+
     def part(self, cut):
         """Return the bounds in a window; ``cut(field)`` restricts a field to it."""
         return type(self)(cut(self.admissible))

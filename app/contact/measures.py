@@ -13,7 +13,7 @@ from app.contact import kernels
 from app.halfspace.periodic_symbol import wave_numbers
 from app.halfspace.product import PeriodicProduct
 from app.parallel.halo import fetch_row_before
-from app.parallel.reductions import add_tuples, njit_reassoc, sum_over, sums_and_minima
+from app.parallel.reductions import add_tuples, minimum_over, njit_reassoc, sum_over, sums_and_minima
 
 # Share of a cell by which the contact area is too large for each face on the contact edge, on average over directions
 # (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
@@ -39,15 +39,26 @@ class ContactMeasures(NamedTuple):
     plastic_volume: float  # volume of the plastic indentation [mm3]
     mean_plastic_depth: float  # mean of max(-e, 0) over the admissible cells [mm]
 
-    def add_indentation(self, depth, grid, admissible):
-        """Return the measures with the summed `depth` of earlier loads [mm].
-
-        `admissible` is the number of admissible cells.
-        """
+    def add_indentation(self, before, state):
+        """Return the measures with the `Indentation` before the load of a `ContactState`."""
+        if before.depth is None:
+            return self
         return self._replace(
-            plastic_volume=self.plastic_volume + grid.cell_area * depth,
-            mean_plastic_depth=self.mean_plastic_depth + depth / admissible,
+            plastic_volume=self.plastic_volume + state.grid.cell_area * before.total,
+            mean_plastic_depth=self.mean_plastic_depth + before.total / state.distance.statistics.cells,
         )
+
+
+class Indentation(NamedTuple):
+    """Permanent indentation by earlier loads."""
+
+    depth: np.ndarray | None = None  # in the local rows [mm]
+    total: float = 0.0  # sum over all cells [mm]
+    approach: float = 0.0  # from the first touch of the bodies before to that of the indented ones [mm]
+
+    def remove_from(self, distance):
+        """Return the undeformed distance before the indentation, in the local rows [mm]."""
+        return distance if self.depth is None else distance - self.depth
 
 
 class ShapeRoughness(NamedTuple):
@@ -106,7 +117,7 @@ def _plastic_sums(state):
     if not state.bounds.capped:
         return 0, 0.0
     plastic = state.bounds.plastic(state.p)
-    return np.count_nonzero(plastic), -float(np.minimum(state.gap(), 0.0).sum(where=plastic))
+    return np.count_nonzero(plastic), float(np.maximum(-state.gap(), 0.0).sum(where=plastic))
 
 
 def contact_width(state, contact, enough):
@@ -135,6 +146,19 @@ def contact_width(state, contact, enough):
         return np.concatenate([fetch_row_before(run, periodic, slabs, state.comm, False)[None], run])[:-1]
 
     return min(longest(left), grid.nx), min(longest(below), grid.ny)
+
+
+def measure_indentation(depth, shape, slabs, comm):
+    """Return the `Indentation` of a shape. Collective.
+
+    `depth` has all cells, or is None; `shape`, (local rows, nx), includes it, and is NaN in inadmissible cells [mm].
+    """
+    if depth is None:
+        return Indentation()
+    local = depth[slabs.rows]
+    lowest = [np.nanmin(values, initial=np.inf) for values in (shape, shape - local)]
+    after, before = minimum_over(comm, lowest)
+    return Indentation(local, float(depth.sum()), float(after - before))
 
 
 def measure_roughness(operator, distance, shape):

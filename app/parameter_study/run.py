@@ -30,8 +30,9 @@ _WORK = (
 WHERE_KNOWN = (  # columns only if a run has them
     "indentation", "contact_area", "mean_contact_pressure", "stiffness", "unloading_stiffness", "conductance_width",
     "electrical_conductance", "thermal_conductance", "contact_patches", "largest_patch",
-    "persson_fraction", "rms_height", "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error",
-    "max_pressure_error", "contact_area_error",
+    "plastic_area", "plastic_fraction", "plastic_volume", "mean_plastic_depth", "persson_fraction", "rms_height",
+    "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error", "max_pressure_error",
+    "contact_area_error",
 )  # fmt: skip
 CHECKS = ("largest_penetration", "smallest_pressure", "complementarity")
 OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")

@@ -175,3 +175,23 @@ def test_a_constant_distance_on_a_periodic_patch_gets_a_note():
 
     assert any("the same in all cells" in note for note in notes(1))
     assert not any("the same in all cells" in note for note in notes(8))
+
+
+@pytest.mark.parametrize(
+    ("hardness", "load", "message"),
+    [
+        (19.0, 0.5, "the hardness 19 N/mm2 has no effect: the maximum pressure is .* N/mm2$"),
+        (1e4, 0.5, "the hardness 1e.04 N/mm2 has no effect: .*above E./5: is it in another unit than N/mm2"),
+        (0.01, 4 * 0.01, "all cells are plastic: 0.04 N is the largest load"),
+        (1.5, 0.5, None),
+    ],
+)
+def test_a_hardness_without_effect_or_limit_gets_its_note(hardness, load, message):
+    found = solve(ContactProblem(GRID, SOFT, Sphere(10.0), hardness=hardness), None, None, load=load).notes
+    found = [note for note in found if "hardness" in note or "plastic" in note]
+    assert len(found) == (message is not None) and (message is None or re.search(message, found[0]))
+
+
+def test_an_unloaded_body_gets_no_note_on_its_hardness():
+    with app.ContactSolver(ContactProblem(GRID, SOFT, Sphere(10.0), hardness=1.5)) as solver:
+        assert not any("hardness" in note for step in solver.path(load=[0.5, 0.2]) for note in step.notes)

@@ -20,3 +20,16 @@ def test_without_load_nothing_is_said_of_where_it_acts(periodic):
         said = summary(found.attributes | zero, found.grid)
         assert ("centre of pressure" in said) == known
         assert "nan" not in said and "-0 " not in said
+
+
+@pytest.mark.parametrize("hardness", [2e3, np.full((16, 16), 2e3), np.full((16, 16), [2e3] + 15 * [np.inf])])
+def test_a_hardness_is_summarised_with_its_plastic_area(hardness):
+    x = np.linspace(-1, 1, 16) ** 2
+    grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), np.add.outer(x, x), hardness=hardness)
+    with ContactSolver(problem) as solver:
+        solution = solver.solve(load=2000.0)
+    text = solution.summary()
+    assert f"plastic area {solution.plastic_area:.6g} mm2" in text
+    assert ("hardness 2000 N/mm2: plastic" in text) == (np.ndim(hardness) == 0)
+    assert ("largest load 8000 N" in text) == bool(np.isfinite(hardness).all())
