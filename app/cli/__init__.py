@@ -1,1 +1,1 @@
-"""Commands: start and end, options, problems, and one module for each command."""
+"""Commands: one module for each, and modules that they share."""

@@ -1,4 +1,4 @@
-"""Parser, checks and exit statuses of commands with options like ``--jobs 2``."""
+"""Parser, checks and exit statuses of commands with options like ``--jobs``."""
 
 import argparse
 import os
@@ -15,7 +15,7 @@ from app.options import option_table
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that raises InputError and accepts -1,2 as a value."""
+    """Parser of arguments that raises InputError, and accepts -1,2 as a value."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
@@ -28,9 +28,10 @@ class Parser(argparse.ArgumentParser):
 
 
 def argument_type(kind):
-    """Return a type for argparse from a kind of value of `app.options.option_table`.
+    """Return a type for argparse from a `kind` of `app.options.option_table`.
 
-    Both are functions that convert a text to a value. The message of the kind's ValueError says what the text must be.
+    Both are functions that convert a text to a value. If the text is not allowed, both raise an error with the same
+    message.
     """
 
     def parse(text):
@@ -46,13 +47,13 @@ count, positive = argument_type(option_table.count), argument_type(option_table.
 
 
 def check_ranks(ranks):
-    """Raise InputError if several ranks are asked for without mpiexec."""
+    """Raise InputError if several ranks are asked for, but mpiexec is missing."""
     if ranks > 1 and not shutil.which("mpiexec"):
         raise InputError(f"--ranks {ranks}: there is no mpiexec on PATH")
 
 
 def check_folder(folder):
-    """Raise InputError unless a folder (-o) can be made or written to."""
+    """Raise InputError unless the folder -o can be made or written to."""
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder}: exists and is not a folder")
     if not folder.parent.is_dir():
@@ -63,7 +64,7 @@ def check_folder(folder):
 
 @contextmanager
 def report_write_errors(output):
-    """Turn an OSError of the block into an InputError about -o."""
+    """Turn an OSError of a ``with`` block into an InputError about -o."""
     try:
         yield
     except OSError as error:
@@ -73,10 +74,10 @@ def report_write_errors(output):
 
 
 def command(main):
-    """Decorate ``main(argv)`` to print errors of the user and return 2.
+    """Decorate the ``main(argv)`` of a command.
 
-    SIGTERM acts like Ctrl-C, after which the status is 130. Exceptions other than InputError, OSError and MemoryError
-    are bugs and propagate.
+    It then prints an error of the user on one line, and returns 2. SIGTERM acts like Ctrl-C; after both the status is
+    130. Exceptions other than InputError, OSError and MemoryError are bugs, and propagate.
     """
 
     @wraps(main)

@@ -8,7 +8,7 @@ dataset            meaning
 ``mask``           (ny, nx) uint8, 1 where a point is missing
 =================  ==========================================================================
 
-Root attributes: ``source`` (file name), ``sha256`` (of it), ``format``, ``channel``, ``version``.
+Root attributes: ``source`` (name of the file), ``sha256`` (hash of the file), ``format``, ``channel``, ``version``.
 """
 
 import json
@@ -34,9 +34,9 @@ _NAMES = "--unit", "--height-unit", "--spacing", "--override"
 
 
 def find_instruments_python():
-    """Return the path of a Python with SurfaceTopography, or None.
+    """Return the path of a Python that has SurfaceTopography, or None.
 
-    By default it is the one that ``run/setup --surfaces`` installs.
+    By default it is the Python that ``run/setup --surfaces`` installs.
     """
     path = os.environ.get(ENVIRONMENT) or Path(__file__).resolve().parents[2] / ".venv-surfaces/bin/python"
     path = Path(path)
@@ -146,7 +146,10 @@ def _read_instruments(path, channel):
 
 
 def _make_map(path, heights, facts, arguments):
-    """Return the `HeightMap` of an instrument's heights, and format and channel."""
+    """Return the `HeightMap` of an instrument's file, its format and channel.
+
+    `heights` and `facts` are what `app.cli.instruments` has read from the file.
+    """
     unit = units.find_unit(facts["unit"])
     other = None if unit else facts["unit"]
     source = HeightMap(str(path), heights, arguments.orient, facts["spacing"], unit, other_unit=other)
@@ -156,7 +159,7 @@ def _make_map(path, heights, facts, arguments):
 def set_units(source, arguments, height_unit=None, override=False):
     """Set unit and spacing of a `HeightMap` from file or options.
 
-    InputError if neither of them states unit and spacing, or both do.
+    Raises InputError if neither file nor options state unit and spacing, or if both do.
     """
     source.settle(arguments.unit, height_unit, arguments.spacing, override, _NAMES)
     if source.spacing is None:

@@ -43,7 +43,7 @@ hardness = real("a positive number; inf: elastic", above=0, highest=np.inf)
 
 
 def domain_or_auto(text):
-    """Convert ``x0,x1,y0,y1`` to numbers; keep the word auto."""
+    """Convert ``x0,x1,y0,y1`` to numbers; leave the word auto as it is."""
     return text if text == AUTO else domain(text)
 
 
@@ -133,7 +133,7 @@ def make_problem(options, texts, comm):
     -------
     problem : app.problems.problem.Problem
     own : OptionReader
-        Reader of the options of a user-defined problem, ``-problem python``; otherwise it has none.
+        Reader of the options of a user-defined problem (``-problem python``); empty for other problems.
     """
     from app.base.memory import check_rank_memory
     from app.base.petsc import check_cells
@@ -202,7 +202,7 @@ def _read_hardness(options, grid):
 
 
 def _read_symbol(options):
-    """Return the name of a periodic patch's symbol, empty if free."""
+    """Return the symbol's name of a periodic patch, otherwise an empty text."""
     if options["periodic"]:
         return options["periodic_symbol"]
     if options.given("periodic_symbol"):
@@ -268,7 +268,7 @@ def _make_roller(options, material):
 
 
 def _read_measured(options):
-    """Read the measured surfaces, averaged or resampled as options ask."""
+    """Read the measured surfaces; average or resample them by the options."""
     from app.problems.surfaces.filters import check_order
     from app.problems.surfaces.reading import read_surface
 
@@ -290,12 +290,12 @@ def _read_measured(options):
 
 
 def _read_filters(options):
-    """Return the nesting indices of S-filter and L-filter."""
+    """Return the cut-off wavelengths of S-filter and L-filter."""
     return options["surface_s_filter"], options["surface_l_filter"]
 
 
 def _make_grid(options, name, shape, measured, material, periodic, texts):
-    """Make the grid from options, a file, or the shape's theory."""
+    """Make the grid from options, a file, or the shape's analytic solution."""
     from app.halfspace.grid import Grid
     from app.problems.surfaces.resampling import common_grid
 
@@ -341,7 +341,7 @@ def _fit_grid(options, name, shape, material, texts):
 
 
 def _make_default_patch(options, shape, material, periodic):
-    """Return a patch around the contact that the shape's theory predicts."""
+    """Return a patch around the contact that the analytic solution predicts."""
     from app.problems.default_patch import default_patch
 
     loading = find_loading(options)
@@ -357,9 +357,9 @@ def _make_default_patch(options, shape, material, periodic):
 
 
 def find_loading(options):
-    """Return the approach or load that the options prescribe, by name.
+    """Return the approach or load that the options prescribe, by its name.
 
-    For a path it is the largest value. Empty if neither is prescribed.
+    For a load path it is the largest value. The result is empty if neither is prescribed.
     """
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
@@ -367,9 +367,9 @@ def find_loading(options):
 
 
 def _make_random_surfaces(options, name, grid, measured):
-    """Make the random surfaces of the options.
+    """Make the random surfaces that the options ask for.
 
-    Without any measured or random surface, -problem punch has the paper's waves and -problem rough a self-affine
+    If there is no measured or random surface, -problem punch gets the paper's waves, and -problem rough a self-affine
     surface.
     """
     from app.problems.random_surfaces import SelfAffineSurface, WavySurface, check_cut_off

@@ -1,11 +1,11 @@
 """Read an instrument's file by SurfaceTopography, which needs a newer numpy.
 
-`app.convert` runs this program in another environment; it imports nothing of the project::
+`app.convert` runs this file as a program in another environment, so it imports nothing of the project::
 
     .venv-surfaces/bin/python -P app/cli/instruments.py FILE OUT.npz [CHANNEL]
 
-It writes heights (ny, nx) in the instrument's unit, NaN for missing points, and facts as JSON. Exit status 2 after an
-error, with one line on standard error.
+The program writes heights (ny, nx) in the instrument's unit, NaN for missing points, and facts as JSON. After an error
+the exit status is 2, and standard error has one line.
 """
 
 import gzip
@@ -27,7 +27,7 @@ _INDEXES = {"index.json", "meta.yml"}  # of contact.engineering's archives
 class Channel(NamedTuple):
     """Channel or measurement of a file.
 
-    ``read()`` returns its topography, and whether the file states the sides.
+    The function ``read()`` returns its topography, and whether the file states the sides of the patch.
     """
 
     index: int
@@ -37,10 +37,10 @@ class Channel(NamedTuple):
 
 
 def read_heights(path, wanted):
-    """Return heights (ny, nx) and facts of a file's channel.
+    """Return heights (ny, nx) and facts of a channel of a file.
 
-    `wanted` is the channel's name or number; an empty text means the only channel. Missing heights are NaN. The facts
-    are unit, spacing, channel and format.
+    `wanted` is the name or number of the channel; an empty text means the only channel. Missing heights are NaN. The
+    facts are unit, spacing, channel and format.
     """
     import numpy as np
 
@@ -88,7 +88,7 @@ def _channel(channel):
 def _archive(path):
     """Return the measurements in an archive of contact.engineering.
 
-    Its format is returned as well.
+    Return also the name of its format.
     """
     from SurfaceTopography.Container.IO import open_container
 
@@ -112,7 +112,7 @@ def _read_member(surface, number):
 
 
 def choose_channel(channels, wanted):
-    """Return the channel of heights with a name or number."""
+    """Return the channel of heights that `wanted` names or numbers."""
     maps = [channel for channel in channels if channel.has_heights]
     names = ", ".join(f"{channel.index} {channel.name}" for channel in maps)
     if not maps:

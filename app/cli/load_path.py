@@ -33,8 +33,8 @@ _SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
 class PathRequest:
     """Load path that the options ask for, with its files.
 
-    `kind` is the prescribed quantity; `inputs` are the files that define the problem. InputError if an option is not
-    allowed, or if the path would write over one of these files.
+    `kind` is the name of the prescribed quantity; `inputs` are the files that define the problem. Raises InputError if
+    an option is not allowed, or if an output would replace one of these files.
     """
 
     def __init__(self, kind, options, parsed, inputs):
@@ -71,11 +71,11 @@ class PathRequest:
 
 
 def run_path(request, solver, stiffness, save):
-    """Solve all steps of a path. Collective.
+    """Solve all steps of a load path. Collective.
 
-    ``save(solution, file)`` writes the result of a step. Returns the LoadPath, with the merged `notes` of all steps,
-    the last Solution, and a context manager. The caller writes the last result in that context, which then removes the
-    checkpoint.
+    The function ``save(solution, file)`` writes the result of a step. Return the LoadPath, the merged `notes` of all
+    steps, the last Solution, and a context manager. The caller writes the last result inside a ``with`` block of the
+    context manager, which removes the checkpoint at its end.
     """
     from tqdm import tqdm
 
@@ -103,7 +103,7 @@ def run_path(request, solver, stiffness, save):
 
 
 def merge_notes(notes):
-    """Return the notes of all steps, each with the steps it concerns.
+    """Return the notes (warnings) of all steps, each with its steps.
 
     Notes that differ only in numbers are merged into one, with ranges of the numbers.
     """
@@ -119,9 +119,9 @@ def merge_notes(notes):
 
 
 def _merge_lines(lines):
-    """Merge lines that differ in numbers into one with ranges of numbers.
+    """Merge lines that differ only in numbers into one line with ranges.
 
-    Nouns are in the plural if they are in one of the lines.
+    Nouns are in the plural if they are in the plural in one of the lines.
     """
     columns = zip(*([number[0] for number in _NUMBER.finditer(line)] for line in lines), strict=True)
     ends = ((min(column, key=float), max(column, key=float)) for column in columns)
@@ -177,7 +177,7 @@ class _Checkpoint:
 
     @contextmanager
     def reported(self, steps):
-        """Print the number of finished steps if the block is interrupted."""
+        """Print the number of finished steps if a ``with`` block is interrupted."""
         try:
             yield
         except BaseException:
@@ -187,7 +187,7 @@ class _Checkpoint:
 
     @contextmanager
     def removed(self, steps):
-        """Remove the journal's file after the block."""
+        """Remove the file of the journal after a ``with`` block."""
         with self.reported(steps):
             yield
         if self._journal:
@@ -196,7 +196,7 @@ class _Checkpoint:
 
 
 def hash_inputs(request, solver):
-    """Return a hash of everything that determines a path's table."""
+    """Return a hash of everything on which a path's table depends."""
     files = [hash_file(name) for name in request.inputs if Path(name).is_file()]
     parts = (request.relevant_options, *files, request.kind, *request.numbers, solver.comm.size, __version__)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
@@ -231,7 +231,10 @@ def format_steps(steps, count):
 
 
 def load_path_summary(path, request):
-    """Return a line on a load path: steps, failures, work and table."""
+    """Return a line that summarises a load path.
+
+    The line has the numbers of steps and failures, the work, and the name of the table.
+    """
     failed = [row["step"] for row in path.rows if not row["converged"]]
     state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
     table = f"; table in {request.csv}" if request.csv else ""

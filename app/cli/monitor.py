@@ -7,9 +7,9 @@ from app.contact.history import Listener
 
 
 def make_listeners():
-    """Return a list with a progress bar, empty without a terminal.
+    """Return a list with a progress bar for a solve.
 
-    Only rank 0 has one.
+    The list is empty without a terminal, and on all ranks but rank 0.
     """
     from app.base.mpi import MPI
 
@@ -17,13 +17,13 @@ def make_listeners():
 
 
 class Progress(Listener):
-    """Progress bar that goes from residual 1 to the tolerance."""
+    """Progress bar, from a residual of 1 to the tolerance."""
 
     def __init__(self):
         self._bar = None
 
     def begin(self, settings):
-        """Read the tolerance, and -lcp_monitor, which replaces the bar."""
+        """Read the tolerance and -lcp_monitor, whose lines replace the bar."""
         self._rtol, self._shown = settings.rtol, not settings.monitor
 
     def start(self, state, level):

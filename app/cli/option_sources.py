@@ -3,9 +3,9 @@
 1. ``~/.petscrc``, ``.petscrc``, ``petscrc``, unless ``-skip_petscrc`` is on the command line; ``PETSC_OPTIONS``. PETSc
    reads them at its start.
 2. The command line, with option files where they are named. As in PETSc, a file overrides options before it on the
-   command line; a warning names these.
+   command line; a warning names the overridden options.
 
-Only rank 0 reads the files, by PETSc; the options are then broadcast.
+Only rank 0 reads the files, by PETSc, and broadcasts the options.
 """
 
 import os
@@ -63,9 +63,9 @@ class ParsedOptions:
     def select_alternative(self, alternatives, needed=""):
         """Return the one of exclusive options that applies; remove the others.
 
-        That of the command line applies, else that of the last source with any of them; None if no source has one. An
-        alternative may be a tuple of names. InputError if that source has several alternatives, or if there is none and
-        `needed` names them for the message.
+        An option on the command line applies; otherwise the option in the last file that has one. An alternative may be
+        a tuple of names. Return None if no source has one. Raises InputError if the source has several alternatives. It
+        also raises InputError if there is none and `needed` is given, which names the alternatives in the message.
         """
         members = {one: (one,) if isinstance(one, str) else one for one in alternatives}
         present = [one for one in alternatives if self.texts.keys() & members[one]]
@@ -90,10 +90,10 @@ class ParsedOptions:
         return selected
 
     def split_by_source(self, names):
-        """Return options by file, and those of the command line.
+        """Return some options of each file, and those of the command line.
 
-        Only the given names are returned: a mapping of option files to their options, in order, and the options that
-        the command line sets last.
+        Only options with the given `names` are returned. The first result maps each option file, in order, to its
+        options. The second result has the options that the command line sets last.
         """
         files, last = {}, {}
         for source in self.sources:
@@ -104,9 +104,9 @@ class ParsedOptions:
         return files, {name: self.texts[name] for name in sorted(last) if last[name] == COMMAND_LINE}
 
     def explicit_names(self):
-        """Return the names of options that this command sets.
+        """Return the names of options that the command line or files set.
 
-        Options set only by PETSC_OPTIONS or .petscrc are left out: they may be meant for other programs.
+        Options set only by PETSC_OPTIONS or .petscrc are left out, because they may be meant for other programs.
         """
         explicit = {name for source in self.sources if source.where != PETSC_START for name in source.texts}
         implicit = {name for source in self.sources for name in source.texts} - explicit
@@ -123,10 +123,10 @@ class ParsedOptions:
 
 
 def startup_args(argv):
-    """Return the command line for PETSc's start.
+    """Return the words of the command line for PETSc's start.
 
-    It is without option files and -help, which are handled later. InputError for a word that is neither an option nor
-    the value of one.
+    Option files and -help are left out, because they are handled later. Raises InputError for a word that is neither an
+    option nor the value of an option.
     """
     words = argv[:1]
     for name, text in _parse_words(argv[1:]):
@@ -139,9 +139,9 @@ def startup_args(argv):
 
 
 def parse_options(argv):
-    """Read all sources of options after PETSc's start.
+    """Read all sources of options, after PETSc has started.
 
-    InputError names the source that cannot be read. `argv` begins with the program's name.
+    `argv` begins with the name of the program. Raises InputError if a source cannot be read; the message names it.
     """
     from petsc4py import PETSc
 
@@ -216,7 +216,10 @@ def _read_file(flag, path, parents, sources, files):
 
 
 def _read_content(path, parents):
-    """Return the text of an option file, which `parents` include."""
+    """Return the text of an option file.
+
+    `parents` are the files that include it, one in the other.
+    """
     where = f"option file {path}" + (f" (included by {parents[-1]})" if parents else "")
     file = Path(path.removesuffix(":yaml"))
     try:
@@ -239,7 +242,7 @@ def _read_content(path, parents):
 
 
 def _check_yaml(content, where):
-    """Raise InputError for wrong syntax, or aliases that multiply excessively."""
+    """Raise InputError for wrong YAML, or for aliases that expand too much."""
     import yaml
 
     try:
@@ -261,7 +264,7 @@ def _check_fp_trap(texts):
 
 
 def _check_read_at_end(petsc_options):
-    """Raise InputError for options that would make PETSc's shutdown fail."""
+    """Raise InputError for options that would make PETSc fail at its end."""
     for viewer in re.split(",(?=:)", petsc_options.get("log_view", "")):
         check_viewer("log_view", viewer)
     for name in petsc_options.keys() & set(_OUTPUT_FILES):
@@ -271,7 +274,10 @@ def _check_read_at_end(petsc_options):
 
 
 def _parse_words(words):
-    """Return pairs of option name, without dash, and text or None."""
+    """Return pairs of option name (without dash) and text.
+
+    The text is None if the option has no value.
+    """
     pairs, needs_value = [], False
     for word in words:
         try:

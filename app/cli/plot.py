@@ -29,7 +29,7 @@ _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is 
 def save_pictures(pictures, folder, kinds=("png",), dpi=200, title=None):
     """Write pairs of name and figure to a folder; return their paths.
 
-    A title replaces that of the figures.
+    `kinds` are the suffixes of the files. A `title` replaces that of the figures.
     """
     paths = []
     for name, figure in pictures:
@@ -43,9 +43,9 @@ def save_pictures(pictures, folder, kinds=("png",), dpi=200, title=None):
 
 
 def _read(file, arguments):
-    """Return a file's result, its table's columns, or its surface.
+    """Return the content of a file: result, table columns or surface.
 
-    The best plane is subtracted from a surface.
+    The best plane of a surface is subtracted.
     """
     suffix = file.suffix.lower()
     if arguments.unit or suffix in _MAPS or (suffix != ".csv" and has_heights(file)):
@@ -62,7 +62,7 @@ def _read(file, arguments):
 
 
 def _pictures(file, data, arguments):
-    """Yield the name and the figure of each picture of a file."""
+    """Yield name and figure of each picture of a file."""
     only, is_table = arguments.only, isinstance(data, dict)
     is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
     if columns and not is_table:
@@ -85,7 +85,7 @@ def _pictures(file, data, arguments):
 
 
 def _get_path(data, name):
-    """Return the load path of a file, or None."""
+    """Return the load path of a file, None if it has none."""
     if isinstance(data, dict):
         return None if "exit_status" in data else load_curves.get_csv_path(data, name)
     return None if is_measured(data) else load_curves.get_path(data, name)

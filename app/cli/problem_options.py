@@ -41,18 +41,18 @@ LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for
 
 
 class Request:
-    """Request to app.solve, validated before any work. Collective.
+    """What app.solve is asked to do, checked before any work. Collective.
 
     Attributes
     ----------
     problem : app.problems.problem.Problem
     loading : dict
-        Prescribed quantity -> value, as of `app.api.solver.ContactSolver.solve`; empty for a path.
+        Prescribed quantity -> value, as for `app.api.solver.ContactSolver.solve`; empty for a load path.
     path : app.cli.load_path.PathRequest or None
     refine_until, refine_max : number or None
     stiffness : bool
     method : dict of str to dict
-        Option file -> its options for the solver, which validates them.
+        Option file -> its options for the solver, which checks them.
     options : dict of str to str
         Options of the command line for the solver.
     texts : dict of str to str
@@ -104,7 +104,7 @@ class Request:
 
 @contextmanager
 def suggest_names(parsed):
-    """Add the names of misspelt options to an InputError of the block."""
+    """Add names of misspelt options to an InputError of a ``with`` block."""
     try:
         yield
     except InputError as error:
@@ -118,9 +118,9 @@ def suggest_names(parsed):
 
 
 def _split_unknown(names, own=()):
-    """Return the known option names, and those of `names` that are unknown.
+    """Return the known option names, and the unknown ones of `names`.
 
-    `own` are further known names. Names that only PETSc can check are not returned as unknown.
+    `own` are further known names. Names that only PETSc can check do not count as unknown.
     """
     known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
     others = names - set(known)
@@ -130,7 +130,7 @@ def _split_unknown(names, own=()):
 def resolve_alternatives(parsed):
     """Remove overridden exclusive options; return a reader of the others.
 
-    InputError if the same source sets several options that exclude each other.
+    Raises InputError if one source sets several options that exclude each other.
     """
     for alternatives in (LOADING, *ALTERNATIVES):
         parsed.select_alternative(alternatives)
@@ -140,7 +140,7 @@ def resolve_alternatives(parsed):
 def read_loading(parsed, options):
     """Return the prescribed quantity and its value, or a path's values.
 
-    `options` is the reader from `resolve_alternatives`. InputError if the loading is missing or not allowed.
+    `options` is the reader from `resolve_alternatives`. Raises InputError if the loading is missing or not allowed.
     """
     needed = "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
     kind = parsed.select_alternative(LOADING, needed)

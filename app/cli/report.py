@@ -76,13 +76,16 @@ def format_quantity(value, unit, digits=6):
 
 
 def typeset(text):
-    """Return a text with typographic minus signs and squares."""
+    """Return a text with long minus signs (U+2212) and superscripts.
+
+    The superscripts are those of units, such as mm² and µm³.
+    """
     text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)([23])\b", lambda unit: unit[1] + "²³"[unit[2] == "3"], text)
     return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
 def format_attribute(value):
-    """Return an attribute as text, its numbers with six digits."""
+    """Return an attribute as text; numbers have six digits."""
     if isinstance(value, str):
         return value
     return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))
@@ -122,7 +125,7 @@ def numbers_section(result):
 
 
 def proof_section(values):
-    """Return the section on proved error bound and estimated grid errors."""
+    """Return the section on the proved error bound and estimated grid errors."""
     bound, texts = values.get("error_bound", np.nan), []
     if np.isfinite(bound):
         texts.append(
@@ -184,7 +187,7 @@ def request_section(result):
 
 
 def path_section(result, pictures):
-    """Return the section with the table of the load path's steps."""
+    """Return the section with the table of a load path."""
     columns, rows = {}, []
     for name, column in result.path.items():
         column = np.asarray(column)

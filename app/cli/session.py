@@ -1,7 +1,7 @@
 """Start and end of a parallel command.
 
-Exit statuses: 0 done, 2 bad input (one line on standard error), 3 not converged, 130 interrupted, 1 unexpected error
-(traceback and a line, with the rank if ranks differ). All ranks end in each of these cases.
+Exit statuses: 0 done, 2 bad input (one line on standard error), 3 not converged, 130 interrupted, 1 unexpected error (a
+traceback, then a line with the error, and the rank if ranks differ). In each case all ranks end.
 """
 
 import ctypes
@@ -46,7 +46,7 @@ _MALLOC = {
 def start(argv):
     """Start MPI and PETSc; return all options of the command. Collective.
 
-    InputError if options cannot be read, PETSc refuses its start-up options, or petsc4py does not load.
+    Raises InputError if options cannot be read, PETSc refuses its start-up options, or petsc4py does not load.
     """
     keep_freed_pages(os.environ)
     folder_exists = True
@@ -100,9 +100,9 @@ def start(argv):
 
 
 def keep_freed_pages(environment):
-    """Let malloc keep freed pages.
+    """Make malloc keep freed pages, which saves time in later solves.
 
-    Options of malloc that the environment sets are left as they are.
+    Options of malloc that the environment sets are not changed.
     """
     for option, (name, value) in _MALLOC.items():
         if name not in environment:
@@ -111,9 +111,10 @@ def keep_freed_pages(environment):
 
 @contextmanager
 def _captured_petsc_errors():
-    """Capture standard error; print it after the block if that succeeds.
+    """Capture standard error during a ``with`` block.
 
-    Yields a function that returns PETSc's captured error message on one line.
+    It is printed after the block, if the block succeeds. Yield a function that returns PETSc's captured error message
+    on one line.
     """
     sys.stderr.flush()
     with tempfile.TemporaryFile() as captured:
@@ -154,7 +155,7 @@ def note(message):
 
 
 def peak_memory():
-    """Return the sum over ranks of their peak memory [bytes]. Collective."""
+    """Return the sum of the peak memory of all ranks [bytes]. Collective."""
     import resource
 
     from app.base.mpi import MPI
@@ -171,7 +172,7 @@ def _rank():
 def run(main, argv=None):
     """Run a command and exit with its status. Collective.
 
-    ``main(parsed_options)`` returns the exit status; None counts as 0. `argv` defaults to ``sys.argv``.
+    The function ``main(parsed_options)`` returns the exit status; None means 0. `argv` is by default ``sys.argv``.
     """
     streams.reopen_closed()
     warnings.simplefilter("ignore", NoteWarning)  # commands print notes
@@ -216,8 +217,8 @@ def run(main, argv=None):
 def write_logs(petsc_options):
     """Finalize PETSc and write its logs to files. Collective.
 
-    PETSc ignores a full disk. Therefore it writes its logs into memory, and they are copied to the files. InputError if
-    a file cannot be written.
+    PETSc ignores a full disk. So it writes its logs to memory, and the program copies them to the files. Raises
+    InputError if a file cannot be written.
     """
     patterns = {"log_view": r"(?:ascii)?:([^:,]+)(?::\w*:?(append)?)?", "citations": "(.+)()"}
     patterns = {name: text for name, text in patterns.items() if re.search(text, petsc_options.get(name, ""))}
@@ -255,8 +256,8 @@ def write_logs(petsc_options):
 def _end(status, message, trace):
     """Print an error once and end all ranks.
 
-    Ranks that have not failed themselves are aborted. PETSc is not finalized: after an error it would destroy objects
-    in different order on different ranks, and deadlock. The traceback `trace` is printed first.
+    The traceback `trace` is printed first. Ranks that have not failed are aborted. PETSc is not finalized: after an
+    error it would destroy objects in different order on different ranks, and deadlock.
     """
     from app.base.mpi import MPI
     from app.parallel import mpi_abort

@@ -10,9 +10,9 @@ from app.cli import session
 
 
 def main(parsed):
-    """Solve the requested problem, write and report. Collective.
+    """Solve the requested problem, write the result, and print a summary.
 
-    Returns the exit status.
+    Collective. Return the exit status.
     """
     # The session starts MPI and PETSc first.
     import gc

@@ -1,4 +1,4 @@
-"""Printing on standard streams, which may be closed, full or unread."""
+"""Printing on standard streams, which may be closed, full or not read."""
 
 import os
 import re
@@ -9,7 +9,10 @@ _KEYWORD_AND_OPTION = re.compile(r"\b\w{1,60}=\S{0,80} \((-[^()]*)\)")
 
 
 def reopen_closed():
-    """Reopen closed standard streams, before a file gets their number."""
+    """Reopen standard streams that are closed.
+
+    Otherwise a file that is opened later could get the number of a stream.
+    """
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
         try:
             os.fstat(number)
@@ -20,7 +23,7 @@ def reopen_closed():
 
 
 def print_output(text):
-    """Print on standard output; warn of a full disk."""
+    """Print on standard output; warn if the disk is full."""
     try:
         print(text, flush=True)
     except OSError as error:
@@ -32,7 +35,7 @@ def print_output(text):
 def print_error(line):
     """Print a line on standard error; ignore failures.
 
-    Where a message names a keyword argument and its option, as in ``level='plane' (-surface_level plane)``, only the
+    If a message names a keyword argument and its option, as in ``level='plane' (-surface_level plane)``, only the
     option is printed.
     """
     try:

@@ -74,7 +74,7 @@ def write(path, result, stresses, planes):
 
 
 def add_body(add):
-    """Add --poisson and --body by a parser's method ``add_argument``."""
+    """Add --poisson and --body to a parser by its method ``add_argument``."""
     add(
         "--poisson",
         type=argument_type(half),

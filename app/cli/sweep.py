@@ -1,10 +1,10 @@
 """Run app.solve for all combinations of option values.
 
 The command is ``python -m app.sweep SWEEP.yml -o out.csv``; docs/commands.md describes sweep files and tables. Each
-combination is run as a process (under mpiexec for ``--ranks`` above 1) and becomes a row of the table. Its columns
-`exit_status` and `message` say how the run ended. Finished runs are kept in ``out.runs.jsonl``; ``--resume`` skips them
-if options, their files and the program are unchanged. Exit status: 0 all runs solved; 3 some not; 2 all refused, or bad
-input before any run; 130 interrupted, with a table of finished runs.
+combination is run as a process (under mpiexec for ``--ranks`` above 1) and becomes a row of the table. The columns
+`exit_status` and `message` say how the run ended. Finished runs are stored in ``out.runs.jsonl``; ``--resume`` skips
+them if options, their files and the program are unchanged. Exit status: 0 if all runs are solved; 3 if some are not; 2
+if all are refused, or for bad input before any run; 130 if interrupted, with a table of the finished runs.
 """
 
 from pathlib import Path
@@ -81,7 +81,7 @@ def main(argv):
 
 
 def _merge_messages(rows, varied):
-    """Yield each message, with the varied options of its runs."""
+    """Yield each message once, with the varied options of its runs."""
     runs_of = {}
     for row in rows:
         options = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)

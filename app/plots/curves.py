@@ -1,4 +1,4 @@
-"""Figures of distributions and spectrum."""
+"""Figures of distributions and of the roughness spectrum."""
 
 import numpy as np
 
@@ -79,8 +79,8 @@ def _draw_patches(axes, patches):
 def extract_roughness(result):
     """Return the undeformed distance without its smooth part [mm].
 
-    The smooth part is the best paraboloid on a free patch, the mean on a periodic one. Returns None if the patch has
-    holes or fewer than 8 cells along x or y, or if there is no roughness.
+    The smooth part is the best paraboloid; on a periodic patch it is the mean. Return None if the patch has holes or
+    fewer than 8 cells along x or y, or if there is no roughness.
     """
     h = result.undeformed_distance
     if min(h.shape) < 8 or not np.isfinite(h).all():
@@ -93,7 +93,10 @@ def extract_roughness(result):
 
 
 def _is_smooth(surface, grid):
-    """Return whether heights have long waves only, as a body without roughness."""
+    """Return whether heights consist of long waves only.
+
+    Then the body has no roughness.
+    """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     q, power = spectrum.wave_number, spectrum.wave_number * spectrum.density
     short = q > min(_LONG_WAVES * q[0], q[-1] / 2)
@@ -104,7 +107,8 @@ def _is_smooth(surface, grid):
 def spectrum_figure(result):
     """Draw the spectrum of the roughness, with roll-off and cut-off.
 
-    On a free patch the best paraboloid is subtracted and a Hann window applied. Returns None for smooth bodies.
+    If the patch is not periodic, the best paraboloid is subtracted and a Hann window applied. Return None for smooth
+    bodies.
     """
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
@@ -142,8 +146,8 @@ def spectrum_figure(result):
 def draw_spectrum(axes, surface, grid, label):
     """Draw the radial power spectrum of heights `surface` [mm].
 
-    Returns wave numbers, densities [mm4] and the `Unit` of length of the wave numbers. Draws nothing and returns None
-    if there are fewer than three points.
+    Return wave numbers, densities [mm4] and the `Unit` of length in which wave numbers are drawn. If there are fewer
+    than three points, draw nothing and return None.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     unit = choose_length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))

@@ -46,7 +46,10 @@ _PRESCRIBED = {
 
 
 def make_title(result, path=False):
-    """Return a title: that of the user, or problem, grid, and load or range of loads."""
+    """Return the title of a figure.
+
+    It is the user's title, or problem, grid, and load; of a `path` the range of loads.
+    """
     ny, nx = result.pressure.shape
     values = result.attributes
     state = "" if values["converged"] else ", NOT CONVERGED"
@@ -110,7 +113,8 @@ def deformation_figure(result):
 def section_figure(result, reference=None):
     """Draw pressure and gap along x and y through the `hottest_cell`.
 
-    That is the cell of the highest pressure. A `reference` pressure is drawn instead of the gap.
+    The `hottest_cell` is the cell of highest pressure. If there is a `reference` solution, its pressure is drawn
+    instead of the gap.
     """
     figure, panels = new_panels([(7.4, 3.6)] * 2, title=make_title(result))
     for axes, along in zip(panels, "xy", strict=True):
@@ -130,10 +134,10 @@ def history_figure(result):
 
 @with_style
 def summary_figure(result, reference=None):
-    """Draw contact area, pressure, section across, and stress or section along.
+    """Draw contact area, pressure, a section along x, and a fourth panel.
 
-    The last panel is the stress below the section. If the contact is long in y, or Poisson's ratio unknown, it is the
-    section along y.
+    The fourth panel is the stress below the section. If the contact is long in y, or Poisson's ratio is unknown, it is
+    the section along y.
     """
     canvas = Canvas(result, zoom=True, lie=True)
     width, height = canvas.size
@@ -151,7 +155,7 @@ def summary_figure(result, reference=None):
 def hottest_cell(result):
     """Return row and column of the cell of highest pressure.
 
-    If several cells have it, up to rounding, it is the one in their middle.
+    If several cells have the highest pressure, up to rounding, return the one in their middle.
     """
     pressure = finite_pressure(result.pressure)
     cells = np.argwhere(pressure >= pressure.max() / MIN_RATIO)
@@ -200,7 +204,7 @@ def draw_section(axes, result, along, row, column, reference):
 
 
 def _draw_gap(axes, sides, gap, ends):
-    """Draw the gap from the top downwards, above the pressure."""
+    """Draw the gap above the pressure, downwards from the top."""
     shown = gap[(sides[1:] > ends[0]) & (sides[:-1] < ends[1])]
     highest = float(np.nanmax(shown, initial=0.0))
     if not 0 < highest < np.inf:
@@ -257,13 +261,16 @@ def _draw_cells(axes, result):
 
 
 def _find_grids(level):
-    """Return the slice of the history for each grid."""
+    """Return, for each grid, the slice of the history on this grid.
+
+    `level` has the number of the grid for each entry of the history.
+    """
     cuts = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), level.size]
     return [slice(first, last) for first, last in pairwise(cuts) if last > first]
 
 
 def _mark_grids(axes, result, label=False):
-    """Shade the iterations on every other grid; label all grids if asked."""
+    """Shade the iterations on every other grid; if `label`, label all grids."""
     level = result.history["level"]
     parts = _find_grids(level)
     axes.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))

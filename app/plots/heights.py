@@ -31,8 +31,8 @@ _MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 def surface_figure(surface):
     """Draw heights, middle profiles, distribution and radial spectrum.
 
-    The surface must have a spacing. Its best plane is subtracted. Missing points are grey, and there is no spectrum if
-    there are any.
+    The surface must have a spacing. Its best plane is subtracted. Missing points are grey. If there are missing points,
+    the spectrum is left out.
     """
     canvas, shown, limits, extend, unit = _prepare(surface)
     grid, heights = canvas.grid, canvas.result.undeformed_distance
@@ -88,7 +88,7 @@ def heights_figure(surface):
 
 
 def _title(surface, grid):
-    """Return a title with file, points and cells, then roughness numbers."""
+    """Return a title: file, numbers of points and cells, and roughness."""
     name = Path(surface.file.partition(":/")[0]).name
     unit = choose_length_unit(max(grid.dx, grid.dy))
     cell = " × ".join(f"{side * unit.per_mm:.4g}" for side in (grid.dx, grid.dy))
@@ -105,9 +105,9 @@ def _title(surface, grid):
 
 
 def _find_limits(heights):
-    """Return the colour scale's range, and `extend` of its bar.
+    """Return the range of the colour scale, and `extend` of its bar.
 
-    Few heights far outside, such as spikes, are left out: otherwise all others would have one colour.
+    A few heights far outside, such as spikes, are left out, because otherwise all other heights would have one colour.
     """
     known = heights[np.isfinite(heights)]
     lowest, highest = float(known.min()), float(known.max())

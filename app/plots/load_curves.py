@@ -1,8 +1,8 @@
 """Figures of load paths, and reading of their tables.
 
-A path is a mapping of columns with an entry for each step, as in group ``path`` of a result file: ``load`` [N];
-``approach``, ``indentation``, ``mean_gap`` [mm]; ``mean_pressure``, ``max_pressure`` [N/mm2]; ``contact_fraction``,
-``contact_fraction_corrected``, ``persson_fraction``; ``contact_area`` [mm2]; ``stiffness``,
+A load path is a mapping of columns with an entry for each step, as in the group ``path`` of a result file: ``load``
+[N]; ``approach``, ``indentation``, ``mean_gap`` [mm]; ``mean_pressure``, ``max_pressure`` [N/mm2];
+``contact_fraction``, ``contact_fraction_corrected``, ``persson_fraction``; ``contact_area`` [mm2]; ``stiffness``,
 ``stiffness_by_differences`` [N/mm]. Missing columns are not drawn. Estimated relative errors, such as ``load_error``,
 are bands around the curves.
 """
@@ -49,9 +49,9 @@ class Path(NamedTuple):
     scale: float = np.nan
 
     def select(self, *names, above=0.0):
-        """Return columns at the steps where all of them exceed a number.
+        """Return columns at those steps where all of them exceed `above`.
 
-        None if a column is missing, or there is no such step.
+        Return None if a column is missing, or if there is no such step.
         """
         if any(name not in self.columns for name in names):
             return None
@@ -61,7 +61,7 @@ class Path(NamedTuple):
 
     @property
     def relative(self):
-        """1 / (E* times rms slope) [mm2/N], NaN without `scale`."""
+        """1 / (E* times rms slope) [mm2/N]; NaN without `scale`."""
         return 1 / self.scale if self.scale > 0 else np.nan
 
 
@@ -72,7 +72,10 @@ def get_path(result, name=""):
 
 
 def make_path(columns, name):
-    """Make a `Path`; its scale follows from Persson's contact fractions."""
+    """Make a `Path` of columns.
+
+    Its scale follows from the columns of Persson's contact fraction.
+    """
     path = Path(columns, name)
     theory = path.select("persson_fraction", "mean_pressure")
     if theory is None:
@@ -86,9 +89,9 @@ def make_path(columns, name):
 def path_figure(paths, heading=""):
     """Draw load paths in four panels.
 
-    For nominally flat rough bodies they show contact fraction, kappa (contact fraction over relative pressure), mean
-    gap and stiffness against pressure, with the theories of Persson and of Bush, Gibson and Thomas. For other bodies
-    they show load, pressure, area and stiffness.
+    For nominally flat rough bodies the panels show contact fraction, kappa, mean gap and stiffness against pressure,
+    with the theories of Persson and of Bush, Gibson and Thomas. kappa is the contact fraction divided by the relative
+    pressure. For other bodies the panels show load, pressure, area and stiffness.
     """
     rough = all(
         np.isfinite(path.relative) and path.select("mean_pressure", "contact_fraction") is not None
@@ -105,8 +108,8 @@ def path_figure(paths, heading=""):
 def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
     """Draw column `y` against column `x` for all paths.
 
-    `scale` returns the factors of both for a path; `logs` says which axes are logarithmic. If one of them is, only
-    positive values are drawn. Returns False if there are no values.
+    The function `scale` returns, for a path, the factors of x and of y. `logs` are two values, true if x or y is
+    logarithmic; then only positive values are drawn. Return False if there are no values.
     """
     above = 0.0 if any(logs) else -np.inf
     for number, path in enumerate(paths):
@@ -128,8 +131,8 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
 def _draw_band(axes, path, names, name, scale, number):
     """Draw a column's estimated error as a band about a curve.
 
-    `names` are the columns of the curve, `name` the one with the error. There is no band where the relative error is 1,
-    which marks a number that does not converge with the grid.
+    `names` are the columns of the curve, `name` is the one with the error. Where the relative error is 1 there is no
+    band: this number means that the quantity does not converge with the grid.
     """
     reference, error = _ERRORS.get(name, (name, f"{name}_error"))
     reference = reference if reference in path.columns else name
@@ -155,7 +158,7 @@ def _draw_band(axes, path, names, name, scale, number):
 def _draw_analytic(axes, paths, x, y, scale):
     """Draw the analytic solutions of smooth bodies, column y against x.
 
-    `scale` has the factors of both.
+    The function `scale` returns the factors of x and of y.
     """
     label = "analytic"
     for path in paths:
@@ -173,7 +176,7 @@ _RELATIVE = "p / (E* h′rms)"
 def _draw_shares(axes, paths, value):
     """Draw a function of the contact fraction, ``value(x, fraction)``.
 
-    x is the mean pressure over E* times the rms slope. Two theories are drawn, too.
+    x is the mean pressure divided by E* times the rms slope. Two theories are drawn, too.
     """
     pressures = []
     for number, path in enumerate(paths):
@@ -226,7 +229,7 @@ def _draw_gap(axes, paths):
 
 
 def _draw_stiffness(rough, axes, paths):
-    """Draw the exact stiffness, or that from differences between steps."""
+    """Draw the exact stiffness; without it, that from differences of steps."""
     names, shown = [], []
     for path in paths:
         if path.select("load", "stiffness") is None:
@@ -256,7 +259,7 @@ def _select_all(paths, name):
 
 
 def _scale_axis(paths, name):
-    """Return factor and label of an axis with a column of all paths."""
+    """Return factor and label of an axis for a column."""
     return scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
 
 
@@ -291,7 +294,7 @@ _SMOOTH = (
 def read_csv(path):
     """Return the columns of a table as texts.
 
-    The table is from app.sweep or of a load path.
+    The table was written by app.sweep, or is that of a load path.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
@@ -310,7 +313,10 @@ def read_csv(path):
 
 
 def parse_numbers(texts):
-    """Convert texts to numbers, pairs to their first number, others to NaN."""
+    """Convert texts to numbers.
+
+    Of a pair of numbers the first one is taken; any other text becomes NaN.
+    """
 
     def value(text):
         try:
@@ -322,5 +328,5 @@ def parse_numbers(texts):
 
 
 def get_csv_path(columns, name=""):
-    """Return the `Path` of a load path's table, from `read_csv`."""
+    """Return the `Path` of a load path's table; `columns` are from `read_csv`."""
     return make_path({key: parse_numbers(texts) for key, texts in columns.items()}, name)

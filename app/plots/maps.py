@@ -32,11 +32,12 @@ PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00
 
 
 class Canvas:
-    """Layout of maps of a result, which draws its fields on axes.
+    """Layout of a result's maps; its methods draw fields on axes.
 
     `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are those of the map [inch]. `low` is True if the colour
-    bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows the contact only, if
-    it is small in its patch, and the patch in an inset. With `lie` a map that is long in y lies flat, y to the right.
+    bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows only the contact, if
+    the contact is small in its patch; an inset shows the patch. With `lie` a map that is long in y is turned, so that y
+    points to the right.
     """
 
     def __init__(self, result, zoom=False, lie=False):
@@ -72,7 +73,7 @@ class Canvas:
 
     @cached_property
     def outside(self):
-        """Mask of inadmissible cells of the view."""
+        """Mask of the shown cells where contact is impossible."""
         return np.isnan(self.result.undeformed_distance[self.view])
 
     def _draw_patch(self, axes):
@@ -120,7 +121,7 @@ class Canvas:
         return image
 
     def _draw_outside(self, axes):
-        """Draw inadmissible cells in grey; return whether there are any."""
+        """Draw cells without possible contact in grey; return whether any exist."""
         if self.outside.any():
             pixels, b = block_mean(np.where(self.outside, 1.0, np.nan), MAX_PIXELS)
             self._draw_image(axes, pixels, b, cmap=ListedColormap([GREY]))
@@ -129,9 +130,9 @@ class Canvas:
     def draw_field(
         self, axes, field, colours, label, extend="neither", hide_zero=False, ticks=None, **options
     ):
-        """Draw a field of the cells with its colour bar.
+        """Draw a field of the cells, with a colour bar.
 
-        With `hide_zero` zero is white. `ticks`, if given, are the ticks of the colour bar.
+        With `hide_zero` zero is white. `ticks` are the ticks of the colour bar, if given.
         """
         self._draw_outside(axes)
         pixels, b = block_mean(np.where(self.outside, np.nan, field), MAX_PIXELS)
@@ -173,7 +174,10 @@ class Canvas:
         self._draw_patch(axes)
 
     def draw_pressure(self, axes, reference=None):
-        """Draw the pressure, white where it is zero, and the ellipse of a reference."""
+        """Draw the pressure, and the contact ellipse of a `reference` solution.
+
+        Zero is white.
+        """
         pressure = finite_pressure(self.result.pressure)
         maximum = float(pressure.max())
         highest, extend = maximum or 1.0, "neither"
@@ -198,7 +202,7 @@ class Canvas:
     def draw_length(self, axes, field, colours, label):
         """Draw a field of lengths [mm] in a suitable unit.
 
-        The unit replaces ``{}`` in the label.
+        The name of the unit replaces ``{}`` in the label.
         """
         known = field[np.isfinite(field) & ~self.outside]
         largest, rounding = float(np.abs(known).max(initial=0.0)), estimate_rounding(self.result)
@@ -249,7 +253,7 @@ def finite_pressure(pressure):
 def block_mean(field, limit):
     """Average b x b cells to at most `limit` blocks per side.
 
-    b is as small as possible. NaN cells are left out; a block of NaN cells is NaN. Returns the means and b.
+    b is as small as possible. NaN cells are left out; a block of NaN cells is NaN. Return the means and b.
     """
     b = -(-max(field.shape) // limit)
     if b == 1:

@@ -17,19 +17,22 @@ from app.reference.hertz import EllipticHertz
 
 
 class Drawing(NamedTuple):
-    """Figure and axes of a picture; `axes` is a list if there are several."""
+    """Figure and axes of a picture.
+
+    `axes` is a list if there are several.
+    """
 
     figure: object
     axes: object
 
     def _ipython_display_(self):
-        """Show nothing in addition to the figure, which a notebook shows itself."""
+        """Show nothing, because a notebook shows the figure itself."""
 
 
 def analytic_reference(result):
-    """Return Hertz's solution for a result, or None for other contacts.
+    """Return Hertz's solution for a result, None for other contacts.
 
-    InputError if an attribute that it needs is missing.
+    Raises InputError if an attribute that it needs is missing.
     """
     values = result.attributes
     if (
@@ -71,7 +74,10 @@ PICTURES = {
 
 
 def pictures_of(result, names):
-    """Yield name and figure of those named figures that a result has."""
+    """Yield name and figure of each picture that a result has.
+
+    `names` are the names of the pictures asked for.
+    """
     reference = analytic_reference(result)
     for name in names:
         if figure := PICTURES[name](result, reference):
@@ -112,7 +118,7 @@ def plot(result, name="summary", axes=None):
     ----------
     result : Result
     name : str
-        A name in `PICTURES` or `PANELS`; in `PANELS` if axes are given.
+        A name in `PICTURES` or `PANELS`. If axes are given, a name in `PANELS`.
     axes : matplotlib axes, optional
 
     Returns
@@ -149,7 +155,7 @@ def spots_figure(patches):
 
 
 def _prepare_notebook():
-    """Register the inline backend of IPython.
+    """Register IPython's inline backend for pictures.
 
     Some versions of IPython register it too late for the first figure.
     """
@@ -162,9 +168,9 @@ def _prepare_notebook():
 
 
 def show(draw, name):
-    """Draw a figure for a notebook by ``draw()``; return a `Drawing`.
+    """Return the `Drawing` of ``draw()`` for a notebook.
 
-    `name` is needed for the message if there is nothing to draw.
+    The message contains `name` if there is nothing to draw.
     """
     _prepare_notebook()
     with interactive():

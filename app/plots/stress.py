@@ -117,7 +117,7 @@ def _find_ends(grid, along, mises):
 
 
 def _widen(low, high, length):
-    """Return ends with a given distance about the same middle."""
+    """Return ends with the distance `length` and the same middle."""
     middle = (low + high) / 2
     return middle - length / 2, middle + length / 2
 

@@ -51,7 +51,7 @@ _MAX_TICK_LABEL = 24  # characters
 
 
 def find_unit(option):
-    """Return the unit of an option's numbers, or None."""
+    """Return the unit of the numbers of an option, or None."""
     return next((unit for unit, names in _UNITS if re.fullmatch(names, option)), None)
 
 
@@ -59,10 +59,10 @@ def find_unit(option):
 def sweep_figure(columns, heading="", x=None, y=()):
     """Draw columns `y` of a study or load path against `x`.
 
-    `columns` are from `read_csv`. `x` is by default the load of load paths, otherwise the option with the most
-    different numbers, or else with the most names. Names become ticks, and points over them are not connected. `y` are
-    by default the physical quantities that vary and are not prescribed, and the solver's work if its options vary.
-    Returns None if nothing varies. InputError if a column has no numbers.
+    `columns` are from `read_csv`. For load paths, `x` is by default the load. For other tables it is the option with
+    the most different numbers, or, if all options are names, with the most names. Names become ticks; points above
+    names are not connected. `y` are by default the physical quantities that vary and are not prescribed, and the work
+    of the solver if its options vary. Return None if nothing varies. Raises InputError if a column has no numbers.
     """
     names = list(columns)
     varied = names[: names.index("exit_status")] if "exit_status" in names else []
@@ -108,9 +108,9 @@ def _finite(texts):
 
 
 def _choose_columns(columns, varied, x):
-    """Return columns to draw: those that vary and are not proportional.
+    """Return the columns to draw: those that vary and are not proportional.
 
-    One that is proportional to a varied option or to another chosen column would show nothing new.
+    A column that is proportional to a varied option or to another chosen column would show nothing new.
     """
     names = {name: f"result_{name}" if name in varied else name for name in (*_PHYSICS, *_WORK)}
     chosen = {}
@@ -141,7 +141,7 @@ def _proportional(values, other):
 
 
 def _option_label(option, unit=None):
-    """Return the label of an option's numbers; `unit` replaces the option's own."""
+    """Return the axis label of an option; `unit` replaces the option's own."""
     if _SOLVER.match(option):
         return f"-{option}"
     own = find_unit(option)
@@ -166,7 +166,7 @@ def _in_units(values, name, varied):
 def _label(others, key):
     """Return a line's label: the values of the options that vary.
 
-    The options are named if there are several.
+    If several options vary, the label also has their names.
     """
     parts = [
         value if len(others) == 1 or name == "option_files" else f"{name} {value}"

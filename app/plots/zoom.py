@@ -1,4 +1,4 @@
-"""View of a map, in which small contacts are enlarged."""
+"""Part of the patch that a map shows: small contacts are enlarged."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ _MIN_TITLED_SIDE = 0.5  # of an inset with a title [inch]
 
 
 def find_view(result):
-    """Return slices of rows and columns that a map shows.
+    """Return the slices of rows and of columns that a map shows.
 
-    They are those around the contact, or of the whole patch if the contact is not small or the patch is periodic.
+    They are those around the contact. If the contact is not small, or the patch is periodic, they are those of the
+    whole patch.
     """
     contact = np.asarray(result.contact) == 1
     whole = slice(0, contact.shape[0]), slice(0, contact.shape[1])
@@ -31,10 +32,10 @@ def find_view(result):
 
 
 def draw_inset(axes, size, contact, patch, view):
-    """Draw an inset of the patch with the view's outline.
+    """Draw an inset of the whole patch, with the view's outline.
 
-    It lies in the corner with the least contact. `size` is width and height of the map [inch], `contact` the mask of
-    the view's cells; `patch` and `view` are x0, x1, y0, y1.
+    The inset is in the corner with the least contact. `size` is width and height of the map [inch], `contact` the mask
+    of contact on the cells of the view. `patch` and `view` are x0, x1, y0, y1.
     """
     side = max(_SIDE * min(size), _MIN_SIDE)
     width, height = side / size[0], side / size[1]

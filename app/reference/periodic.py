@@ -94,8 +94,8 @@ class WavyContact(ABC):
 class Westergaard(WavyContact):
     """Waves in x: distance ``a (1 - cos(2 pi x/L))``.
 
-    Contact is at ``|x| < b``. Let ``psi = pi x / L`` and ``s = sin(pi b / L)``. Then ``s^2`` is the mean pressure divided
-    by p*, the mean pressure of full contact. Pressure p and gap e are::
+    Contact is at ``|x| < b``. Let ``psi = pi x / L`` and ``s = sin(pi b / L)``. Then ``s^2`` is the mean pressure
+    divided by p*, the mean pressure of full contact. Pressure p and gap e are::
 
         p = 2 p* cos(psi) sqrt(s^2 - sin(psi)^2)                                          in contact,
         e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    outside
