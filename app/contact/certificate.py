@@ -203,6 +203,7 @@ def _close_gap(state, energy, enough, work, capped):
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
+    rounded = state.distance.neglected_gap + math.ulp(state.depth)  # of the mean gap
     fields, depths, to_plastic, kernels = [state.distance.b, state.depth, state.u, state.p], 0.0, 0.0, loops
     if capped:
         fields += [state.bounds.upper, state.admissible, 1 / diagonal]
@@ -221,11 +222,13 @@ def _close_gap(state, energy, enough, work, capped):
     if capped:
         # Beyond full contact stretching open gaps may not suffice.
         rest = excess + stretch * gaps + (n - inside) * elsewhere + inside * constant
-        deepen = rest / depths if depths else 0.0 if abs(rest) <= 1e-12 * abs(excess) else np.inf
+        negligible = max(1e-12 * abs(excess), n * rounded)
+        deepen = rest / depths if depths else 0.0 if abs(rest) <= negligible else np.inf
         factors, to_gap = (stretch, deepen), to_gap + (1 + deepen) * to_plastic
         to_gap = to_gap if -1 <= deepen < np.inf else np.inf
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
-    if state.distance.is_flat:  # the pressure is constant up to rounding
+    # The pressure is constant up to rounding if h is, or if all cells are plastic.
+    if state.distance.is_flat or n * squares <= (1 + 1e-15 * n) * pressures**2:
         energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     moved = (*fields, *factors, constant, elsewhere)
     squares = state.sum([kernels.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
@@ -237,7 +240,6 @@ def _close_gap(state, energy, enough, work, capped):
         inverse.apply(field, field)  # B w
         curved = state.sum([kernels.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
-    rounded = state.distance.neglected_gap + math.ulp(state.depth)
     return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
 
 

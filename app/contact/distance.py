@@ -61,7 +61,7 @@ class UndeformedDistance:
     full_depth : float
         Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
     max_depth : float
-        Largest allowed depth [mm]: `full_depth`, or infinite if the pressure has an upper bound.
+        Largest allowed depth [mm]: `full_depth`, or infinite if some pressures have an upper bound.
     zero_load_depth : float
         Depth below which no load is carried [mm]: that of first touch, known in a window, too.
     full_contact_pressures : (float, float)
@@ -193,16 +193,17 @@ def _measure(levels, comm):
         kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in zip(levels, means, strict=True)
     ]
     carried = [np.sum(d.bounds.upper, where=d.admissible) if d.bounds.capped else np.inf for d in levels]
-    squares, carried = np.split(np.asarray(sum_over(comm, squares + carried)), 2)
-    rows = zip(levels, counts, means, squares, carried, minima.reshape(-1, 5), strict=True)
-    for distance, cells, (mean, rest), about_mean, upper, (*box, touching) in rows:
+    limited = [np.count_nonzero(np.isfinite(d.bounds.upper) & d.admissible) for d in levels]
+    squares, carried, limited = np.split(np.asarray(sum_over(comm, squares + carried + limited)), 3)
+    rows = zip(levels, counts, means, squares, carried, limited, minima.reshape(-1, 5), strict=True)
+    for distance, cells, (mean, rest), about_mean, upper, finite, (*box, touching) in rows:
         distance.bounds.largest_load = float(upper) * distance.patch.cell_area
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
         distance.zero_load_depth = distance.touching if np.isfinite(touching) else -np.inf
         if distance.patch.periodic and cells == distance.patch.n:
             distance.full_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
-            distance.max_depth = np.inf if distance.bounds.capped else distance.full_depth
+            distance.max_depth = np.inf if finite else distance.full_depth  # plastic cells may overlap
 
 
 def _mean(parts, cells):

@@ -278,7 +278,7 @@ class PrescribedLoad(Loading):
     def meet(self, state):
         """Add the missing load if cells are plastic; see `Loading.meet`."""
         if state.bounds.capped and state.plastic_cells():
-            state.add_load(self.load - state.load)
+            state.reach_load(self.load)
 
     def scale_pressure(self, pressure, total, cell_area):
         """Scale a pressure to the prescribed load; see `Loading.scale_pressure`."""

@@ -81,7 +81,8 @@ class Gaps(NamedTuple):
 
 
 _NO_FIELD = np.zeros((0, 0))
-_MAX_LOAD_STEPS = 60  # steps of `ContactState.add_load`, each of which brings a cell to a bound or ends
+_MAX_LOAD_STEPS = 60  # steps of `ContactState.reach_load`, each of which brings a cell to a bound or ends
+_LOAD_ROUNDING = 1e-15  # relative rounding error of a sum of pressures
 
 
 class Displacement(IntEnum):
@@ -244,17 +245,6 @@ class ContactState:
         self.contact &= candidates
         self.depth += nearest
 
-    def retreat_to_cell(self):
-        """Retreat until the plastic cell with the least overlap just touches. Collective.
-
-        C receives this cell.
-        """
-        gap, plastic = self.gap(), self.bounds.plastic(self.p)
-        nearest = -float(self.minimum(-gap[plastic].max(initial=-np.inf)))
-        np.greater_equal(gap, nearest, out=self.contact)
-        self.contact &= plastic
-        self.depth += nearest
-
     @cached_property
     def right(self):
         """Work Vec for right-hand sides. Collective when first used."""
@@ -339,16 +329,19 @@ class ContactState:
         """
         if not (self.bounds.capped and self.plastic_cells(max(load / present_load, 1.0))):
             return self.scale(load / present_load)
-        self.add_load(load - present_load)
+        self.reach_load(load)
         return self.compute_displacement(exact=True)
 
-    def add_load(self, missing):
-        """Add a load [N] evenly on C, within the bounds of p. Collective.
+    def reach_load(self, load):
+        """Reach a load [N] by a constant on C, within the bounds of p. Collective.
 
         u becomes stale. Less is added if all cells of C reach a bound.
         """
-        least, area = np.spacing(abs(self.load)), self.grid.cell_area
-        self.add_constant(self.values, missing / area, least / area)
+        wanted = load / self.grid.cell_area
+        for _ in range(2):  # a change of large pressures leaves a rounding error
+            missing = wanted - self.sum([self._p.sum()])[0]
+            if abs(missing) > _LOAD_ROUNDING * wanted:
+                self.add_constant(self.values, missing, _LOAD_ROUNDING * wanted)
         self.displacement_status = Displacement.STALE
 
     def add_constant(self, p, missing, least):

@@ -29,7 +29,7 @@ class HalvingTest:
         `otherwise`: the iteration made progress of another kind, which counts like halving.
         """
         self._since += 1
-        if number <= 0.5 * self.best or otherwise:
+        if otherwise or (number <= 0.5 * self.best and number < self.best):  # 0 is not halved again
             self.best, self._since = min(number, self.best), 0
 
     @property

@@ -85,6 +85,7 @@ def projected_newton(state, solver, stop, history):
             _update_contact(state, gap, before)  # including the cells that the system left out
             return Outcome(False, "rounding leaves no step that makes it better", k, residual)
         np.add(p, change, out=state.values)
+        state.project()  # rounding
         state.u[...], gap = trial_u, trial_gap
         state.displacement_status = (
             Displacement.UPDATED if state.operator.needs_verification else Displacement.EXACT

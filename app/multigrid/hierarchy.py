@@ -222,7 +222,9 @@ class Hierarchy:
             return [np.full(level.local_shape, float(hardness)) for level in self.levels]
         fields = [np.array(hardness[self.slabs.rows], order="C")]
         for transfer in self.transfers[:0:-1]:
-            fields.insert(0, transfer.restrict_shape(fields[0]))
+            elastic = np.isinf(fields[0])  # apart, because children may have no weight
+            mean = transfer.restrict_shape(np.where(elastic, 0.0, fields[0]))
+            fields.insert(0, np.where(transfer.restrict_shape(elastic.astype(float)) > 0, np.inf, mean))
         return fields
 
     @cached_property
