@@ -73,7 +73,7 @@ def plot_surface(surface, axes=None):
     """
     if axes is not None:
         heights.draw_heights(axes, surface)
-        return pictures.Drawing(axes.figure, axes)
+        return pictures.on_axes(axes)
     return pictures.show(lambda: heights.surface_figure(surface), "surface")
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 from app.base.errors import InputError
 from app.plots import curves, figures, load_curves
@@ -132,9 +133,19 @@ def plot(result, name="summary", axes=None):
     reference = analytic_reference(result)
     if axes is not None:
         PANELS[name](axes, result, reference)
-        return Drawing(axes.figure, axes)
+        return on_axes(axes)
     draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
     return show(partial(draw, result, reference), name)
+
+
+def on_axes(axes):
+    """Return the `Drawing` of a picture on axes of the user, after making room for its labels."""
+    figure = axes.get_figure()
+    # An axes of Figure.add_axes has no method get_subplotspec before matplotlib 3.7, and returns None afterwards.
+    in_grid = all(hasattr(panel, "get_subplotspec") and panel.get_subplotspec() for panel in figure.axes)
+    if in_grid and isinstance(figure, Figure) and figure.get_layout_engine() is None:
+        figure.set_layout_engine("tight")
+    return Drawing(figure, axes)
 
 
 @with_style

@@ -69,6 +69,21 @@ def test_one_panel_is_drawn_on_the_axes_of_the_user(hertz_results, name):
     assert right.has_data() and not left.has_data()
 
 
+def test_panels_get_room_for_their_labels(hertz_results):
+    figure, (left, right) = pyplot.subplots(1, 2)
+    hertz_results["solution"].plot("pressure", ax=left)
+    figure.draw_without_rendering()
+    assert left.get_tightbbox().xmax <= right.get_tightbbox().xmin  # the colour bar is outside of the axes
+    figure.tight_layout()
+    constrained, axes = pyplot.subplots(layout="constrained")
+    engine = constrained.get_layout_engine()
+    hertz_results["solution"].plot("pressure", ax=axes)
+    assert constrained.get_layout_engine() is engine
+    free = pyplot.figure()
+    hertz_results["solution"].plot("pressure", ax=free.add_axes((0.1, 0.1, 0.6, 0.8)))
+    assert free.get_layout_engine() is None
+
+
 def test_pictures_are_named_in_the_error(hertz_results):
     with pytest.raises(
         InputError, match=r"plot 'stresses': must be one of contact, pressure, .*displacement"
