@@ -1,1 +1,1 @@
-"""The Python interface: solver, solution, load paths, refinement."""
+"""Python interface: solver, solution, load paths, refinement."""

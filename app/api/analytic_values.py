@@ -14,7 +14,7 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 
 
 def analytic_values(problem, measures, approach, load=None):
-    """Return the numbers of the analytic solution, named ``analytic_NAME``.
+    """Return the values of the analytic solution, named ``analytic_NAME``.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def analytic_values(problem, measures, approach, load=None):
     Returns
     -------
     dict
-        Empty if there is no analytic solution, no load, or plastic cells.
+        Empty if there is no analytic solution or no load, or if there are plastic cells.
     """
     if not measures.load > 0 or measures.plastic_area:
         return {}
@@ -58,7 +58,7 @@ def theories(problem, mean_pressure, rms_slope):
     Returns
     -------
     dict
-        Empty if the bodies are not nominally flat and rough, are indented already, or have a hardness of each cell.
+        Empty unless the bodies are nominally flat, rough and not indented yet. Also empty if the hardness is an array.
     """
     scale, hardness = problem.material.contact_modulus * rms_slope, problem.hardness
     if problem.name != "rough" or not scale > 0 or np.ndim(hardness) or problem.indentation is not None:

@@ -20,7 +20,7 @@ _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
 def check_type(name, value, kind, what):
-    """Raise InputError if an argument has another type."""
+    """Raise InputError if an argument `name` has not the type `kind`."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
 
@@ -35,7 +35,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
     Raises
     ------
     InputError
-        If an argument is not allowed, or asks for what this machine cannot do.
+        If an argument is not allowed, or if this machine cannot do what it asks for.
     """
     check_type("problem", problem, Problem, "a ContactProblem")
     check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")
@@ -65,7 +65,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
 def _check_python_types(texts):
     """Raise InputError for preconditioner classes at which PETSc would abort.
 
-    They are named by options that end in ``pc_python_type``. PETSc itself reports classes that do not exist.
+    The options whose names end in ``pc_python_type`` name the classes. PETSc itself reports classes that do not exist.
     """
     for name, text in texts.items():
         module, _, attribute = text.rpartition(".")

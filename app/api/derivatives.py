@@ -1,13 +1,13 @@
 """Derivatives of solutions: stiffness, conductance and sensitivities.
 
-They follow from linear systems ``A y = g`` on contact cells, with y = 0 elsewhere. While no cell changes its state,
-the pressure of a contact cell between its bounds follows from A p = approach - shape there, so a change of the shape by
-s changes p by -y, where A y = s. So the pressure is piecewise linear in the shape and the approach, with a kink where a
-cell enters or leaves contact. Let q be the solution for g = 1:
+All follow from linear systems ``A y = g`` on the elastic contact cells, with y = 0 elsewhere. On these cells A p =
+approach - shape. So a change of the shape by s changes p by -y, where A y = s, while no cell changes its state. The
+pressure is piecewise linear in the shape and the approach, with a kink where a cell enters or leaves contact. Let q be
+the solution for g = 1:
 
-- The stiffness dF/d(approach) is dx dy sum(q). Plastic cells keep their pressure, the hardness, and are left out. When
-  the contact unloads, they become elastic: the unloading stiffness has the cells of the whole contact.
-- At a fixed approach, J(p) with dJ/dp = g has dJ/d(shape) = -y. For the load, y = dx dy q.
+- The stiffness dF/d(approach) is dx dy sum(q). Plastic cells are left out, because their pressure stays at the
+  hardness. When the contact unloads, they become elastic, so the unloading stiffness has all contact cells.
+- At a fixed approach, a number J(p) with dJ/dp = g has dJ/d(shape) = -y. For the load, y = dx dy q.
 - At a fixed load, the approach changes by s.q / sum(q). So dJ/d(shape) = -y + q sum(y) / sum(q).
 - At a fixed mean gap, the approach changes by mean(s). So dJ/d(shape) = -y + sum(y) / cells.
 
@@ -47,13 +47,13 @@ _MM = 1e-3  # m
 
 
 def find_elastic_cells(solution):
-    """Return a mask of the contact cells whose pressure is between its bounds."""
+    """Return a mask of contact cells whose pressure is between its bounds."""
     return solution.contact if solution.plastic is None else solution.contact & ~solution.plastic
 
 
 @contextmanager
 def contact_system(hierarchy, distance, cells, rtol):
-    """Make a function that solves ``A y = g`` on some cells. Collective.
+    """Yield a solver of ``A y = g`` on some cells. Collective.
 
     Parameters
     ----------
@@ -67,7 +67,8 @@ def contact_system(hierarchy, distance, cells, rtol):
     Yields
     ------
     function
-        ``solve(g)`` returns y, which is 0 on other cells, and NaN everywhere if the linear solver does not converge.
+        The function ``solve(g)`` returns y, which is 0 on other cells. If the linear solver does not converge, y is
+        NaN.
     """
     operator = hierarchy.target
     state = contact_state(operator, distance)
@@ -171,19 +172,19 @@ class Derivatives:
     def sensitivity(self, solution, of="load"):
         """Compute the derivatives of a number with respect to the shape.
 
-        The shape of a cell is its undeformed distance [mm]; heights count with the opposite sign. The derivatives hold
-        while no cell enters or leaves contact, or starts or ceases to be plastic. A contact cell without pressure, an
-        open cell without gap, or a plastic cell without depth has one-sided derivatives only. The contact area on cells
-        is piecewise constant and has no derivative.
+        The shape of a cell is its undeformed distance [mm]; heights count with the opposite sign. The derivatives are
+        valid while no cell enters or leaves contact, or starts or ceases to be plastic. If a contact cell has no
+        pressure, an open cell no gap, or a plastic cell no depth, there are only one-sided derivatives. The contact
+        area on cells is piecewise constant and has no derivative.
 
         Parameters
         ----------
         solution : Solution
             Solution of this problem, grid and communicator.
         of : {"load", "approach"} or ndarray
-            ``"load"``: the load [N] at fixed approach. ``"approach"``: the approach [mm] at fixed load. An array, of
-            the local rows or the whole grid: dJ/dp of a number J(p), p the cells' pressures [N/mm2]; fixed is the
-            prescribed quantity of the solution.
+            ``"load"`` means the load [N] at fixed approach, ``"approach"`` the approach [mm] at fixed load. An array,
+            of the local rows or the whole grid, is dJ/dp of a number J(p), where p are the pressures of the cells
+            [N/mm2]; then the prescribed quantity of the solution is fixed.
 
         Returns
         -------
@@ -193,8 +194,8 @@ class Derivatives:
         Raises
         ------
         InputError
-            If `of` is not allowed, or the number has no derivative: the approach without elastic contact, and other
-            numbers at a fixed approach or mean gap in full contact of a periodic patch.
+            If `of` is not allowed, or the number has no derivative. The approach has none without elastic contact. In
+            full contact of a periodic patch, other numbers have none at a fixed approach or mean gap.
         """
         self._check_solution(solution)
         g, fixed = call_collectively(self.comm, _read_number, of, solution)
@@ -221,7 +222,10 @@ class Derivatives:
         return self._sum(y) / grid.n - y
 
     def _in_full_contact(self, g, fixed):
-        """Return the derivatives in full contact of a periodic patch."""
+        """Return the derivatives in full contact of a periodic patch.
+
+        `g` is dJ/dp, `fixed` the fixed quantity.
+        """
         operator = self.hierarchy.target
         if fixed != "load":
             raise InputError(
@@ -259,7 +263,10 @@ class Derivatives:
 
 
 def _read_number(of, solution):
-    """Return dJ/dp as local rows, None for the approach, and what is fixed."""
+    """Return dJ/dp as local rows, and the name of the fixed quantity.
+
+    dJ/dp is None for the approach.
+    """
     if isinstance(of, str):
         if of == "load":
             return np.full(solution.contact.shape, solution.grid.cell_area), "approach"

@@ -24,7 +24,8 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
     """Return a grid around the contact of smooth bodies.
 
     The contact is computed on small grids, usually one or two. The sides of the patch are 1.5 times the extent of the
-    contact, or 8/7 of the bodies' length if the contact fills that. Every rank computes the whole contact for itself.
+    contact. If the contact has the length of the bodies, a side is 8/7 of this length. Every rank computes the whole
+    contact by itself.
 
     Parameters
     ----------
@@ -34,7 +35,8 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
     cells : int or (int, int)
         nx, ny of the grid.
     patch : (float, float, float, float), optional
-        x0, x1, y0, y1 of the first small grid [mm]; default: by the shape's theory, or 2 mm wide about the origin.
+        x0, x1, y0, y1 of the first small grid [mm]. Default: from the shape's analytic solution, or 2 mm wide about the
+        origin.
     approach : float, optional
         Approach of the bodies [mm]; give this or the load.
     load : float, optional
@@ -84,7 +86,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
 def _probe(problem, loading):
     """Return contact set, admissible cells, and whether there is contact.
 
-    Without contact the first are the cells of the smallest distance.
+    In admissible cells contact is possible. Without contact, return the cells of the smallest distance as contact set.
     """
     shape = problem.shape_on(problem.grid)
     if not np.isfinite(shape).any():
@@ -98,8 +100,8 @@ def _probe(problem, loading):
 def _fit_side(contact, possible):
     """Return the next patch's ends along a side, and whether they fit.
 
-    The ends are counted in cells. `contact` and `possible` are masks of the cells along the side: those in contact, and
-    those where contact is possible.
+    The ends are counted in cells. `contact` and `possible` are masks of the cells along the side: cells in contact, and
+    cells where contact is possible.
     """
     n, cells, admissible = len(contact), np.flatnonzero(contact), np.flatnonzero(possible)
     first, last = int(cells[0]), int(cells[-1]) + 1

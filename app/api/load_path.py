@@ -1,8 +1,8 @@
 """Load paths: one problem at many loads.
 
-Each step starts from the coarsest grid, so it depends on its own load alone, and a path can be resumed after any step.
-With a hardness a smaller load unloads the bodies elastically, from the shape that the largest load has indented. A
-larger load goes on as if there had been no unloading. So a step depends on the largest load before it, too.
+Each step starts from the coarsest grid, so it depends only on its own load, and a path can be resumed after any step.
+With a hardness, a step also depends on the largest load before it: a smaller load unloads the bodies elastically, from
+the shape that the largest load has indented. A larger load has the same solution as without unloading.
 
 Starting from the last solution is faster only if steps are small. This table has the operator applications for 20 loads
 on a self-affine surface of 512 x 512 cells::
@@ -44,8 +44,9 @@ COLUMNS = (
 class LoadPath:
     """Iterator over the solutions of a load path. Collective.
 
-    Each step is solved when the iteration comes to it. A path can be iterated over once, as solutions are not stored;
-    after an interruption, such as Ctrl-C, the next iteration resumes. A pickled path has only the table.
+    Each step is solved when the iteration comes to it. Solutions are not stored, so a path can be iterated over only
+    once. After an interruption, such as Ctrl-C, the next iteration continues with the next step. A pickled path has
+    only the table.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ class LoadPath:
     Raises
     ------
     InputError
-        If a number is not allowed, or a row is of another path; before any step is solved.
+        If a number is not allowed, or a row belongs to another path. Raised before any step is solved.
 
     Examples
     --------
@@ -145,7 +146,7 @@ class LoadPath:
             yield solution
 
     def _solve_step(self, history, number):
-        """Solve for one number of the path. Collective."""
+        """Return the solution of one step, for a prescribed number. Collective."""
         if not history.unloads(number):
             solution = self._solve_counted(number)
             history.add(number, solution)
@@ -183,8 +184,8 @@ class LoadPath:
     def table(self):
         """Table of the finished steps: name -> ndarray of shape (steps,).
 
-        Missing values are NaN. From two steps on, ``stiffness_by_differences`` is the stiffness that follows from
-        neighbouring steps.
+        Missing values are NaN. With two or more steps, ``stiffness_by_differences`` is the stiffness from differences
+        between neighbouring steps.
 
         Raises
         ------
@@ -205,14 +206,14 @@ class LoadPath:
     def plot(self):
         """Draw the curves of the finished steps, such as load against approach.
 
-        Returns figure and axes.
+        Return figure and axes.
         """
         return views.load().plot_path(self)
 
     def to_dataframe(self):
-        """Return `table` as a pandas.DataFrame with an index of steps.
+        """Return `table` as a pandas.DataFrame, with the steps as index.
 
-        Its ``attrs["units"]`` has the units.
+        The units are in its ``attrs["units"]``.
         """
         return to_dataframe(self.table, "step")
 
@@ -251,12 +252,12 @@ class LoadPath:
 
 
 class _LoadHistory:
-    """Largest load of a path so far, and the bodies that it has indented.
+    """Largest load of a path so far, and the bodies indented by it.
 
     Attributes
     ----------
     largest : float or None
-        Number of the largest load, which is the smallest one of mean gaps.
+        Prescribed number of the step with the largest load; of mean gaps it is the smallest number.
     solution : Solution or None
         Solution for the largest load, until the bodies unload.
     indented : ContactProblem or None
@@ -307,7 +308,7 @@ def numbers_of(solution):
 
 
 def _as_rows(rows, kind, numbers):
-    """Return a checked copy of the rows of an earlier path."""
+    """Return a checked copy of the `rows` of an earlier path."""
     try:
         rows = [dict(row) for row in rows]
     except (TypeError, ValueError):
@@ -329,7 +330,7 @@ def _as_rows(rows, kind, numbers):
 
 
 def check_one_kind(loadings):
-    """Return the loadings of a path, if they are of one kind."""
+    """Return the loadings of a path; raise unless they are of one kind."""
     if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
         raise InputError(f"path: must be by exactly one of {', '.join(LOADINGS)}, a number for each step")
     return loadings
@@ -348,8 +349,8 @@ def _as_numbers(kind, numbers):
 def _slope(x, y):
     """Return dy/dx at each point, from the parabola through its neighbours.
 
-    The slope of the chord between the neighbours replaces it if the chord is level, as before first touch, or the two
-    have opposite signs, as at an end after large steps. All are NaN if one x has several y.
+    The slope of the straight line between the neighbours is used instead if it is zero, as before first touch, or if
+    the two slopes have opposite signs, as at an end after large steps. All slopes are NaN if an x has several y.
     """
     points, first, index = np.unique(x, return_index=True, return_inverse=True)
     unique_y = y[first][index]

@@ -60,29 +60,29 @@ def solve_many(
 ):  # fmt: skip
     """Solve many problems, each for one load or several.
 
-    Problems on the same grid and material share one solver. Every solve starts from scratch: its numbers do not depend
-    on the others, nor on the number of processes. Collective over `comm`.
+    Problems on the same grid and material share one solver. Every solve starts from scratch, so its numbers do not
+    depend on other solves or on the number of processes. Collective over `comm`.
 
     Parameters
     ----------
     problems : iterable of Problem, or of surfaces
-        An iterator is read to its end first. Surfaces are heights, peaks up [mm], as of ``surfaces`` of a
-        `ContactProblem`, pressed on a plane: arrays (ny, nx), functions or surfaces. They need `grid` and `material`.
+        An iterator is read to its end first. Surfaces are pressed on a plane; they are heights [mm], peaks up, as
+        arrays (ny, nx), functions or surfaces, like ``surfaces`` of `ContactProblem`. They need `grid` and `material`.
     loads : float, or sequence
         Total forces [N]: a number for all problems; a sequence with a number for each problem; or a sequence with a
         sequence of numbers for each problem. ``[[10, 20]]`` are two loads for all problems.
     processes : int
-        With more than one, a program calls this function below ``if __name__ == "__main__":``, and functions in
-        problems must be defined in a module.
+        If above 1, a program must call this function below ``if __name__ == "__main__":``, and functions in problems
+        must be defined in a module.
     approach, mean_pressure, mean_gap : optional
-        In place of `loads`, with the same forms; as of `solve`.
+        Other prescribed quantities, instead of `loads` and in the same forms; see `solve`.
     grid : Grid, optional
     material : Material, optional
     method, options, comm
         As of `ContactSolver`.
     output : str or Path, optional
-        HDF5 file for `fields` of all rows, which appears whole or not at all, see `app.io.field_stack`. All problems
-        are on one grid then.
+        HDF5 file for `fields` of all rows, written completely or not at all, see `app.io.field_stack`. It needs
+        problems on one grid.
     fields : sequence of str
         Among pressure, gap, displacement, undeformed_distance, contact, plastic and plastic_depth.
     progress : bool
@@ -91,8 +91,8 @@ def solve_many(
     Returns
     -------
     SolutionTable
-        A row for each problem and load, in order. `problem` counts from 0. A RuntimeWarning names problems that have
-        not converged, or that were refused when they were solved; their rows have a `message`. Each kind of notes is
+        A row for each problem and load, in order; the column `problem` counts from 0. A RuntimeWarning gives the
+        numbers of problems that did not converge or were refused; their rows have a `message`. Each kind of notes is
         issued once.
 
     Raises
@@ -158,7 +158,7 @@ def solve_many(
 
 
 def _make_jobs(problems, loading, grid, material):
-    """Check problems and loads; return the kind of loading and a list of jobs."""
+    """Check problems and loads; return the kind of loading and the jobs."""
     loading = {kind: numbers for kind, numbers in loading.items() if numbers is not None}
     if len(loading) != 1:
         *others, last = LOADINGS
@@ -177,7 +177,7 @@ def _make_jobs(problems, loading, grid, material):
 
 
 def _as_problems(problems, grid, material):
-    """Return a list of problems."""
+    """Return a list of problems, made from problems or surfaces."""
     kind = type(problems).__name__
     is_map = isinstance(problems, np.ndarray) and problems.ndim == 2
     if is_map or isinstance(problems, Problem | str | bytes | Mapping) or hasattr(problems, "heights_on"):
@@ -214,7 +214,8 @@ def _as_problems(problems, grid, material):
 def _as_loads(kind, numbers, count):
     """Return `count` lists: the prescribed numbers of each problem.
 
-    `numbers` is one number for all problems, one number or one list for each problem, or one list for all: [[...]].
+    `numbers` is one number for all problems, a list with one number or one list for each problem, or [[...]], one list
+    for all problems.
     """
     if np.ndim(numbers) == 0 if isinstance(numbers, np.ndarray) else not hasattr(numbers, "__len__"):
         return [[validate_number(kind, numbers)]] * count
@@ -236,7 +237,7 @@ def _as_loads(kind, numbers, count):
 
 
 def _check_processes(processes, jobs):
-    """Check the number of processes, and that they can receive the problems."""
+    """Check the number of processes, and that problems can be pickled."""
     check_type("processes", processes, Integral, "a number")
     if processes < 1:
         raise InputError(f"processes {processes}: must be at least 1")
@@ -256,7 +257,7 @@ def _check_processes(processes, jobs):
 
 
 def _sort_by_solver(jobs):
-    """Return the jobs with those of one grid and material together."""
+    """Return the jobs, sorted so that equal grid and material are together."""
     groups = {}
     for job in jobs:
         pair = job.problem.grid, job.problem.material
@@ -268,7 +269,7 @@ def _sort_by_solver(jobs):
 
 
 class _ReusedSolver:
-    """Solver that is set up again for another grid or material only."""
+    """Solver that is set up again only for another grid or material."""
 
     def __init__(self, kind, fields, method=None, options=None, comm=None):
         self._kind, self._fields = kind, fields
@@ -293,7 +294,7 @@ class _ReusedSolver:
         self._solver.quiet = True
 
     def solve(self, job):
-        """Return first row, and rows with fields, of a job. Collective."""
+        """Return a job's first row number, rows and fields. Collective."""
         try:
             self.set_up(job.problem)
             self._solver.update(job.problem)
@@ -332,7 +333,10 @@ def _write(files, first_row, found):
 
 
 def _work(connection, arguments):
-    """Solve chunks of jobs in a worker process, until the parent closes the connection."""
+    """Solve chunks of jobs in a worker process.
+
+    The process ends when the parent closes the connection.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the workers
     with closing(_ReusedSolver(*arguments)) as solver:
         while True:
@@ -358,8 +362,9 @@ def _work(connection, arguments):
 def _on_processes(jobs, count, arguments):
     """Yield an iterator over the results of all jobs, as they come.
 
-    Processes are spawned, because PETSc and MPI do not survive a fork. If the block raises, they are killed. This is no
-    ProcessPoolExecutor: before Python 3.12 that waits forever if a process ends while it receives data.
+    The processes are spawned, because PETSc and MPI do not survive a fork. If the ``with`` block raises, they are
+    killed. ProcessPoolExecutor is not used, because before Python 3.12 it waits forever if a process ends while it
+    receives data.
     """
     size = max(1, min(MAX_CHUNK, len(jobs) // (CHUNKS_PER_PROCESS * count)))
     chunks = (jobs[k : k + size] for k in range(0, len(jobs), size))
@@ -387,7 +392,7 @@ def _on_processes(jobs, count, arguments):
 
 
 def _results(connections, chunks):
-    """Yield the results of chunks as they come, and give each idle process the next chunk."""
+    """Yield results of chunks as they come; give idle processes new chunks."""
     busy = set()
 
     def send(connection):

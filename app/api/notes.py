@@ -1,4 +1,4 @@
-"""Notes on wrong units, coarse grids, and the limits of the theory."""
+"""Notes: warnings about wrong units, coarse grids, and limits of the theory."""
 
 import re
 
@@ -24,7 +24,7 @@ _NUMBER = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 
 
 def notes_on(state, problem, contact, roughness):
-    """Return notes on doubtful input and doubtful results. Collective.
+    """Return notes (warnings) on doubtful input and results. Collective.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def notes_on(state, problem, contact, roughness):
 
 
 def note_doubtful_moduli(material):
-    """Return notes on moduli that are probably in another unit."""
+    """Return notes on moduli that are probably in a wrong unit."""
     bodies = zip(*((material.bodies or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
     elastic = [body for body in bodies if np.isfinite(body[0])]
     young = [value for value, _ in elastic]
@@ -136,7 +136,7 @@ def note_doubtful_moduli(material):
 
 
 def note_hardness(problem, contact):
-    """Return a note on a hardness that has no effect, or that all contact has."""
+    """Return a note if a hardness has no effect or makes all contact plastic."""
     hardness, pressure = float(np.min(problem.hardness)), contact.max_pressure
     largest = MAX_ELASTIC_PRESSURE * problem.material.contact_modulus
     if not contact.plastic_area and problem.indentation is None:
@@ -155,7 +155,7 @@ def note_hardness(problem, contact):
 
 
 def note_filled_points(surface, state):
-    """Return a note on load carried by filled points, or None. Collective."""
+    """Return a note if filled points carry load, else None. Collective."""
     share = surface.filled_on(state.grid, state.operator.slabs.rows)
     if share is None:
         return None
@@ -191,7 +191,8 @@ class NoteWarnings:
     def issue(self, problem, notes):
         """Warn of the first note of each kind.
 
-        Notes that differ only in numbers are of one kind. Notes of which `read_surface` has warned are left out.
+        Notes that differ only in numbers are of one kind. Notes that `read_surface` has issued as warnings are left
+        out.
         """
         known = {note for part in getattr(problem, "surfaces", ()) for note in getattr(part, "warned", ())}
         for note in notes:

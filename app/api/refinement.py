@@ -51,7 +51,7 @@ class Refinement(NamedTuple):
     def to_dataframe(self):
         """Return `rows` as a pandas.DataFrame.
 
-        Its ``attrs["units"]`` has the units.
+        The units are in its ``attrs["units"]``.
         """
         return to_dataframe({name: [row[name] for row in self.rows] for name in self.rows[0]})
 
@@ -72,10 +72,10 @@ def refine(
 ):
     """Solve a problem on finer and finer grids.
 
-    Collective over `comm`. Each grid has twice the cells in both directions. Errors are estimated from the changes
-    since the last grids (`app.contact.grid_errors`), on the first grid from its nested iteration. The error that the
-    stopping test (5.1) leaves in the pressure's shortest waves is inversely proportional to their length, so -lcp_rtol
-    is halved for each grid.
+    Collective over `comm`. Each grid has twice as many cells in both directions as the grid before. Errors are
+    estimated from the changes between the last grids (`app.contact.grid_errors`); on the first grid, the grids are
+    those of its nested iteration. -lcp_rtol is halved for each grid, because the error that the stopping test (5.1)
+    leaves in the shortest waves of the pressure is inversely proportional to their length.
 
     Parameters
     ----------
@@ -97,13 +97,13 @@ def refine(
     Returns
     -------
     Refinement
-        It ends with the first grid that is fine enough, or on which the solver does not converge, or else with the
-        finest grid that `most_cells` and memory allow.
+        The last grid is the first one that is fine enough, or on which the solver does not converge. Otherwise it is
+        the finest grid that `most_cells` and memory allow.
 
     Raises
     ------
     InputError
-        If the undeformed distance is known on its own grid only, or a number is not allowed.
+        If the undeformed distance is known on one grid only, or if a number is not allowed.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def _has_room(solver, grid):
 
 
 def check(problem, until, most_cells):
-    """Raise InputError for a problem that cannot be refined, or wrong limits."""
+    """Raise InputError if a problem cannot be refined, or limits are wrong."""
     check_type("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):
         raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")

@@ -30,8 +30,8 @@ _COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are
 class Solution(ContactFields):
     """Solution of a contact problem; the last iterate if not ``converged``.
 
-    Arrays hold the rows of this rank, (rows, nx). `gather` collects all rows on one rank, where the solution can be
-    pickled.
+    Arrays have the rows of this rank, shape (rows, nx). `gather` collects all rows on one rank. A solution with all
+    rows can be pickled.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Solution(ContactFields):
         Displacement u = A p of both surfaces together, (2.7).
     contact : ndarray of bool
     converged : bool
-        Contact set unchanged, (5.1) satisfied, and error within -lcp_error_bound.
+        True if the contact set is unchanged, (5.1) holds, and the error bound is at most -lcp_error_bound.
     message : str
         Why the iteration ended.
     prescribed : str
@@ -58,27 +58,27 @@ class Solution(ContactFields):
     pressure_centre_x, pressure_centre_y, moment_x, moment_y : float
         Centre of pressure [mm], and moments about the axes through the origin [N mm].
     semi_axis_major, semi_axis_minor, major_axis_angle : float
-        Semi-axes of the ellipse with the second moments of the contact set [mm]; angle of the major one from the x axis
-        [degree]. These three and the four numbers before are NaN on a periodic patch, which has no origin.
+        Semi-axes of the ellipse that has the second moments of the contact set [mm]; angle from the x axis to the major
+        one [degree]. These three and the four numbers before are NaN on a periodic patch, which has no origin.
     contact_fraction, contact_fraction_corrected, perimeter : float
-        Share in contact of the cells where contact is possible; this share corrected for the stepped contact edge;
-        length of that edge [mm]. See `app.contact.measures`.
+        Share of cells in contact, among cells where contact is possible; the same, corrected because the contact edge
+        follows cell edges; length of this edge [mm]. See `app.contact.measures`.
     rms_height, rms_slope : float
         Standard deviation of the undeformed distance [mm], and its root mean square slope.
     residual : float
-        ||r|| / ||h||, the residual over the undeformed distance, as in the stopping test (5.1).
+        ||r|| / ||h||, residual divided by undeformed distance, as in the stopping test (5.1).
     iterations, inner_iterations : int
         Active set iterations on the target grid, and iterations of the linear solver in them.
     work_units, operator_applications : float
-        Work as the paper counts it; all work, counted in products on the target grid.
+        Work in the paper's units; work of all products and sweeps, in products on the target grid.
     discretisation_error : float
         Relative rms difference of the pressures on the last two grids; NaN if unknown.
     load_error, approach_error, max_pressure_error, contact_area_error : float
-        Estimated relative discretisation errors, rather too large than too small. That of the approach is relative to
-        the approach beyond first touch. NaN except for the default methods with nested iteration; see
+        Estimated relative errors due to the cell size, rather too large than too small. That of the approach is
+        relative to the approach beyond first touch. NaN unless a default method with nested iteration was used; see
         `app.contact.grid_errors`.
     fallbacks : int
-        Number of grids on which the safeguard, or the root search for a load, took over.
+        Number of grids on which the safeguard, or the root search for a load, continued the solve.
     certificate : Certificate
         Proved error bound of the pressure.
     history : dict of str to list
@@ -88,7 +88,7 @@ class Solution(ContactFields):
     options : str
         Options of the solver, as on a command line.
     notes : tuple of str
-        Doubts about units, grid or theory, see `app.api.notes`.
+        Warnings about units, grid or theory, see `app.api.notes`.
     solve_seconds, setup_seconds : float
     traffic : Traffic
         Messages of rank 0, which has a part of every grid.
@@ -97,7 +97,7 @@ class Solution(ContactFields):
         Distribution of the rows over the ranks.
     comm : mpi4py communicator
     stiffness, unloading_stiffness : float or None
-        dF/d(approach), and that of the whole contact while it unloads [N/mm]. These and the next three numbers are None
+        dF/d(approach), and the same while the whole contact unloads [N/mm]. These and the next three numbers are None
         unless requested, see `ContactSolver.with_stiffness`.
     conductance_width : float or None
         Diameter of the circular contact with the same conductance [mm].
@@ -194,18 +194,19 @@ class Solution(ContactFields):
 
     @property
     def gap(self):
-        """Gap, shape (rows, nx) [mm].
+        """Gap between the deformed bodies, shape (rows, nx) [mm].
 
-        It is e = h + u, with a hardness e + `plastic_depth`.
+        It is e = h + u; with a hardness it is e + `plastic_depth`.
         """
         gap = self.undeformed_distance + self.displacement
         return gap if self.plastic is None else gap + self.plastic_depth
 
     @property
     def plastic_depth(self):
-        """Depth of the permanent indentation, shape (rows, nx) [mm]; None without a hardness.
+        """Depth of the permanent indentation, shape (rows, nx) [mm].
 
-        In cells at the hardness it is the overlap -e. Elsewhere it is zero, or the `indentation_before`.
+        In cells at the hardness it is the overlap -e. In other cells it is zero, or the `indentation_before`. None
+        without a hardness.
         """
         if self.plastic is None:
             return None
@@ -216,8 +217,9 @@ class Solution(ContactFields):
     def residual_surface(self):
         """Return the permanent indentation after unloading, as a surface. Collective.
 
-        Put it into ``surfaces=[...]`` of a `ContactProblem` of the original bodies, with the same hardness: loads up to
-        that of this solution are elastic there. It replaces the residual surface of an earlier solution.
+        To describe the indented bodies, put this surface into ``surfaces=[...]`` of a `ContactProblem` of the original
+        bodies, with the same hardness. Loads up to that of this solution are then elastic. This surface replaces the
+        residual surface of an earlier solution.
 
         Returns
         -------
@@ -235,7 +237,7 @@ class Solution(ContactFields):
 
     @property
     def error_bound(self):
-        """Proved bound on the relative pressure error (energy norm)."""
+        """Proved bound of the pressure's relative error in the energy norm."""
         return self.certificate.error_bound
 
     @property
@@ -277,7 +279,7 @@ class Solution(ContactFields):
         }
 
     def gather(self, root=0):
-        """Collect all rows of the solution on the rank `root`. Collective.
+        """Return the solution with all rows, on the rank `root`. Collective.
 
         Returns
         -------
@@ -296,7 +298,10 @@ class Solution(ContactFields):
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
     def _all_rows(self, local, root=None):
-        """Collect all rows of a field on the rank `root`, by default on all ranks. Collective."""
+        """Return a field's rows of all ranks. Collective.
+
+        Only the rank `root` gets them, by default all ranks.
+        """
         from app.base.mpi import MPI
 
         local, nx, receives = np.ascontiguousarray(local), self.grid.nx, root in (None, self.comm.rank)
@@ -312,7 +317,7 @@ class Solution(ContactFields):
         return whole
 
     def _select_fields(self, attributes, taken, what):
-        """Return the attributes that are arrays of the cells, as local rows."""
+        """Return those attributes that are arrays of the cells, as local rows."""
         selected = {}
         for name, value in attributes.items():
             if name in taken:
@@ -380,7 +385,7 @@ class Solution(ContactFields):
 
 
 def fingerprint(start):
-    """Return numbers by which ranks compare the Solutions they start from."""
+    """Return numbers by which ranks check that they start from one Solution."""
     if not isinstance(start, Solution):
         return type(start).__name__
     return start.load, start.approach, start.max_pressure, start.contact_cells

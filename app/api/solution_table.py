@@ -16,8 +16,8 @@ _MAX_ROWS = 12  # that are printed
 class SolutionTable:
     """Numbers of many solutions, one row for each problem and load.
 
-    ``table["load"]`` is a column. A row that is not ``converged`` has a ``message``; its numbers are NaN if there is no
-    solution.
+    ``table["load"]`` is the column of loads. If a row is not ``converged``, it has a ``message``. If there is no
+    solution, the numbers of the row are NaN.
 
     Attributes
     ----------
@@ -32,7 +32,10 @@ class SolutionTable:
 
     @property
     def table(self):
-        """Columns, name -> ndarray of shape (rows,): NaN or an empty text where a row has none."""
+        """Columns: name -> ndarray of shape (rows,).
+
+        Missing numbers are NaN, missing texts are empty.
+        """
         names = dict.fromkeys(name for row in self.rows for name in row)
         return {name: self[name] for name in names}
 

@@ -84,25 +84,25 @@ def solve(
 class ContactSolver(Derivatives):
     """Solver of a contact problem for any loading.
 
-    Collective over `comm`, as are all its methods. `update` replaces the problem. A ``with`` block frees the solver at
-    its end; so do `close`, garbage collection, and the end of the process. One thread may call it at a time. It cannot
-    be pickled; problems and solutions can.
+    The constructor and all methods are collective over `comm`. `update` replaces the problem. The solver is freed at
+    the end of a ``with`` block, by `close`, by garbage collection, or at the end of the process. Only one thread at a
+    time may call a solver. A solver cannot be pickled; problems and solutions can.
 
     Parameters
     ----------
     problem : Problem
         `ContactProblem`, or another one of `app.problems`.
     method : str, or mapping of str to mapping, optional
-        Name of a method file in petsc_options, such as "fmg_v11"; or option files in order, a mapping of name ->
-        options. Default: the default method, unless the options choose a KSP or PC.
+        Name of a method file in petsc_options, such as "fmg_v11". Or several option files in order, a mapping from
+        names to options. By default the default method is used, unless the options choose a KSP or PC.
     options : mapping, optional
         Options by name without dash, such as {"lcp_rtol": 1e-8, "ksp_type": "cg"}. They override those of the method.
     comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all. The solver works on a duplicate.
     prefix : str, optional
-        Prefix of the solver's options in PETSc's database, such as ``"gear_"`` for ``-gear_ksp_view``. Options of the
-        user under this prefix override the solver's. Default: ``"contact0_"``, ``"contact1_"``, ... in order of
-        creation. With ``""``, options without a prefix in the database count, too.
+        Prefix of the solver's options in PETSc's database, such as ``"gear_"`` for ``-gear_ksp_view``. Options that you
+        set under this prefix override those of the solver. Default: ``"contact0_"``, ``"contact1_"``, ... in order of
+        creation. With ``""``, options without a prefix are used, too.
     listeners : sequence of Listener
         Objects whose methods are called in every iteration.
 
@@ -116,15 +116,15 @@ class ContactSolver(Derivatives):
         Approach at which the bodies just touch [mm].
     hierarchy : Hierarchy
     quiet : bool
-        True if notes are no warnings; a solver warns of each kind of notes once.
+        If true, notes are not issued as warnings. Otherwise each kind of notes is issued once.
     ksp : PETSc.KSP or None
-        Linear solver on the target grid; None if the method has none there, or works in a window of that grid, which is
-        not known yet.
+        Linear solver on the target grid. None if the method has none there, or if it works in a window of the grid that
+        is not known yet.
 
     Raises
     ------
     InputError
-        If an argument is not allowed, or memory does not suffice; before any work, on all ranks.
+        If an argument is not allowed, or there is not enough memory. Raised before any work, on all ranks.
     """
 
     @synchronized
@@ -231,7 +231,7 @@ class ContactSolver(Derivatives):
         Parameters
         ----------
         approach, load, mean_pressure, mean_gap : float, optional
-            Prescribed quantity as of `app.solve`; exactly one.
+            Prescribed quantity, see `app.solve`. Give exactly one.
         start : Solution, optional
             Solution of the same grid and communicator and of a similar loading, from which the iteration starts.
 
@@ -303,12 +303,12 @@ class ContactSolver(Derivatives):
         progress : bool
             Show a progress bar (tqdm) on rank 0.
         **loadings : sequence of float
-            Exactly one of load, approach, mean_pressure and mean_gap, as of `solve`.
+            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`.
 
         Returns
         -------
         LoadPath
-            Iterate over it for the Solutions; its ``table`` has the numbers of all steps.
+            An iteration over the path yields the Solutions; its ``table`` has the numbers of all steps solved so far.
 
         Raises
         ------
@@ -330,8 +330,8 @@ class ContactSolver(Derivatives):
     def update(self, problem):
         """Replace the problem by one on the same grid and material.
 
-        Solutions of the old problem stay valid, and one may be the `start` of a solve. InputError for another grid or
-        material, or if contact is impossible in all cells; the old problem then stays.
+        Solutions of the old problem stay valid, and one may be the `start` of a solve. Raises InputError for another
+        grid or material, or if contact is impossible in all cells; the solver then keeps the old problem.
         """
         self._check_open()
         before, fits = self.problem, self.problem.fits(problem)

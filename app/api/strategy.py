@@ -1,6 +1,7 @@
 """Strategies (-lcp_type), which run the iteration of a method.
 
-`ActiveSet` is the paper's, in `app.contact`. `Fast` runs `app.methods.free` and `Primal` runs `app.methods.periodic`.
+`ActiveSet` runs the paper's iteration, in `app.contact`. `Fast` runs `app.methods.free`, and `Primal` runs
+`app.methods.periodic`.
 """
 
 import numpy as np
@@ -44,7 +45,7 @@ class Strategy:
     Attributes
     ----------
     solver : LinearSolver, a reference solver, or None
-        Solver on the target grid; None if the iteration works in a window of that grid, which is not known yet.
+        Solver on the target grid. None if the iteration works in a window of this grid that is not known yet.
     """
 
     target_only = False  # True: needs no coarser grid
@@ -58,7 +59,7 @@ class Strategy:
         return LinearSolver(self._hierarchy)
 
     def prepare(self):
-        """Prepare operators that depend on the grids alone."""
+        """Prepare operators that depend only on the grids."""
         if self._settings.prolongation == "lift":
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
@@ -116,7 +117,10 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """Return the full-contact solution if it exists, else `state` and `outcome`."""
+        """Return the full-contact solution if there is one, else the arguments.
+
+        The arguments returned are `state` and `outcome`.
+        """
         contact, full_state = state.contact.copy(), self._new_state()
         if full_outcome := full.solve(full_state, loading, self._stop(), history):
             state.destroy()
@@ -150,7 +154,8 @@ class Strategy:
     def check_loading(self, loading, largest):
         """Raise InputError for a loading that the method cannot solve for.
 
-        In single precision the pressures, estimated by the `largest` influence coefficient [mm3/N], must be in range.
+        `largest` is the largest influence coefficient [mm3/N]. In single precision it gives an estimate of the
+        pressures, which must be in range.
         """
         if not (loading.approach_is_known or self.finds_approach):
             raise InputError(f"-lcp_type {self._settings.type}: works by approach only, not by load")
@@ -159,7 +164,7 @@ class Strategy:
             check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
-        """Return the start state for a loading, from another loading's solution."""
+        """Return the state from which to start, made from a Solution `start`."""
         state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
         state.values[...] = start.pressure
         state.project()  # the solution may be of a problem with other holes
@@ -173,7 +178,7 @@ class Strategy:
 
 
 class ActiveSet(Strategy):
-    """Strategy ``active_set``: the paper's iteration with any linear solver."""
+    """Strategy ``active_set``: the paper's iteration, with any linear solver."""
 
     def _solve(self, loading, history, start):
         if start is not None:
@@ -187,7 +192,7 @@ class ActiveSet(Strategy):
 
 
 class Inexact(Strategy):
-    """Base class of the default methods, with inexact linear solves."""
+    """Base class of the default methods, which solve linear systems inexactly."""
 
     def _inexact_stop(self):
         names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
@@ -213,7 +218,7 @@ class Inexact(Strategy):
 
 
 class Fast(Inexact):
-    """Strategy ``fast``, default on free patches: TrackingCG in windows."""
+    """Strategy ``fast``, the default on free patches: TrackingCG in windows."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
@@ -254,7 +259,7 @@ class Fast(Inexact):
 
 
 class Primal(Inexact):
-    """Strategy ``primal``, default on periodic patches, with CarryingCG."""
+    """Strategy ``primal``, the default on periodic patches: CarryingCG."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)

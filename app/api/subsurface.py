@@ -14,7 +14,7 @@ _SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
 def stress(solution, poisson_ratio=None, body=None):
     """Return the stress in a body, from the pressure of a solution.
 
-    If the solution is on several ranks, call this function on one of them, with ``solution.gather()``.
+    If the solution is on several ranks, call this function on one rank with ``solution.gather()``.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def stress(solution, poisson_ratio=None, body=None):
     Raises
     ------
     InputError
-        If Poisson's ratio is unknown or not allowed, or `solution` is no Solution or has rows of one rank only.
+        If Poisson's ratio is unknown or not allowed, or if `solution` is no Solution or has the rows of one rank only.
 
     Examples
     --------
@@ -64,9 +64,9 @@ def stress(solution, poisson_ratio=None, body=None):
 def survey(below, depths=64, at=None, deepest=None):
     """Return the largest stresses, and stresses on sections and a line.
 
-    Attributes of the result are: `hottest` and `sheared`, the maxima of von Mises stress and of shear stress;
-    `section_x` and `section_y`, the stresses on the sections; `line`, the stresses on a vertical line; `at`,
-    the StressMaximum on this line. (The parameter `at` is something else: the point through which the line goes.)
+    The result has these attributes: `hottest` and `sheared`, the largest von Mises and shear stress, each a
+    StressMaximum; `section_x` and `section_y`, the stresses on vertical sections; `line`, the stresses on a vertical
+    line; and `at`, the StressMaximum on this line. (The parameter `at` is the point through which the line goes.)
 
     Parameters
     ----------
@@ -100,7 +100,10 @@ def survey(below, depths=64, at=None, deepest=None):
 
 
 def _contact_width(below, at):
-    """Return the smaller of the contact's widths along x and y at a point [mm]."""
+    """Return the smaller width of the contact along x and y [mm].
+
+    The width is that at the point `at`.
+    """
     grid, widths = below.grid, []
     i, j = int((at.x - grid.x0) / grid.dx), int((at.y - grid.y0) / grid.dy)
     for line, cell, k in ((below.pressure[j], grid.dx, i), (below.pressure[:, i], grid.dy, j)):

@@ -1,4 +1,4 @@
-"""Text about a solution, which app.solve prints, too."""
+"""Text that describes a solution, which app.solve prints."""
 
 from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
@@ -13,7 +13,7 @@ _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 def summary(facts, grid, output=None):
     """Return the text that app.solve prints on a solution.
 
-    `facts` are the root attributes of the result file; `output` is the file's name.
+    `facts` are the root attributes of the result file; `output` is the name of the file.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
     lines = [f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})"]
@@ -180,5 +180,5 @@ def refinement_table(refined, until):
 
 
 def format_count(number, what):
-    """Return a number with a noun, in the plural if needed."""
+    """Return a number with a noun `what`, in the plural if needed."""
     return f"{number} {what}{'s' if number != 1 else ''}"

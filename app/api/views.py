@@ -23,7 +23,7 @@ _MAX_ROWS = 12  # of a table
 
 
 def as_result(solution):
-    """Return a solution as a `Result`, to draw and describe.
+    """Return a solution as a `Result`, to be drawn and described.
 
     Raises
     ------
@@ -78,9 +78,9 @@ def plot_surface(surface, axes=None):
 
 
 def plot_stress(below):
-    """Draw the stress below a contact: sections along x and y, and a vertical line.
+    """Draw the stress on two vertical sections and a vertical line.
 
-    All go through the largest von Mises stress.
+    All contain the point of the largest von Mises stress.
     """
     grid = below.grid
     heading = f"Stress below {grid.nx} × {grid.ny} cells, ν = {below.nu:.3g}"
@@ -114,7 +114,7 @@ def _quantities_table(solution, names):
 
 
 def _rows_table(columns):
-    """Return an HTML table of columns of quantities, shortened in its middle."""
+    """Return an HTML table of columns, shortened in its middle."""
     shown = {label: [*map(str, column)] for label, column in columns.items()}
     rows = [*zip(*shown.values(), strict=True)]
     if len(rows) > _MAX_ROWS:
@@ -128,7 +128,7 @@ def _four_digits(values):
 
 
 def _format_columns(columns, names):
-    """Return columns as texts of four digits, by label with unit."""
+    """Return columns as texts of four digits, by their labels with units."""
     units = {name: unit_of(name) for name in names}
     labels = {name: label_of(name) + (f" [{unit}]" if unit != "1" else "") for name, unit in units.items()}
     return {labels[name]: _four_digits(columns[name]) for name in names}
@@ -158,14 +158,14 @@ def path_html(path):
 
 
 def many_html(many):
-    """Return the table of many problems."""
+    """Return HTML with the table of many problems."""
     names = "load", "approach", "max_pressure", "contact_area"
     table = {"problem": many["problem"]} | _format_columns(many.table, names)
     return _as_html(f"{len(many)} solutions", _rows_table(table | {"converged": many["converged"]}))
 
 
 def refinement_html(refined):
-    """Return HTML with a refinement's grids and the pressure on the finest."""
+    """Return HTML with the grids of a refinement and the finest pressure."""
     solution = refined.solution
     columns = {name: [row[name] for row in refined.rows] for name in refined.rows[0]}
     names = "load", "approach", "max_pressure", "contact_area"

@@ -1,13 +1,14 @@
-"""Contact with a hardness H: the pressure is at most H (elastic, perfectly plastic).
+"""Contact with a hardness H, the largest pressure (elastic, perfectly plastic).
 
 Where p = H the bodies overlap by the plastic depth w, which is the part that flows. Contact is at ``|x| < a``, plastic
-contact at ``|x| < c``. With 2 / (pi E*) times the integral of p' / (s - x) for u'', the analytic function of the
-half-space whose imaginary part is p' and whose real part is h'' + u'' has square roots at both edges::
+contact at ``|x| < c``. The derivative u'' of the displacement is 2 / (pi E*) times the integral of p' / (s - x).
+Consider the analytic function of the half-space whose imaginary part is p' and whose real part is h'' + u''. It has a
+square root at each edge::
 
     p' = -P / (pi sqrt((x^2 - c^2) (a^2 - x^2))),      e'' = 2 P / (pi E*) / (+-sqrt((x^2 - c^2) (x^2 - a^2)))
 
-where the root is negative at ``|x| < c``. P is a polynomial in x^2, known from h'' but for its constant g, which
-follows from e' = 0 at x = c. Of waves x is replaced by sin(pi x / L), and P has one more power.
+where the root is negative at ``|x| < c``. P is a polynomial in x^2. It is known from h'', except for its constant g,
+which follows from e' = 0 at x = c. For waves, x is replaced by sin(pi x / L), and P has one more power.
 
 The substitutions x = a dn(v) in elastic and x = c sn(v) in plastic contact make dx / sqrt(...) = dv / a.
 """
@@ -30,7 +31,7 @@ _LEAST_LOG = -650.0  # of 1 - (c/a)^2; next to the smallest double
 
 @dataclass(frozen=True)
 class CappedLineContact:
-    """Contact of a long cylinder of a hardness, in plane strain.
+    """Contact of a long cylinder with a hardness, in plane strain.
 
     The undeformed distance is the parabola x^2/(2 radius). All numbers are known in closed form.
 
@@ -77,12 +78,12 @@ class CappedLineContact:
 
     @property
     def is_plastic(self):
-        """True if the pressure reaches the hardness."""
+        """True if the largest pressure equals the hardness."""
         return self.load > self.elastic_load
 
     @cached_property
     def _rest(self):
-        """1 - (c/a)^2, and the complete elliptic integrals K and E of (c/a)^2."""
+        """1 - (c/a)^2, and the elliptic integrals K and E of (c/a)^2."""
         if not self.is_plastic:
             return 1.0, math.pi / 2, math.pi / 2
 
@@ -156,11 +157,11 @@ class CappedLineContact:
 
 @dataclass(frozen=True)
 class CappedWestergaard(Westergaard):
-    """Westergaard's waves with a `hardness` H [N/mm2] of at least the mean pressure.
+    """Westergaard's waves with a `hardness` H [N/mm2].
 
-    Exchanging p with H - p, and summits with hollows, turns the gap into the plastic depth (`mirrored`). So the
-    solution of full contact with plastic summits is Westergaard's, too. Between
-    mean pressures H^2 / (4 p*) and H - H^2 / (4 p*), for H < 2 p*, there are open, elastic and plastic parts.
+    H is at least the mean pressure. If p is replaced by H - p, and summits are exchanged with hollows, the gap becomes
+    the plastic depth (`mirrored`). So the solution of full contact with plastic summits is Westergaard's, too. If H < 2
+    p*, there are open, elastic and plastic parts at mean pressures from H^2 / (4 p*) to H - H^2 / (4 p*).
     """
 
     hardness: float = math.inf
@@ -175,19 +176,19 @@ class CappedWestergaard(Westergaard):
 
     @property
     def mirrored(self):
-        """Contact whose pressure is H - p, half a wavelength away."""
+        """Contact with the pressure H - p, shifted by half a wavelength."""
         return CappedWestergaard(
             self.amplitude, self.wavelength, self.e_star, self.hardness - self.mean_pressure, self.hardness
         )
 
     @property
     def _elastic(self):
-        """The contact without a hardness."""
+        """The same contact without a hardness."""
         return Westergaard(self.amplitude, self.wavelength, self.e_star, self.mean_pressure)
 
     @property
     def is_plastic(self):
-        """True if the pressure reaches the hardness."""
+        """True if the largest pressure equals the hardness."""
         return self.hardness < self._elastic.max_pressure
 
     @property
@@ -197,7 +198,7 @@ class CappedWestergaard(Westergaard):
 
     @cached_property
     def _edges(self):
-        """Edges and pressure of the three `_Parts`."""
+        """`_Parts` with the edges and pressure of the three parts."""
         target, share = self.hardness / self.full_contact_at, self.mean_pressure / self.full_contact_at
 
         def parts(c2):
@@ -237,7 +238,7 @@ class CappedWestergaard(Westergaard):
 
     @property
     def mean_gap(self):
-        """Mean of the gap, at least 0 in each point [mm]."""
+        """Mean of the gap, which is at least 0 everywhere [mm]."""
         return self.mirrored.mean_plastic_depth if self.is_plastic else super().mean_gap
 
     @property
@@ -251,7 +252,10 @@ class CappedWestergaard(Westergaard):
 
     @property
     def approach(self):
-        """Approach [mm] if displacements have mean 0; the smallest at p = H."""
+        """Approach [mm], with displacements relative to their mean.
+
+        If p = H everywhere, it is the smallest possible approach.
+        """
         return self.amplitude - self.mean_gap + self.mean_plastic_depth
 
     @property
@@ -296,7 +300,7 @@ class _Parts:
     """Open, elastic and plastic parts of a wave.
 
     Pressures are in units of p*, depths in units of the amplitude, and P in units of pi p* q with q = 2 pi / L. `a2`
-    and `c2` are the squares of sin(pi x / L) at the edges, `open` is 1 - a2.
+    and `c2` are the squares of sin(pi x / L) at the edges of contact and of plastic contact; `open` is 1 - a2.
 
     Parameters
     ----------
@@ -316,11 +320,14 @@ class _Parts:
         self._constant = -(w @ self._polynomial(sine2)) / w.sum()
 
     def _polynomial(self, sine2):
-        """Return P over pi p* q."""
+        """Return P / (pi p* q)."""
         return (1 + self.a2 + self.c2 - 2 * sine2) * sine2 + self._constant
 
     def _plastic(self, start):
-        """Return nodes and weights from `start` to K, dense at K, the last axis."""
+        """Return nodes and weights of an integral from `start` to K.
+
+        They are dense at K, along the last axis.
+        """
         width = math.sqrt(1 - self.c2)
         end = np.arcsinh((self.whole - np.asarray(start))[..., None] / width)
         v = end * _NODES
@@ -344,7 +351,7 @@ class _Parts:
 
     @property
     def mean_pressure(self):
-        """Mean pressure over p*: the mean of x over dp."""
+        """Mean pressure / p*: the mean of x, weighted by dp."""
         sine2, weights = self._elastic(ellipkinc(math.pi / 2, self.rest))
         return 2 / math.pi * (weights @ np.arcsin(np.sqrt(np.minimum(sine2, 1))))
 
@@ -372,12 +379,18 @@ class _Parts:
 
 
 def _root(function, low, high):
-    """Return the root of an increasing function; an end if rounding hides it."""
+    """Return the root of an increasing function between `low` and `high`.
+
+    If rounding hides the root, return one of the ends.
+    """
     if function(high) <= 0:
         return high
     return low if function(low) >= 0 else brentq(function, low, high, xtol=1e-30, rtol=1e-14)
 
 
 def _elastic_angle(x2, c2, a2):
-    """Return the amplitude of v in x = a dn(v): 0 at the edge a, pi/2 at c."""
+    """Return the angle am(v) at which x = a dn(v).
+
+    It is 0 at the contact edge a, and pi/2 at the plastic edge c.
+    """
     return np.arctan2(np.sqrt(np.maximum(a2 - x2, 0)), np.sqrt(np.maximum(x2 - c2, 0)))

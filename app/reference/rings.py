@@ -24,10 +24,10 @@ from app.reference.base import require_hardness, require_positive
 
 
 def solve_box(matrix, h, upper):
-    """Solve e = h + A p, with p at a bound where e is not zero, on a dense matrix.
+    """Solve e = h + A p for pressures from 0 to `upper`.
 
-    e >= 0 where p = 0, e = 0 where 0 < p < upper, e <= 0 where p = upper. Newton's method moves all cells that
-    contradict their set.
+    The conditions are e >= 0 where p = 0, e = 0 where 0 < p < upper, and e <= 0 where p = upper. Each cell is in one of
+    these three sets. Newton's method moves all cells that violate the condition of their set.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def solve_box(matrix, h, upper):
     Raises
     ------
     ArithmeticError
-        If the sets do not settle.
+        If the sets still change after many iterations.
     """
     upper = np.broadcast_to(upper, h.shape)
     elastic, plastic = h < 0, np.zeros(h.shape, bool)
@@ -60,7 +60,7 @@ def solve_box(matrix, h, upper):
 
 @dataclass(frozen=True)
 class CappedSphere:
-    """Paraboloid r^2/(2 radius) of a hardness, on rings of equal width.
+    """Paraboloid r^2/(2 radius) with a hardness, on rings of equal width.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class CappedSphere:
     approach : float
         Approach of the bodies [mm].
     rings : int
-        Number of rings where the undeformed bodies overlap.
+        Number of rings in the area where the undeformed bodies overlap.
     """
 
     radius: float
@@ -91,12 +91,12 @@ class CappedSphere:
 
     @property
     def r(self):
-        """Radii of the middle of the rings [mm]."""
+        """Radii at the middle of each ring [mm]."""
         return (self.edges[1:] + self.edges[:-1]) / 2
 
     @cached_property
     def _solution(self):
-        """Pressure and e = h + u of the rings."""
+        """Pressure and e = h + u of each ring."""
         s, r = self.edges[None, 1:], self.r[:, None]
         m = (np.minimum(s, r) / np.maximum(s, r)) ** 2
         rest = np.abs(s - r) * (s + r) / np.maximum(s, r) ** 2  # 1 - m
@@ -141,9 +141,9 @@ class CappedSphere:
 
     @property
     def max_plastic_depth(self):
-        """Plastic depth of the ring about the axis [mm]."""
+        """Plastic depth of the innermost ring [mm]."""
         return float(self.ring_plastic_depth[0])
 
     def pressure(self, x, y):
-        """Return the contact pressure at points [N/mm2], between rings linear."""
+        """Return the contact pressure at points [N/mm2], linear between rings."""
         return np.interp(np.hypot(x, y), self.r, self.ring_pressure, right=0.0)

@@ -41,11 +41,12 @@ def bush_gibson_thomas_fraction(relative):
 
 
 def persson_hardness_fractions(relative, hardness):
-    """Return the open, elastic and plastic fractions of Persson's theory with a hardness.
+    """Return open, elastic and plastic fractions by Persson's theory.
 
-    Both arguments, p' and the hardness, are over E* times the rms slope; without a hardness (inf) the elastic fraction
-    is `persson_fraction`. NaN where p' exceeds the hardness. The distribution of the pressure diffuses between two
-    absorbing walls, 0 and the hardness. See B.N.J. Persson, Phys. Rev. Lett. 87 (2001) 116101.
+    `relative` is p', the mean pressure, and `hardness` the largest pressure; both are divided by E* times the rms
+    slope. For an infinite hardness, the elastic fraction is `persson_fraction`. NaN where p' exceeds the hardness. In
+    the theory the distribution of the pressure diffuses between two absorbing walls, 0 and the hardness. See B.N.J.
+    Persson, Phys. Rev. Lett. 87 (2001) 116101.
 
     Examples
     --------
