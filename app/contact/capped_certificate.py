@@ -81,7 +81,7 @@ def _gaps_row(b, depth, u, p, upper, admissible, slope):
     pressures, squares, total_u, free = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         total_u += u[i]
-        free += 0.0 if p[i] > 0 else 1.0
+        free += 0.0 if (p[i] > 0) & (p[i] < upper[i]) else 1.0
         if not admissible[i]:
             continue
         g, w = _reduce(gap(u[i], b[i], depth), p[i], upper[i], slope)
@@ -101,7 +101,7 @@ def gaps(b, depth, u, p, upper, admissible, slope):
     """Return the sums that certify a pressure on a periodic patch.
 
     They are the sums of the reduced gap g where it is open, of -g where it overlaps, of g - e, of the prices of open
-    gaps and of overlaps, of p, p p and u, and the number of cells without pressure.
+    gaps and of overlaps, of p, p p and u, and the number of cells at a bound of p.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):

@@ -77,6 +77,7 @@ _LIFTS = 12  # trial values of t
 _NEGLIGIBLE_BOUND = 1e-5  # error bound below which a product is spent only if a smaller one is needed
 _ROUNDING_FACTOR = 4.0  # factor on the expected rounding error of a product
 _TRANSFORM_ERROR = 50.0  # error of w.Bw over its largest possible value, in units of the precision of B
+_CONSTANT_ROUNDING = 1e3  # deviation of a pressure that is constant up to rounding, in units of its precision
 _LOAD_RTOL = 1e-6  # allowed relative error of a prescribed load
 
 
@@ -199,7 +200,7 @@ def _close_gap(state, energy, enough, work, capped):
 
     The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g and B are those of the module docstring. If the
     bound ``||B|| w.w`` of w.Bw already shows an error below `enough`, it replaces w.Bw, which saves the product
-    with B. If h is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is larger.
+    with B. If p is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is larger.
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
@@ -217,19 +218,21 @@ def _close_gap(state, energy, enough, work, capped):
     excess += total_u  # zero up to rounding, which matters near full contact
     if inside == n and not gaps and not depths:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
-    stretch, constant, elsewhere = _gap_with_mean(gaps, excess, inside, n)
+    stretch, constant, elsewhere = _gap_with_mean(gaps, excess, inside, n, depths)
     factors, to_gap = (stretch,), (1 + stretch) * to_p + constant * pressures  # p.g
     if capped:
-        # Beyond full contact stretching open gaps may not suffice.
+        # If a factor up to 2 on open gaps does not suffice, overlaps get a larger one.
         rest = excess + stretch * gaps + (n - inside) * elsewhere + inside * constant
         negligible = max(1e-12 * abs(excess), n * rounded)
         deepen = rest / depths if depths else 0.0 if abs(rest) <= negligible else np.inf
         factors, to_gap = (stretch, deepen), to_gap + (1 + deepen) * to_plastic
         to_gap = to_gap if -1 <= deepen < np.inf else np.inf
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
-    # The pressure is constant up to rounding if h is, or if all cells are plastic.
-    if state.distance.is_flat or n * squares <= (1 + 1e-15 * n) * pressures**2:
-        energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
+    most, eps = state.operator.diagonal * squares, np.finfo(float).eps
+    if state.distance.is_flat or (capped and energy <= (_CONSTANT_ROUNDING * eps) ** 2 * most):
+        energy = max(
+            energy, eps * most
+        )  # the pressure is constant up to rounding: h is flat, or all is plastic
     moved = (*fields, *factors, constant, elsewhere)
     squares = state.sum([kernels.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
@@ -243,15 +246,16 @@ def _close_gap(state, energy, enough, work, capped):
     return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
 
 
-def _gap_with_mean(gaps, excess, inside, n):
+def _gap_with_mean(gaps, excess, inside, n, depths=0.0):
     """Choose a dual feasible gap g that has the mean of e.
 
     ``g = (1 + stretch) max(e - p / B_II, 0) + constant``, where the constant is 0 if the stretch is within -1 and 1.
     In inadmissible cells any g is allowed; there the change of the gap is `elsewhere`. `inside` of the n cells are
-    admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, `excess` the sum of ``max(e - p / B_II, 0) - e``.
+    admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, `excess` the sum of ``max(e - p / B_II, 0) - e``,
+    `depths` the sum of overlaps, which get the factor ``1 - stretch``.
     """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
-    total = gaps + (n - inside) * elsewhere
+    total = gaps + (n - inside) * elsewhere + depths
     stretch = -excess / total if total > 0 else np.inf
     if abs(stretch) <= 1:
         return stretch, 0.0, stretch * elsewhere

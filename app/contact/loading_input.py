@@ -55,6 +55,8 @@ def make_loading(grid, distance, **given):
     if not grid.periodic:
         return PrescribedApproach(value)
     if value - full > rounding and not holes:
+        if distance.bounds.capped:  # plastic cells overlap
+            return PrescribedApproach(value)
         raise InputError(
             f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "
             f"it must be at most {full!r} mm, full contact"

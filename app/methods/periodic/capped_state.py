@@ -5,8 +5,11 @@ and in both cases w is unknown. So plastic cells are free cells, too. Their pres
 in ``solver.carried``: on all free cells the stored pressure must vanish, and CG and its preconditioner do not change.
 """
 
+import zlib
+
 import numpy as np
 
+from app.contact.loading import PrescribedApproach
 from app.contact.prescribed_load import LOAD_ROUNDING, PrescribedLoad
 from app.methods.periodic.state import PrimalState
 from app.parallel.reductions import sums_and_minima
@@ -30,6 +33,7 @@ class CappedPrimalState(PrimalState):
     def __init__(self, state, inverse, loading):
         super().__init__(state, inverse, _feasible(loading, state))
         self.plastic = np.zeros(self.w.shape, bool)
+        self._left = set()  # checksums of sets from which cells have been exchanged
 
     def reset_for_safeguard(self):
         """Set contact in all admissible cells; see `PrimalState.reset_for_safeguard`."""
@@ -87,24 +91,62 @@ class CappedPrimalState(PrimalState):
     def _touch(self):
         self._fill_up(self.w)
 
-    def _fill_up(self, w):
+    def _fill_up(self, w, excess=None):
         """Make the lowest cells plastic until they carry the load; shift w by a constant.
 
         The next cell is in contact, without a gap. Of all constants, this one has the least energy. `w` has the
-        displacement. Returns the shift [mm].
+        displacement. Of cells with one gap those with the largest `excess` are the first.
         """
-        state = self.state
-        gap = np.where(state.admissible, w - state.distance.b, np.inf)
-        level = _filling_level(gap, state.bounds.upper, self.mean_pressure * self.cells, state.comm)
+        state, upper = self.state, self.state.bounds.upper
+        gap, total = np.where(state.admissible, w - state.distance.b, np.inf), self.mean_pressure * self.cells
+        level, total = _fill(gap, upper, total, state.comm)
         np.less(gap, level, out=self.plastic)
         np.equal(gap, level, out=state.contact)
+        if excess is not None:
+            order = np.where(state.contact, -excess, np.inf)
+            last, _ = _fill(order, upper, total, state.comm)
+            self.plastic |= order < last
+            np.equal(order, last, out=state.contact)
         self.w -= level  # a constant has no pressure
-        return level
 
     def _exchange_cells(self, solver, *limits):
+        """Exchange cells of this rank; only the worst one if these sets were left before."""
         state = self.state
+        sets = self._checksum()
+        if sets in self._left:
+            return self._exchange_worst(solver, *limits)
         fields = solver.carried, state.values, self.w, solver.change, state.distance.b, state.admissible
-        return state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
+        counts = state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
+        if sets != self._checksum():
+            self._left.add(sets)
+        return counts
+
+    def _checksum(self):
+        """Return a checksum of C and the plastic cells. Collective."""
+        state = self.state
+        sums = [zlib.crc32(np.ascontiguousarray(cells)) for cells in (state.contact, self.plastic)]
+        return tuple(state.sum(sums))
+
+    def _exchange_worst(self, solver, slack, least_gap, compliance, far, captured):
+        """Exchange the cell that violates its condition most, which ends a cycle of sets."""
+        state, upper, contact, plastic = self.state, self.state.bounds.upper, self.state.contact, self.plastic
+        p, new_w = solver.carried.astype(float), self.w + solver.change
+        e = new_w - state.distance.b
+        outside = np.where(state.admissible, np.where(plastic, e, -e), 0.0)
+        violation = np.where(contact, compliance * np.maximum(-p, p - upper), outside)
+        violation[violation <= np.where(contact, compliance * slack, -least_gap)] = 0.0
+        worst = -state.minimum([-violation.max(initial=0.0)])[0]
+        swapped = (violation == worst) & (worst > 0)
+        captured[...] = swapped & ~contact
+        hardens, softens = swapped & contact & (p > upper), captured & plastic
+        for field in (solver.carried, state.values):
+            field[hardens] -= upper[hardens]
+            field[softens] += upper[softens]
+        plastic ^= hardens | softens
+        contact ^= swapped
+        removed = np.count_nonzero(swapped & ~contact)
+        moves = worst**2 * np.count_nonzero(swapped) if worst <= far else np.inf
+        return np.count_nonzero(contact), np.count_nonzero(captured), removed, new_w.sum(), moves
 
     def _keep_contact(self, solver, released):
         state, fields = self.state, (solver.carried, self.state.values)
@@ -112,7 +154,8 @@ class CappedPrimalState(PrimalState):
         plastic = self.plastic & ~contact
         for field in fields:
             self._add_hardness(field)
-        self._fill_up(self.w + solver.change)
+        excess = np.maximum(solver.carried - state.bounds.upper, 0) + np.minimum(solver.carried, 0)
+        self._fill_up(self.w + solver.change, excess)
         for field in fields:
             self._subtract_hardness(field)
         captured, kept = state.contact & ~contact, state.contact & contact
@@ -179,18 +222,27 @@ class CappedPrimalState(PrimalState):
 
 
 def _feasible(loading, state):
-    """Return the loading, with a smaller load if a coarse grid cannot carry it."""
-    largest = state.bounds.largest_load
-    if loading.load is None or loading.load < (1 - LOAD_ROUNDING) * largest:
+    """Return the loading, reduced if a coarse grid cannot reach it.
+
+    Coarse cells may have less area, and are elastic if one of their children is.
+    """
+    bounds, full_depth = state.bounds, state.distance.full_depth
+    if loading.load is not None:
+        possible = loading.load < (1 - LOAD_ROUNDING) * bounds.largest_load
+        return loading if possible else PrescribedLoad((1 - 0.5 / state.grid.n) * bounds.largest_load)
+    if (
+        loading.depth_on(state.distance) <= full_depth
+        or state.minimum([bounds.upper.min(initial=np.inf)])[0] < np.inf
+    ):
         return loading
-    return PrescribedLoad((1 - 0.5 / state.grid.n) * largest)
+    return PrescribedApproach(state.distance.approach_at(full_depth), full_depth)
 
 
-def _filling_level(gap, upper, total, comm):
+def _fill(gap, upper, total, comm):
     """Return the gap up to which cells at the hardness carry more than a sum of pressures.
 
-    Collective over `comm`. `gap` is infinite in inadmissible cells [mm], `total` the sum of pressures [N/mm2]. If it
-    is too large, the largest gap is returned.
+    Collective over `comm`. `gap` is infinite in cells that carry none [mm], `total` the sum of pressures [N/mm2]. If it
+    is too large, the largest gap is returned. The second result is what cells with smaller gaps leave of the sum.
     """
     inside = gap < np.inf
     gap, upper, carried = gap[inside], upper[inside], 0.0
@@ -206,4 +258,4 @@ def _filling_level(gap, upper, total, comm):
         else:
             carried, low, below = carried + more, above, ~below
         gap, upper = gap[below], upper[below]
-    return float(low)
+    return float(low), total - carried
