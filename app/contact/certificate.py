@@ -230,9 +230,7 @@ def _close_gap(state, energy, enough, work, capped):
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
     most, eps = state.operator.diagonal * squares, np.finfo(float).eps
     if state.distance.is_flat or (capped and energy <= (_CONSTANT_ROUNDING * eps) ** 2 * most):
-        energy = max(
-            energy, eps * most
-        )  # the pressure is constant up to rounding: h is flat, or all is plastic
+        energy = max(energy, eps * most)  # constant up to rounding: h is flat, or all cells are plastic
     moved = (*fields, *factors, constant, elsewhere)
     squares = state.sum([kernels.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2

@@ -9,8 +9,8 @@ import zlib
 
 import numpy as np
 
+from app.contact import full_plasticity, prescribed_load
 from app.contact.loading import PrescribedApproach
-from app.contact.prescribed_load import LOAD_ROUNDING, PrescribedLoad
 from app.methods.periodic.state import PrimalState
 from app.parallel.reductions import sums_and_minima
 
@@ -203,7 +203,7 @@ class CappedPrimalState(PrimalState):
         if not state.sum([beyond])[0]:
             return super().meet_load(p, total)
         missing = state.add_constant(p, wanted - total, np.spacing(wanted))
-        return abs(missing) <= LOAD_ROUNDING * wanted
+        return abs(missing) <= prescribed_load.LOAD_ROUNDING * wanted
 
     def spread_load(self):
         """Set an even pressure in all admissible cells."""
@@ -228,8 +228,9 @@ def _feasible(loading, state):
     """
     bounds, full_depth = state.bounds, state.distance.full_depth
     if loading.load is not None:
-        possible = loading.load < (1 - LOAD_ROUNDING) * bounds.largest_load
-        return loading if possible else PrescribedLoad((1 - 0.5 / state.grid.n) * bounds.largest_load)
+        possible = loading.load < (1 - full_plasticity.LOAD_ROUNDING) * bounds.largest_load
+        reduced = (1 - 0.5 / state.grid.n) * bounds.largest_load
+        return loading if possible else prescribed_load.PrescribedLoad(reduced)
     if (
         loading.depth_on(state.distance) <= full_depth
         or state.minimum([bounds.upper.min(initial=np.inf)])[0] < np.inf
