@@ -199,7 +199,7 @@ class LoadPath:
         names = dict.fromkeys(name for row in self.rows for name in row)
         columns = {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
         if len(self.rows) > 1:
-            columns["stiffness_by_differences"] = _slope(columns["approach"], columns["load"])
+            columns["stiffness_by_differences"] = _slopes(columns)
         columns["converged"] = columns.pop("converged")
         return columns
 
@@ -344,6 +344,23 @@ def _as_numbers(kind, numbers):
     if not values:
         raise InputError(f"path: {kind}: must be a list of one number or more [{LOADINGS[kind]}]")
     return [validate_number(kind, number) for number in values]
+
+
+def _slopes(columns):
+    """Return dF/d(approach) at each step, from the steps on the same curve.
+
+    With a hardness there is a curve of loading, and one of unloading for each load from which the bodies unload.
+    """
+    approach, load = columns["approach"], columns["load"]
+    if "plastic_volume" not in columns:
+        return _slope(approach, load)
+    highest = np.maximum.accumulate(load)
+    loading, slopes = ~(load < highest), np.full(len(load), np.nan)
+    slopes[loading] = _slope(approach[loading], load[loading])
+    for top in np.unique(highest[~loading]):
+        curve, steps = highest == top, (highest == top) & ~loading
+        slopes[steps] = _slope(approach[curve], load[curve])[steps[curve]]
+    return slopes
 
 
 def _slope(x, y):

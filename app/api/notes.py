@@ -142,8 +142,8 @@ def note_hardness(problem, contact):
     if not contact.plastic_area and problem.indentation is None:
         doubt = "; it is above E*/5: is it in another unit than N/mm2?" if hardness > largest else ""
         return [
-            f"the hardness {format_distinct(hardness, pressure, 3)} N/mm2 has no effect: the maximum pressure is "
-            f"{format_distinct(pressure, hardness, 3)} N/mm2{doubt}"
+            f"the hardness {format_distinct(hardness, pressure, 5)} N/mm2 has no effect: the maximum pressure is "
+            f"{format_distinct(pressure, hardness, 5)} N/mm2{doubt}"
         ]
     if contact.plastic_area < contact.contact_area:
         return []

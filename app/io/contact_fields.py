@@ -125,7 +125,7 @@ class ContactFields:
         ----------
         name : str, optional
             summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or a
-            single panel: displacement, gap, section_x, section_y, residual.
+            single panel: displacement, gap, plastic_depth, section_x, section_y, residual.
         ax : matplotlib axes, optional
             Axes for a single panel: contact, pressure (the default), or one of the single panels above.
 

@@ -2,9 +2,9 @@
 
 A load path is a mapping of columns with an entry for each step, as in the group ``path`` of a result file: ``load``
 [N]; ``approach``, ``indentation``, ``mean_gap`` [mm]; ``mean_pressure``, ``max_pressure`` [N/mm2];
-``contact_fraction``, ``contact_fraction_corrected``, ``persson_fraction``; ``contact_area`` [mm2]; ``stiffness``,
-``stiffness_by_differences`` [N/mm]. Missing columns are not drawn. Estimated relative errors, such as ``load_error``,
-are bands around the curves.
+``contact_fraction``, ``contact_fraction_corrected``, ``plastic_fraction``, and theories, such as ``persson_fraction``;
+``contact_area``, ``plastic_area`` [mm2]; ``stiffness``, ``stiffness_by_differences`` [N/mm]. Missing columns are not
+drawn. Estimated relative errors, such as ``load_error``, are bands around the curves.
 """
 
 import csv
@@ -18,6 +18,7 @@ from app.base.quantities import axis_label, scale_for_axis
 from app.base.units import choose_length_unit
 from app.options import option_table
 from app.plots.style import (
+    DASH_DOTTED,
     DASHED,
     DOTTED,
     add_legend,
@@ -163,7 +164,7 @@ def _draw_analytic(axes, paths, x, y, scale):
     label = "analytic"
     for path in paths:
         exact = path.select(f"analytic_{x}", f"analytic_{y}")
-        if exact is not None:
+        if exact is not None and exact.shape[1] > 1:
             axes.plot(
                 exact[0] * scale[0], exact[1] * scale[1], color="0.3", linestyle=DASHED, zorder=1, label=label
             )
@@ -202,11 +203,46 @@ def _draw_shares(axes, paths, value):
     persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
     axes.plot(span, value(span, persson), color="0.3", linestyle=DASHED, label="Persson")
     axes.plot(span, value(span, bgt), color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
+    _draw_hardness_theory(axes, paths, "persson_hardness_fraction", value, "Persson with hardness")
     axes.set_xlabel(_RELATIVE)
 
 
+def _draw_hardness_theory(axes, paths, name, value, label):
+    """Draw a column of Persson's theory with hardness, ``value(x, column)`` as in `_draw_shares`.
+
+    Returns the lines.
+    """
+    lines = []
+    for path in paths:
+        columns = path.select("mean_pressure", name)
+        if columns is not None:
+            p, fraction = columns[:, columns[0].argsort()]
+            x, style = p * path.relative, {"color": "0.3", "linestyle": DASH_DOTTED, "zorder": 1}
+            lines += axes.plot(x, value(x, fraction), **style, label=None if lines else label)
+    return lines
+
+
+def _draw_plastic(axes, paths, x, y, scale, theory=()):
+    """Draw the plastic share or area `y` against `x`, with a legend of these and of `theory` lines."""
+    lines = []
+    for number, path in enumerate(paths):
+        values = path.select(x, y)
+        if values is not None:
+            style = series_style(number) | {"markerfacecolor": "white", "linestyle": DOTTED}
+            lines += axes.plot(
+                values[0] * scale(path), values[1], **style, label=f"{path.name} plastic".strip()
+            )
+    if lines:
+        axes.legend(handles=[*lines, *theory[:1]], loc="lower right")
+
+
 def _draw_fraction(axes, paths):
-    _draw_shares(axes, paths, lambda x, fraction: fraction)
+    def share(x, fraction):
+        return fraction
+
+    _draw_shares(axes, paths, share)
+    theory = _draw_hardness_theory(axes, paths, "persson_plastic_fraction", share, "Persson, plastic")
+    _draw_plastic(axes, paths, "mean_pressure", "plastic_fraction", lambda path: path.relative, theory)
     axes.set_ylabel("contact fraction")
     set_log_axes(axes, "y")
 
@@ -268,11 +304,18 @@ def _draw_load(axes, paths):
     values = _select_all(paths, x)
     if values.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
         x, values = "indentation", _select_all(paths, "indentation")
-    log = values.min() >= 0  # approaches counted from within the roughness are negative
+    # Approaches counted from within the roughness are negative. Bodies that unload keep an indentation.
+    log = values.min() >= 0 and all((np.diff(path.columns["load"]) >= 0).all() for path in paths)
     (across, x_label), (up, y_label) = _scale_axis(paths, x), _scale_axis(paths, "load")
     if _draw_curves(axes, paths, x, "load", lambda path: (across, up), (log, log)):
         axes.set(xlabel=x_label, ylabel=y_label)
         _draw_analytic(axes, paths, "approach", "load", (across, up))
+
+
+def _draw_area(axes, paths):
+    _draw_against_load("contact_area", axes, paths)
+    factor, _ = _scale_axis(paths, "load")
+    _draw_plastic(axes, paths, "load", "plastic_area", lambda path: factor)
 
 
 def _draw_against_load(name, axes, paths):
@@ -286,7 +329,7 @@ _ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, partial(_draw_stiffness, True)
 _SMOOTH = (
     _draw_load,
     partial(_draw_against_load, "max_pressure"),
-    partial(_draw_against_load, "contact_area"),
+    _draw_area,
     partial(_draw_stiffness, False),
 )
 

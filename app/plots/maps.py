@@ -11,6 +11,7 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Ellipse, Patch
 
+from app.base.errors import InputError
 from app.base.units import choose_length_unit
 from app.plots.style import BLUE, DASHED, GREY, ORANGE, column_width
 from app.plots.zoom import draw_inset, find_view
@@ -150,8 +151,45 @@ class Canvas:
         bar.outline.set_linewidth(0.8)
 
     def draw_contact(self, axes):
-        """Draw the contact area with a colour for each contact spot."""
-        has_outside = self._draw_outside(axes)
+        """Draw the contact area with a colour for each contact spot.
+
+        With a hardness there are two colours, of elastic and of plastic cells.
+        """
+        has_outside, result = self._draw_outside(axes), self.result
+        possible = int(np.count_nonzero(~np.isnan(result.undeformed_distance)))
+        if getattr(result, "plastic", None) is None:
+            entries = self._draw_spots(axes)
+        else:
+            entries = self._draw_elastic_and_plastic(axes, possible)
+        if np.count_nonzero(result.contact == 1) < possible:
+            entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")
+        if has_outside:
+            entries["no contact possible"] = Patch(color=GREY)
+        handlers = {tuple: HandlerTuple(ndivide=None, pad=0)}
+        axes.legend(entries.values(), entries, handler_map=handlers, **LEGEND_ABOVE)
+        self._draw_patch(axes)
+
+    def _draw_elastic_and_plastic(self, axes, possible):
+        """Draw elastic and plastic contact; return the entries of the legend.
+
+        `possible` is the number of admissible cells.
+        """
+        plastic = self.result.plastic == 1
+        masks = (self.result.contact == 1) & ~plastic, plastic
+        (elastic, b), (overlapping, _) = (
+            block_mean(mask[self.view].astype(float), MAX_PIXELS) for mask in masks
+        )
+        total = elastic + overlapping
+        share = np.divide(overlapping, total, out=np.zeros_like(total), where=total > 0)[..., None]
+        self._draw_image(axes, np.dstack([(1 - share) * to_rgb(BLUE) + share * to_rgb(ORANGE), total]), b)
+        names = zip(("elastic", "plastic"), masks, (BLUE, ORANGE), strict=True)
+        return {
+            f"{name} contact: {100 * np.count_nonzero(mask) / possible:.3g}%": Patch(color=colour)
+            for name, mask, colour in names
+        }
+
+    def _draw_spots(self, axes):
+        """Draw the contact spots; return the entries of the legend."""
         result = self.result
         patches = result.patches()
         cells = patches.cells
@@ -160,18 +198,10 @@ class Canvas:
         # A block has the colour of its smallest spot; the largest spots have different colours.
         index = (np.maximum(block_max(patches.labels[self.view], b), 1) - 1) % len(palette)
         self._draw_image(axes, np.dstack([palette[index], share]), b)
-        possible = int(np.count_nonzero(~np.isnan(result.undeformed_distance)))
         text = f"contact: {100 * result.attributes['contact_fraction']:.3g}%"
         used = palette[: max(len(cells), 1)]
         text += f", {len(cells)} contact spots" if len(cells) > 1 else ""
-        entries = {text: tuple(Patch(color=colour) for colour in used)}
-        if np.count_nonzero(result.contact == 1) < possible:
-            entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")
-        if has_outside:
-            entries["no contact possible"] = Patch(color=GREY)
-        handlers = {tuple: HandlerTuple(ndivide=None, pad=0)}
-        axes.legend(entries.values(), entries, handler_map=handlers, **LEGEND_ABOVE)
-        self._draw_patch(axes)
+        return {text: tuple(Patch(color=colour) for colour in used)}
 
     def draw_pressure(self, axes, reference=None):
         """Draw the pressure, and the contact ellipse of a `reference` solution.
@@ -218,6 +248,16 @@ class Canvas:
     def draw_displacement(self, axes):
         """Draw a map of the displacement u."""
         self.draw_length(axes, self.result.displacement, LENGTH_MAP, "displacement u  [{}]")
+
+    def draw_plastic_depth(self, axes):
+        """Draw a map of the permanent indentation, white where there is none."""
+        if self.result.plastic_depth is None:
+            raise InputError("plot 'plastic_depth': the result has no hardness")
+        depth = self.result.plastic_depth[self.view]
+        self.draw_length(
+            axes, np.where(depth > 0, depth, np.nan), LENGTH_MAP + "_r", "permanent indentation  [{}]"
+        )
+        self._draw_patch(axes)
 
     def draw_gap(self, axes):
         """Draw a map of the gap e, white in contact."""

@@ -98,6 +98,7 @@ PANELS = {
     "pressure": lambda axes, result, reference: Canvas(result, zoom=True).draw_pressure(axes, reference),
     "displacement": lambda axes, result, _: Canvas(result).draw_displacement(axes),
     "gap": lambda axes, result, _: Canvas(result).draw_gap(axes),
+    "plastic_depth": lambda axes, result, _: Canvas(result, zoom=True).draw_plastic_depth(axes),
     "section_x": _draw_section("x"),
     "section_y": _draw_section("y"),
     "residual": lambda axes, result, _: figures.draw_residual(axes, result),

@@ -181,7 +181,7 @@ def test_a_constant_distance_on_a_periodic_patch_gets_a_note():
     ("hardness", "load", "message"),
     [
         (19.0, 0.5, "the hardness 19 N/mm2 has no effect: the maximum pressure is .* N/mm2$"),
-        (1e4, 0.5, "the hardness 1e.04 N/mm2 has no effect: .*above E./5: is it in another unit than N/mm2"),
+        (1e4, 0.5, "the hardness 10000 N/mm2 has no effect: .*above E./5: is it in another unit than N/mm2"),
         (0.01, 4 * 0.01, "all cells are plastic: 0.04 N is the largest load"),
         (1.5, 0.5, None),
     ],

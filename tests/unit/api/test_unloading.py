@@ -7,6 +7,7 @@ import pytest
 from cases import hertz, self_affine
 
 from app import ContactProblem, ContactSolver, FlatPunch, Listener
+from app.api.load_path import _slopes
 from app.base.errors import InputError
 from app.problems.problem import Problem
 
@@ -164,3 +165,11 @@ def test_inadmissible_cells_have_no_plastic_depth():
     for step in steps:
         assert np.isnan(step.gap[outside]).all() and not step.plastic_depth[outside].any()
         assert step.plastic_depth.any()
+
+
+def test_stiffness_by_differences_is_that_of_its_branch():
+    """A load of 2 is met at three approaches: while loading, unloading and loading again."""
+    load = np.array([1.0, 2.0, 3.0, 2.0, 1.0, 2.0, 3.0, 4.0])
+    approach = np.array([1.0, 2.0, 3.0, 2.8, 2.6, 2.8, 3.0, 4.0])
+    slopes = _slopes({"load": load, "approach": approach, "plastic_volume": np.zeros(8)})
+    assert slopes == pytest.approx([1, 1, 1, 5, 5, 5, 1, 1])

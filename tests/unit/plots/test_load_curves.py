@@ -181,3 +181,30 @@ def test_paths_with_indentation_are_drawn_beyond_first_touch():
     axes = load_curves.path_figure([load_curves.Path(columns)]).axes[0]
     assert "beyond first touch" in axes.get_xlabel() and axes.get_xscale() == "log"
     np.testing.assert_allclose(axes.lines[0].get_xdata(), 1e3 * columns["indentation"], rtol=1e-12)
+
+
+def test_paths_with_a_hardness_have_plastic_curves_and_their_theory():
+    p = np.geomspace(10, 1e3, 7)
+    columns = {"load": p, "mean_pressure": p, "contact_fraction": 2.2e-4 * p, "plastic_fraction": 1e-4 * p}
+    theory = {"persson_hardness_fraction": 2e-4 * p, "persson_plastic_fraction": 0.9e-4 * p}
+    fraction, kappa, *_ = load_curves.path_figure([load_curves.Path(columns | theory, "", scale=1e4)]).axes
+    lines = {line.get_label(): line.get_ydata() for line in fraction.lines}
+    assert lines["plastic"] == pytest.approx(columns["plastic_fraction"])
+    assert lines["Persson, plastic"] == pytest.approx(theory["persson_plastic_fraction"])
+    assert lines["Persson with hardness"] == pytest.approx(theory["persson_hardness_fraction"])
+    assert [text.get_text() for text in fraction.get_legend().get_texts()] == ["plastic", "Persson, plastic"]
+    assert "Persson with hardness" in [text.get_text() for text in kappa.get_legend().get_texts()]
+    smooth = {"load": p, "approach": p, "contact_area": p, "plastic_area": p / 2}
+    area = load_curves.path_figure([load_curves.Path(smooth)]).axes[2]
+    assert [text.get_text() for text in area.get_legend().get_texts()] == ["plastic"]
+
+
+def test_loads_against_approaches_of_unloading_have_linear_axes():
+    load = np.array([1.0, 2.0, 1.0, 0.0])
+    for columns, scale in (
+        ({"load": load, "approach": load + 1}, "linear"),
+        ({"load": load + np.arange(4) * 3, "approach": load + 1}, "log"),
+    ):
+        axes = load_curves.path_figure([load_curves.Path(columns)]).axes[0]
+        assert axes.get_xscale() == axes.get_yscale() == scale
+        assert len(axes.lines[0].get_xdata()) == 4

@@ -9,8 +9,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
 from results import made_up_result, with_attributes
 
+from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.plots import curves, figures, maps
+from app.plots.pictures import plot
 
 from .drawn import image_values, overlaps, surface_panels
 
@@ -165,3 +167,28 @@ def test_map_that_is_long_in_y_lies_flat():
 def test_colour_bar_names_the_maximum(result):
     bar = figures.pressure_figure(result).axes[0].child_axes[0]
     assert f"maximum {result.pressure.max():.4g}" in bar.get_ylabel() + bar.get_xlabel()
+
+
+@pytest.mark.parametrize("pixels", [1024, 50])
+def test_contact_map_has_three_colours_with_a_hardness(result, monkeypatch, pixels):
+    monkeypatch.setattr(maps, "MAX_PIXELS", pixels)
+    plastic = (result.contact == 1) & (result.pressure > np.median(result.pressure[result.contact == 1]))
+    depth = np.where(plastic, 1e-4, 0.0)
+    capped = replace(result, plastic=plastic.astype(np.uint8), plastic_depth=depth)
+    figure = figures.contact_figure(capped)
+    axes = figure.axes[0]
+    elastic, plastic_text, *others = [text.get_text() for text in axes.get_legend().get_texts()]
+    possible = np.count_nonzero(np.isfinite(result.undeformed_distance))
+    assert plastic_text == f"plastic contact: {100 * plastic.sum() / possible:.3g}%"
+    assert elastic == f"elastic contact: {100 * (result.contact.sum() - plastic.sum()) / possible:.3g}%"
+    assert "no contact" in others
+    pixels = np.asarray(axes.images[-1].get_array())
+    covered = pixels[..., 3] == 1
+    assert {tuple(np.round(colour, 2)) for colour in pixels[covered][:, :3]} >= {
+        (0, 0.45, 0.7),
+        (0.84, 0.37, 0),
+    }
+    values, *_ = image_values(plot(capped, "plastic_depth")[0])
+    assert (values.compressed() > 0).all() and values.count() > 0
+    with pytest.raises(InputError, match="the result has no hardness"):
+        plot(result, "plastic_depth")
