@@ -17,7 +17,7 @@ from app.parameter_study.journal import Journal
 KINDS = {"load": "N", "mean_pressure": "N/mm2", "approach": "mm", "mean_gap": "mm of a periodic patch"}
 OPTIONS = [
     *(
-        Option(f"{kind}_path", series, None, f"first:last:n[:log] or a,b,c: one after the other [{unit}]")
+        Option(f"{kind}_path", series, None, f"first:last:n[:log], numbers, or several of both, a,b,c [{unit}]")
         for kind, unit in KINDS.items()
     ),
     Option("path_csv", word, None, "path: table of the steps (default: beside -output)"),

@@ -338,26 +338,31 @@ def domain(text):
 
 
 def series(text):
-    """Parse ``first:last:n``, ``first:last:n:log``, or numbers ``a,b,c``.
+    """Parse numbers and ranges, separated by commas.
 
-    The first form means n numbers from first to last in equal steps, the second n numbers in equal ratios.
+    The range ``first:last:n`` means n numbers from first to last in equal steps, ``first:last:n:log`` n numbers in
+    equal ratios.
 
     Examples
     --------
-    >>> series("1:100:3:log"), series("0:1:3"), series("1,5,2")
-    ((1.0, 10.0, 100.0), (0.0, 0.5, 1.0), (1.0, 5.0, 2.0))
+    >>> series("1:100:3:log"), series("0:1:3"), series("1,5,2"), series("0:2:3,1,0")
+    ((1.0, 10.0, 100.0), (0.0, 0.5, 1.0), (1.0, 5.0, 2.0), (0.0, 1.0, 2.0, 1.0, 0.0))
     """
     allowed = "first:last:n, first:last:n:log with both above 0, n from 2 to 100000; or numbers a,b,c"
-    try:
-        if ":" not in text:
-            return tuple(_real(part) for part in text.split(","))
-        first, last, n, *spacing = text.split(":")
-        first, last, n = _real(first), _real(last), number(n, int)
-    except ValueError:
-        raise ValueError(allowed) from None
-    if spacing not in ([], ["log"]) or not 2 <= n <= 100000 or (spacing and min(first, last) <= 0):
-        raise ValueError(allowed)
-    return tuple((np.geomspace if spacing else np.linspace)(first, last, n).tolist())
+    numbers = []
+    for part in text.split(","):
+        try:
+            if ":" not in part:
+                numbers.append(_real(part))
+                continue
+            first, last, n, *spacing = part.split(":")
+            first, last, n = _real(first), _real(last), number(n, int)
+        except ValueError:
+            raise ValueError(allowed) from None
+        if spacing not in ([], ["log"]) or not 2 <= n <= 100000 or (spacing and min(first, last) <= 0):
+            raise ValueError(allowed)
+        numbers += (np.geomspace if spacing else np.linspace)(first, last, n).tolist()
+    return tuple(numbers)
 
 
 def choice(*names):

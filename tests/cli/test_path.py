@@ -73,6 +73,25 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_pa
     assert one.attributes["contact_patches"] == 1
 
 
+@pytest.mark.parametrize("done", [1, 2, 3])
+def test_unloading_path_is_resumed_from_the_indented_shape(cli_here, tmp_path, done):
+    words = (*HERTZ, "-hardness", "1000", "-load_path", "5e4:9e4:2,3e4:0:2,9.5e4", "-path_fields")
+    whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
+    assert cli_here(*words, "-output", whole).returncode == 0
+    in_the_way = tmp_path / f"broken_{done + 1:04d}.h5"
+    in_the_way.mkdir()
+    assert cli_here(*words, "-output", broken).returncode == 2
+    in_the_way.rmdir()
+    assert cli_here(*words, "-output", broken, "-resume").returncode == 0
+    assert broken.with_suffix(".csv").read_bytes() == whole.with_suffix(".csv").read_bytes()
+    path = read_result(broken).path
+    assert list(path["load"]) == pytest.approx([5e4, 9e4, 3e4, 0, 9.5e4])
+    assert path["plastic_volume"][3] == pytest.approx(path["plastic_volume"][1], rel=1e-12)
+    assert path["indentation"][3] > 0 and path["max_pressure"][2] < 1000 == path["max_pressure"][4]
+    unloaded, expected = (read_result(tmp_path / f"{name}_0004.h5") for name in ("broken", "whole"))
+    assert np.array_equal(unloaded.plastic_depth, expected.plastic_depth) and unloaded.plastic_depth.any()
+
+
 def test_resume_after_a_full_disk_keeps_all_steps(cli_here, tmp_path, monkeypatch):
     def refuse(*arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
