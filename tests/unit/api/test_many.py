@@ -4,6 +4,7 @@ import csv
 import multiprocessing
 import signal
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import h5py
@@ -274,3 +275,13 @@ def test_table_has_units_and_can_be_saved(tmp_path):
 def test_long_tables_are_shortened():
     rows = [{"problem": k, "load": 1.0, "converged": True} for k in range(40)]
     assert "... 28 more" in repr(many.SolutionTable(rows))
+
+
+def test_plastic_columns_and_fields_are_of_problems_with_a_hardness(tmp_path):
+    problems = [hertz(16), replace(hertz(16), hardness=1000.0)]
+    rows = solve_many(problems, [9e4, 9e4], output=tmp_path / "many.h5", fields=["plastic", "plastic_depth"])
+    assert np.isnan(rows["plastic_area"][0]) and rows["plastic_area"][1] > 0
+    with h5py.File(tmp_path / "many.h5") as file:
+        assert np.isnan(file["plastic_depth"][0]).all() and not file["plastic"][0].any()
+        area = problems[0].grid.cell_area
+        assert file["plastic_depth"][1].sum() * area == pytest.approx(rows["plastic_volume"][1])

@@ -1,5 +1,6 @@
 """The errors that the size of the cells makes, from two grids; refining until they are small."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -192,3 +193,10 @@ def test_wrong_limits_are_refused_in_one_line(message, call):
     with pytest.raises(InputError, match=message) as refused:
         call()
     assert "\n" not in str(refused.value)
+
+
+def test_a_problem_with_a_hardness_is_refined_if_it_is_one_number():
+    refined = refine(replace(hertz(16), hardness=1000.0), until=0.1, load=9e4)
+    assert refined.reached and refined.solution.max_pressure == 1000.0 and refined.solution.plastic.any()
+    with pytest.raises(InputError, match="its hardness is known on its own grid only; must be one number"):
+        refine(replace(hertz(16), hardness=np.full((16, 16), 1000.0)), until=0.1, load=9e4)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import hertz, self_affine
+from cases import hertz, periodic_rough, self_affine
 
 from app import ContactProblem, ContactSolver, FlatPunch, Listener
 from app.api.load_path import _slopes
@@ -113,6 +113,19 @@ def test_a_resumed_path_has_the_same_rows(steps):
             np.testing.assert_array_equal(solution.gap, other.gap)
     for name, column in whole.table.items():
         np.testing.assert_array_equal(resumed.table[name], column)
+
+
+def test_mean_gaps_of_a_path_are_means_of_e():
+    gaps = [0.004, 0.0015, 0.003, 0.0015, 0.001]
+    with ContactSolver(replace(periodic_rough(32), hardness=3000.0)) as solver:
+        path = solver.path(mean_gap=gaps)
+        steps = list(path)
+        resumed = solver.path(mean_gap=gaps, rows=path.rows[:2])
+        assert next(iter(resumed)).load == steps[2].load < steps[1].load == steps[3].load < steps[4].load
+    table = path.table
+    assert table["mean_gap"] - table["mean_plastic_depth"] == pytest.approx(gaps, rel=1e-12)
+    for step in steps:
+        assert step.mean_gap == pytest.approx(step.gap.clip(min=0).mean(), rel=1e-4)
 
 
 def test_after_each_step_the_solver_has_its_own_problem():
