@@ -19,6 +19,16 @@ class _Command(types.ModuleType):
 sys.modules[__name__].__class__ = _Command
 
 if __name__ == "__main__":
+    if sys.argv[1:] and set(sys.argv[1:]) <= {"-h", "-help", "--help"}:
+        from app.base.missing_packages import is_installed
+
+        if not (
+            is_installed("mpi4py") and is_installed("petsc4py")
+        ):  # the options help to choose what to install
+            from app.cli import problem_options, streams
+
+            streams.print_output(problem_options.format_help())
+            sys.exit(0)
     if sys.argv[1:] == ["--warm-up"]:
         session.run(warm_up.main, sys.argv[:1])
     session.run(main)

@@ -4,8 +4,6 @@ from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
-import numpy as np
-
 from app.api.arguments import check_type
 from app.api.notes import NoteWarnings
 from app.api.solution import Solution
@@ -15,6 +13,7 @@ from app.base import views
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.base.progress_bar import progress_bar
+from app.base.quantities import ESTIMATED
 from app.base.usage import usage
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
 from app.io.frames import to_dataframe
@@ -68,6 +67,7 @@ def refine(
     stiffness=False,
     prefix=None,
     progress=False,
+    quantities=ESTIMATED,
     **loading,
 ):
     """Solve a problem on finer and finer grids.
@@ -115,8 +115,8 @@ def refine(
     (True, True)
     """
     comm = mpi_abort.abort_on_exception(mpi_comm(comm))
-    call_collectively(comm, check, problem, until, most_cells)
-    check_equal_on_ranks(comm, (until, most_cells, stiffness), "refine")
+    call_collectively(comm, check, problem, until, most_cells, quantities, loading)
+    check_equal_on_ranks(comm, (until, most_cells, stiffness, quantities), "refine")
     rows, numbers, first_options = [], [], None
     options = call_collectively(comm, to_texts, options or {})
     bar = progress_bar(comm.rank, desc="refine", unit="grid") if progress else None
@@ -137,7 +137,7 @@ def refine(
                 errors = estimate_errors(numbers, solver.touching, prescribed).with_contact_edge(solution)
             rows.append(_row(solution, errors))
             # Without a pressure there is nothing to refine.
-            reached = solution.converged and (errors.largest <= until or not solution.load)
+            reached = solution.converged and (errors.largest_of(quantities) <= until or not solution.load)
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
                 if solution.converged and not reached:
@@ -166,17 +166,21 @@ def _has_room(solver, grid):
     return True
 
 
-def check(problem, until, most_cells):
+def check(problem, until, most_cells, quantities, loading):
     """Raise InputError if a problem cannot be refined, or limits are wrong."""
     check_type("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):
         raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")
     if not (isinstance(most_cells, Real) and most_cells > 0):
         raise InputError(f"refine most_cells {most_cells!r}: must be a positive number")
-    if np.ndim(problem.hardness):
+    if isinstance(quantities, str) or not quantities or not set(quantities) <= set(ESTIMATED):
         raise InputError(
-            f"problem {problem.name}: its hardness is known on its own grid only; must be one number"
+            f"quantities= (-refine_for) {quantities!r}: must be names from {', '.join(ESTIMATED)}"
         )
+    exact = {"mean_pressure": "load"}
+    prescribed = {exact.get(kind, kind) for kind, number in loading.items() if number is not None}
+    if set(quantities) <= prescribed:
+        raise InputError(f"quantities= (-refine_for) {', '.join(quantities)}: prescribed, so it has no error")
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "

@@ -2,12 +2,11 @@
 
 from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
-from app.base.quantities import label_of
+from app.base.quantities import ESTIMATED, label_of
 from app.base.units import round_to_cell
 from app.io.table import format_text
 
 _MIN_ERROR = 1e-9  # relative; smaller ones are of prescribed quantities
-_WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 
 
 def summary(facts, grid, output=None):
@@ -158,7 +157,7 @@ def _describe_accuracy(facts):
             deviations.append(f"{labels.get(name) or label_of(name)} {exact:.7g} ({deviation:+.2g}%)")
     if deviations:
         lines.append(f"analytic solution (deviation): {', '.join(deviations)}")
-    for name in _WITH_ERROR:
+    for name in ESTIMATED:
         if (error := facts[f"{name}_error"]) > _MIN_ERROR:
             errors.append(f"{label_of(name)} {f'{100 * error:.2g}%' if error < 1 else 'does not converge'}")
     if facts["discretisation_error"] > 0:
@@ -173,10 +172,11 @@ def format_grids(rows):
     return format_text(rows, formats={name: ".1e" for name in rows[0] if name.endswith("_error")})
 
 
-def refinement_table(refined, until):
-    """Return a refinement's grids as a table, and whether `until` is reached."""
+def refinement_table(refined, until, quantities):
+    """Return a refinement's grids as a table, and whether `until` is reached for some quantities."""
     state = "is below" if refined.reached else "is NOT below"
-    return f"{format_grids(refined.rows)}the largest of the errors {state} {format_exact(until)}"
+    errors = f"the largest error of {', '.join(map(label_of, quantities))}"
+    return f"{format_grids(refined.rows)}{errors} {state} {format_exact(until)}"
 
 
 def format_count(number, what):

@@ -72,6 +72,9 @@ QUANTITIES = {
 }
 
 
+ESTIMATED = "load", "approach", "max_pressure", "contact_area"  # their grid errors are estimated
+
+
 def unit_of(name):
     """Return the unit of a quantity by its name."""
     return QUANTITIES.get(name.removeprefix("analytic_"), Quantity()).unit

@@ -36,7 +36,12 @@ moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, hi
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
 resistivities = pair_of_reals("rho1,rho2, numbers of at least 0", lowest=0)
 conductivities = pair_of_reals("k1,k2, positive numbers", above=0, highest=np.inf)
-radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True, highest=np.inf)
+radii = pair_of_reals(
+    "two numbers, not 0, or one for a ball; inf: straight; negative: concave",
+    nonzero=True,
+    highest=np.inf,
+    one=True,
+)
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
 hardness = real("a positive number; inf: elastic", above=0, highest=np.inf)
@@ -67,8 +72,8 @@ GEOMETRY_OPTIONS = [
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
     Option("hertz_ry", positive, None, "relative radius of curvature in y [mm] (default: hertz_rx)"),
-    Option("body1_radii", radii, REQUIRED, "hertz: principal radii of body 1 [mm], inf: straight, negative: concave"),
-    Option("body2_radii", radii, REQUIRED, "hertz: principal radii of body 2 [mm]"),
+    Option("body1_radii", radii, REQUIRED, "hertz: radii of body 1, or one of a ball [mm]; inf: straight, -: concave"),
+    Option("body2_radii", radii, REQUIRED, "hertz: radii of body 2 [mm]"),
     Option("body_angle", real(), 0.0, "hertz: from body 1's first axis to body 2's [degrees]"),
     Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one, 1/R = 1/R1 + 1/R2 [mm]"),
     Option("cylinder_radius", positive, REQUIRED, "radius of a cylinder lying along y [mm]"),
@@ -301,8 +306,8 @@ def _make_grid(options, name, shape, measured, material, periodic, texts):
 
     domain = options["domain"] if options.given("domain") else None
     if domain == AUTO and name != "punch":
-        if name in ("file", "rough") or periodic or measured or options.given(*_WAVY, *_SELF_AFFINE):
-            raise InputError("-domain auto: must be smooth shapes or functions on a free patch")
+        if reason := _why_not_auto(name, periodic, measured, options.given(*_WAVY, *_SELF_AFFINE)):
+            raise InputError(f"-domain auto: {reason}")
         return _fit_grid(options, name, shape, material, texts)
     if measured:
         known = [surface for surface in measured if surface.spacing] or measured
@@ -319,6 +324,19 @@ def _make_grid(options, name, shape, measured, material, periodic, texts):
         n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2
         return Grid.from_domain(*n, _make_default_patch(options, shape, material, periodic))
     return Grid.from_domain(*options["grid"], options["domain"], periodic)
+
+
+def _why_not_auto(name, periodic, measured, generated):
+    """Return why no patch can be fitted to the contact, or None."""
+    if periodic:
+        return "a periodic patch is given by its period"
+    if measured:
+        return "a measured map has its own patch; -surface_crop i0,i1,j0,j1 solves on a part of it"
+    if name == "file":
+        return "a gap file has no positions, so its patch must be given"
+    if name == "rough":
+        return "nominally flat bodies touch everywhere on a patch"
+    return "a generated surface belongs to its patch, which must be given" if generated else None
 
 
 def _fit_grid(options, name, shape, material, texts):

@@ -4,9 +4,11 @@ import re
 from contextlib import contextmanager
 
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
+from app.base.quantities import ESTIMATED
 from app.cli import load_path
 from app.cli.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
-from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC, read_method_file
+from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC
+from app.options.option_table import FILES as OPTION_FILES
 from app.options.option_table import (
     Option,
     OptionReader,
@@ -16,6 +18,7 @@ from app.options.option_table import (
     flag,
     list_named_files,
     real,
+    subset,
     word,
 )
 
@@ -24,6 +27,7 @@ _SOLVER_OPTION = re.compile("(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
+_ERRORS = (*ESTIMATED, "area")
 PROBLEM_OPTIONS = [
     *GEOMETRY_OPTIONS,
     *MATERIAL_OPTIONS,
@@ -34,8 +38,10 @@ PROBLEM_OPTIONS = [
     *load_path.OPTIONS,
     Option("stiffness", flag, False, "dF/d(approach), exactly, and conductance, by one more linear solve"),
     Option("refine_until", share, None, "double the cells both ways until the grid error is below"),
+    Option("refine_for", subset(*_ERRORS), ESTIMATED, "refine_until: numbers whose errors count"),
     Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),
+    Option("title", word, None, "output: heading of pictures and report"),
 ]  # fmt: skip
 LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 
@@ -50,6 +56,8 @@ class Request:
         Prescribed quantity -> value, as for `app.api.solver.ContactSolver.solve`; empty for a load path.
     path : app.cli.load_path.PathRequest or None
     refine_until, refine_max : number or None
+    quantities : tuple of str
+        Numbers whose errors must be below `refine_until`.
     stiffness : bool
     method : dict of str to dict
         Option file -> its options for the solver, which checks them.
@@ -57,7 +65,7 @@ class Request:
         Options of the command line for the solver.
     texts : dict of str to str
         Options of problem, loading and output.
-    output : str or None
+    output, title : str or None
     """
 
     def __init__(self, parsed, comm):
@@ -83,7 +91,12 @@ class Request:
             self.loading, self.path = {}, call_collectively(comm, load_path.PathRequest, *arguments)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
-        self.refine_max = options["refine_max"] if self.refine_until else None
+        self.refine_max, self.quantities = None, ()
+        if self.refine_until:
+            names = {"area": "contact_area"}
+            self.quantities = tuple(names.get(name, name) for name in options["refine_for"])
+            self.refine_max = options["refine_max"]
+        self.title = options["title"] if self.output else None
         self.stiffness = options["stiffness"]
         if names := set(options.unused()) - own.asked:
             unused = [option for option in PROBLEM_OPTIONS if option.name in names]
@@ -153,8 +166,10 @@ def list_input_files(texts):
 
 
 def format_help():
-    """Return the text of ``-help``."""
-    files = {f"{name}.opts": read_method_file(name) for name in (DEFAULT, PERIODIC)}
+    """Return the text of ``-help``, without PETSc."""
+    names = [f"{name}.opts" for name in (DEFAULT, PERIODIC)]
+    texts = {name: (OPTION_FILES / name).read_text(encoding="utf-8") for name in names}
+    files = {name: dict(re.findall(r"^-(\w+) (\S+)", text, re.MULTILINE)) for name, text in texts.items()}
     lines = [
         "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",
         "       mpiexec -n 2 python -m app.solve ...",

@@ -18,7 +18,7 @@ import numpy as np
 
 from app.api.subsurface import find_poisson_ratio, stress, survey
 from app.base.errors import InputError
-from app.base.quantities import QUANTITIES, label_of, unit_of
+from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, round_to_cell
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command, report_write_errors
@@ -141,8 +141,7 @@ def proof_section(values):
         texts.append(
             "Nothing is proved about the pressure: there is no certificate, or it does not bound the error."
         )
-    names = ("load", "approach", "max_pressure", "contact_area")
-    errors = {label_of(name): values.get(f"{name}_error", np.nan) for name in names}
+    errors = {label_of(name): values.get(f"{name}_error", np.nan) for name in ESTIMATED}
     errors = [
         f"{label} {f'{error:.2g}' if error < 1 else '(does not converge)'}"
         for label, error in errors.items()

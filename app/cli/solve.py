@@ -52,6 +52,7 @@ def main(parsed):
                 request.problem, request.method, request.options, prefix="", listeners=listeners
             )
             facts["setup_seconds"] = time.perf_counter() - started
+    facts |= {"title": request.title} if request.title else {}
     gc.freeze()  # garbage collection of all imported objects would take as long as a small solve
 
     def save(solution, file, steps=None):
@@ -65,12 +66,13 @@ def main(parsed):
         if request.refine_until:
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
-                listeners=listeners, stiffness=request.stiffness, prefix="", **request.loading,
+                listeners=listeners, stiffness=request.stiffness, prefix="", quantities=request.quantities,
+                **request.loading,
             )  # fmt: skip
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
             facts |= refined.errors._asdict()
             facts |= {f"refinement_{name}": [row[name] for row in refined.rows] for name in refined.rows[0]}
-            text = refinement_table(refined, request.refine_until)
+            text = refinement_table(refined, request.refine_until, request.quantities)
         elif request.path:
             with solver:
                 path, solution, finished = run_path(request.path, solver, request.stiffness, save)
@@ -96,6 +98,10 @@ def main(parsed):
     if text:
         session.print_output(text)
     session.print_output(summary(solution.attributes | facts, solution.grid, request.output))
+    if not request.output:
+        session.print_output(
+            "  the solution is not saved; -output F.h5 saves it, for app.plot and app.report"
+        )
     for line in notes:
         session.warn(line)
     return status if solution.converged else 3

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.base.quantities import ESTIMATED
 from app.contact import kernels
 from app.contact.measures import PER_FACE
 from app.parallel.reductions import sum_over, sums_and_minima
@@ -59,7 +60,12 @@ class GridErrors(NamedTuple):
     @property
     def largest(self):
         """The largest known error; NaN if none is known."""
-        return max((error for error in self if error == error), default=float("nan"))
+        return self.largest_of(ESTIMATED)
+
+    def largest_of(self, names):
+        """Return the largest known error of some quantities of `ESTIMATED`."""
+        errors = (getattr(self, f"{name}_error") for name in names)
+        return max((error for error in errors if error == error), default=float("nan"))
 
 
 UNKNOWN = GridErrors()

@@ -31,7 +31,6 @@ from app.options.option_table import (
     real,
     to_texts,
 )
-from app.options.solver_options import read_option_file
 
 DEFAULT, PERIODIC = "fast", "primal"
 
@@ -144,6 +143,8 @@ def list_methods():
 
 def read_method_file(name):
     """Return the options of a method file: name -> text."""
+    from app.options.solver_options import read_option_file  # loads PETSc
+
     return read_option_file(find_method_file(name))
 
 

@@ -27,6 +27,7 @@ USUAL_NAMES = {
     **dict.fromkeys(("estar", "e_star", "reduced_modulus"), "contact_modulus"),
     **dict.fromkeys(("indentation", "penetration", "delta", "displacement"), "approach"),
 }
+_BOTH = {"young": "young E1,E2", "poisson": "poisson nu1,nu2"}  # options with the numbers of both bodies
 # The program's option files: in an installed package, or in the folder of app/.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
@@ -241,10 +242,16 @@ def describe_unknown_options(names, known, what="unknown"):
     --------
     >>> describe_unknown_options(["gird"], ["grid", "load"])
     'unknown option: -gird (did you mean -grid?)'
+    >>> describe_unknown_options(["e1", "e2"], ["young", "load"])
+    'unknown options: -e1, -e2 (did you mean -young E1,E2?)'
     """
-    similar = {name: find_similar_name(name, known) for name in sorted(names)}
-    listed = [f"-{name} (did you mean -{near}?)" if near else f"-{name}" for name, near in similar.items()]
-    return f"{what} option{'s'[: len(listed) > 1]}: {', '.join(listed)}"
+    listed = {}  # advice -> names
+    for name in sorted(names):
+        near = find_similar_name(name, known)
+        advice = f" (did you mean -{_BOTH.get(near, near)}?)" if near else ""
+        listed.setdefault(advice, []).append(f"-{name}")
+    parts = [f"{', '.join(ones)}{advice}" for advice, ones in listed.items()]
+    return f"{what} option{'s'[: len(names) > 1]}: {', '.join(parts)}"
 
 
 # Kinds of options (`Option.kind`): functions that parse a text, or return such a function
@@ -316,10 +323,18 @@ def pair(allowed, highest=np.inf):
     return parse
 
 
-def pair_of_reals(allowed, nonzero=False, **limits):
-    """Return a parser of two real numbers within the limits of `real`."""
-    kind = partial(_real, **limits)
-    return partial(_several, kind=kind, counts=[2], allowed=allowed, fits=lambda *n: not (nonzero and 0 in n))
+def pair_of_reals(allowed, nonzero=False, one=False, **limits):
+    """Return a parser of two real numbers within the limits of `real`.
+
+    With `one`, a single number stands for both.
+    """
+    kind, counts = partial(_real, **limits), [1, 2] if one else [2]
+
+    def parse(text):
+        numbers = _several(text, kind, counts, allowed, lambda *n: not (nonzero and 0 in n))
+        return numbers[0], numbers[-1]
+
+    return parse
 
 
 def cells(text):

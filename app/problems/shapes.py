@@ -87,19 +87,20 @@ class Paraboloid(Shape):
     def between(cls, radii1, radii2, angle=0.0):
         """Return the relative paraboloid of two bodies.
 
-        `radii1` and `radii2` [mm] are the radii of curvature of each body along its first and second axis. The radius
-        inf means straight, a negative radius concave. `angle` [degrees] is the angle from the first axis of body 1 to
-        that of body 2.
+        `radii1` and `radii2` [mm] are the radii of curvature of each body along its first and second axis, or the one
+        radius of a ball. The radius inf means straight, a negative radius concave. `angle` [degrees] is the angle from
+        the first axis of body 1 to that of body 2.
 
         The curvatures of both bodies in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1) ``k(theta)
         = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``. Here s is the sum of all four curvatures, and d1 and d2
         are the differences of the two curvatures of body 1 and body 2. The x axis of the patch is the principal
         direction of k nearest to the first axis of body 1.
         """
+        radii1, radii2 = ((r, r) if isinstance(r, Real) else r for r in (radii1, radii2))
         for body, radii in ((1, radii1), (2, radii2)):
             if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):
                 raise InputError(
-                    f"radii of body {body}: must be two numbers, not 0; inf: straight; negative: concave"
+                    f"radii of body {body}: must be two numbers, not 0, or one; inf: straight; negative: concave"
                 )
         if not (isinstance(angle, Real) and math.isfinite(angle)):
             raise InputError(f"angle {angle!r} between the bodies: must be a finite number [degree]")

@@ -10,6 +10,7 @@ from app.cli.problem_options import PROBLEM_OPTIONS
 from app.io.result import read_result
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.options.option_table import format_value
+from app.plots.figures import make_title
 
 RESULT = "result.h5"
 DEFAULT = [*solve_arguments("hertz")[2:], "-grid", "8"]
@@ -287,6 +288,31 @@ def test_help_names_every_option(cli):
     assert done.stdout.startswith("usage: ")
     for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS):
         assert f"-{option.name} " in done.stdout
+
+
+def test_help_needs_neither_mpi_nor_petsc():
+    hide = (
+        "import runpy, sys; from importlib.machinery import PathFinder; find = PathFinder.find_spec\n"
+        "hidden = lambda name, *more: None if name.startswith(('mpi4py', 'petsc4py')) else find(name, *more)\n"
+        "PathFinder.find_spec = staticmethod(hidden)\n"
+        "sys.argv[1:] = ['--help']; runpy.run_module('app.solve', run_name='__main__', alter_sys=True)"
+    )
+    done = run("-c", hide)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert run("-m", "app.solve", "--help").stdout.startswith(done.stdout)  # PETSc adds its own
+
+
+def test_a_solution_that_is_not_saved_is_named(cli_here, tmp_path):
+    lines = [
+        cli_here(*HERTZ, *more).stdout.splitlines()[-1] for more in ([], ["-output", str(tmp_path / RESULT)])
+    ]
+    assert "not saved; -output F.h5" in lines[0] and lines[1].endswith(f"result in {tmp_path / RESULT}")
+
+
+def test_title_is_kept_in_the_result(cli_here, tmp_path):
+    cli_here(*HERTZ, "-output", str(tmp_path / RESULT), "-title", "Bearing 7, 20 kN")
+    assert make_title(read_result(tmp_path / RESULT)) == "Bearing 7, 20 kN"
+    assert "-title: has no effect" in cli_here(*HERTZ, "-title", "Bearing 7").stderr
 
 
 def test_runs_from_any_folder_with_relative_names(cli, tmp_path):

@@ -200,3 +200,25 @@ def test_a_problem_with_a_hardness_is_refined_if_it_is_one_number():
     assert refined.reached and refined.solution.max_pressure == 1000.0 and refined.solution.plastic.any()
     with pytest.raises(InputError, match="its hardness is known on its own grid only; must be one number"):
         refine(replace(hertz(16), hardness=np.full((16, 16), 1000.0)), until=0.1, load=9e4)
+
+
+def test_only_the_errors_of_chosen_quantities_count():
+    """The maximum pressure of a punch does not converge; its approach does."""
+    grid = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
+    punch = ContactProblem(grid, Material.combined(8e4, 0.3), FlatPunch(1.0))
+    refined = refine(punch, 0.05, load=100, quantities=("approach",), most_cells=256**2)
+    assert refined.reached and refined.errors.approach_error <= 0.05 < refined.errors.max_pressure_error
+
+
+@pytest.mark.parametrize(
+    ("quantities", "said"),
+    [
+        ("load", "must be names"),
+        ((), "must be names"),
+        (("area",), "must be names"),
+        (("load",), "prescribed"),
+    ],
+)
+def test_quantities_to_refine_for_are_checked(quantities, said):
+    with pytest.raises(InputError, match=f"quantities= .-refine_for.*{said}"):
+        refine(hertz(16), 0.1, load=100, quantities=quantities)

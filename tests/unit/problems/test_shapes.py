@@ -58,12 +58,17 @@ def test_a_punch_is_found_on_a_huge_grid(corner, touches):
             punch.check_grid(grid)
 
 
+def test_one_radius_is_that_of_a_ball():
+    assert Paraboloid.between(12, np.inf) == Paraboloid.between((12, 12), (np.inf, np.inf))
+
+
 @pytest.mark.parametrize(
     ("message", "wrong"),
     [
         ("angle nan", lambda: Paraboloid.between((20, 20), (20, 20), angle=np.nan)),
         ("angle 'x'", lambda: Paraboloid.between((20, 20), (20, 20), angle="x")),
-        ("body 1: .*two numbers", lambda: Paraboloid.between(12, 60)),
+        ("body 1: .*two numbers", lambda: Paraboloid.between((12, 13, 14), 60)),
+        ("body 1: .*two numbers", lambda: Paraboloid.between(0, 60)),
         ("body 2: .*two numbers", lambda: Paraboloid.between((12, 400), ("60", "inf"))),
         ("a number", lambda: Sphere("10")),
     ],
