@@ -4,6 +4,8 @@ from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
+import numpy as np
+
 from app.api.arguments import check_type
 from app.api.notes import NoteWarnings
 from app.api.solution import Solution
@@ -82,7 +84,7 @@ def refine(
     problem : Problem
         Problem on the coarsest grid; its undeformed distance must be known on any grid.
     until : float
-        Largest relative error of load (or approach), maximum pressure and contact area.
+        Largest relative error of the `quantities`.
     most_cells : int
         Largest number of cells of the finest grid.
     method, options, comm, listeners, prefix
@@ -91,6 +93,8 @@ def refine(
         Solve for the stiffness and the conductance on the finest grid, too.
     progress : bool
         Show the finished grids by a progress bar (tqdm) on rank 0.
+    quantities : sequence of str
+        Names of the numbers whose errors count: "load", "approach", "max_pressure", "contact_area".
     **loading : float
         Prescribed quantity as of `ContactSolver.solve`.
 
@@ -181,6 +185,10 @@ def check(problem, until, most_cells, quantities, loading):
     prescribed = {exact.get(kind, kind) for kind, number in loading.items() if number is not None}
     if set(quantities) <= prescribed:
         raise InputError(f"quantities= (-refine_for) {', '.join(quantities)}: prescribed, so it has no error")
+    if np.ndim(problem.hardness):
+        raise InputError(
+            f"problem {problem.name}: its hardness is known on its own grid only; must be one number"
+        )
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "
