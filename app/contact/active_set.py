@@ -82,6 +82,8 @@ def start_grid(state, solver, loading, history):
     contact.
     """
     loading.begin(state)
+    if state.patience < float("inf"):
+        state.forget_exchanges()
     history.start(state, solver)
     touches = state.cells_in_contact() > 0
     if not touches:

@@ -148,7 +148,7 @@ class CappedBounds(PressureBounds):
     def activate(self, b, depth, u, p, admissible, contact, released, expected, overlap):
         """Add overlapping open cells, and plastic cells with a gap; see `bounds_kernels.activate`."""
         fields = b, depth, u, p, self.upper, admissible, contact, released, expected
-        return capped_kernels.activate(*fields)
+        return capped_kernels.activate(*fields, overlap)
 
     def exchange(self, p, stored, w, change, b, admissible, contact, plastic, *limits):
         """Exchange cells of C with open and plastic ones; see `capped_kernels.exchange`."""

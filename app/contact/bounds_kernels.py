@@ -89,7 +89,8 @@ def _predicted_overlap_row(b, depth, u, expected, overlap):
 
 
 @njit_reassoc
-def _activate_row(overlap, admissible, contact, released):
+def activate_row(overlap, admissible, contact, released):
+    """Add overlapping admissible cells to C; return the counts of `activate`."""
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
         new = (not contact[i]) & admissible[i] & overlap[i]
@@ -101,7 +102,8 @@ def _activate_row(overlap, admissible, contact, released):
 
 
 @njit_reassoc
-def _squares_row(b, depth, u, contact):
+def squares_row(b, depth, u, contact):
+    """Return the sums of e^2 and h^2 over C."""
     gaps, distances = 0.0, 0.0
     for i in range(b.size):
         e, h = gap(u[i], b[i], depth), b[i] + depth
@@ -111,7 +113,8 @@ def _squares_row(b, depth, u, contact):
 
 
 @njit_reassoc
-def _sum_row(x):
+def sum_row(x):
+    """Return the sum of a row."""
     total = 0.0
     for i in range(x.size):
         total += x[i]
@@ -136,11 +139,11 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
             _overlap_row(b[j], depth, u[j], overlap)
         else:
             _predicted_overlap_row(b[j], depth, u[j], expected[j], overlap)
-        row_cells = _activate_row(overlap, admissible[j], contact[j], released[j])
+        row_cells = activate_row(overlap, admissible[j], contact[j], released[j])
         cells = add_tuples(cells, row_cells)
         if row_cells[0]:
-            squares = add_tuples(squares, _squares_row(b[j], depth, u[j], contact[j]))
-        total += _sum_row(p[j])
+            squares = add_tuples(squares, squares_row(b[j], depth, u[j], contact[j]))
+        total += sum_row(p[j])
         released[j] = False
     return cells + squares + (total,)
 

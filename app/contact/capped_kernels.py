@@ -7,8 +7,9 @@ Outside the contact set C a cell with p >= H is plastic, any other one open.
 import numpy as np
 
 from app.base.numba_cache import njit
+from app.contact.bounds_kernels import activate_row, squares_row, sum_row
 from app.contact.kernels import gap
-from app.parallel.reductions import njit_reassoc
+from app.parallel.reductions import add_tuples, njit_reassoc
 
 
 @njit_reassoc
@@ -21,6 +22,25 @@ def clipped_displacement(free, closed, room):
 
 
 @njit_reassoc
+def _release_row(p, upper, contact, released):
+    count = 0
+    for i in range(p.size):
+        value = min(max(p[i], 0.0), upper[i])
+        out = contact[i] & (value != p[i])
+        released[i] = out
+        contact[i] &= not out
+        count += out
+        p[i] = value if out else p[i]
+    return count
+
+
+@njit_reassoc
+def _change_row(p, upper, contact, change):
+    for i in range(p.size):
+        change[i] += min(max(p[i], 0.0), upper[i]) - p[i] if contact[i] else 0.0
+
+
+@njit()
 def release(p, upper, contact, released, change):
     """Remove cells with p < 0 or p > H from C, and set p to that bound.
 
@@ -29,67 +49,83 @@ def release(p, upper, contact, released, change):
     """
     count = 0
     for j in range(p.shape[0]):
-        for i in range(p.shape[1]):
-            value = min(max(p[j, i], 0.0), upper[j, i])
-            out = contact[j, i] & (value != p[j, i])
-            released[j, i] = out
-            contact[j, i] &= not out
-            count += out
-            if out:
-                if change.size:
-                    change[j, i] += value - p[j, i]
-                p[j, i] = value
+        if change.size:
+            _change_row(p[j], upper[j], contact[j], change[j])
+        count += _release_row(p[j], upper[j], contact[j], released[j])
     return count
 
 
 @njit()
-def activate(b, depth, u, p, upper, admissible, contact, released, expected):
+def _leave_row(b, depth, u, p, upper, leaves):
+    for i in range(b.size):
+        e = gap(u[i], b[i], depth)
+        leaves[i] = (e >= 0) if p[i] >= upper[i] else (e <= 0)
+
+
+@njit()
+def _predicted_leave_row(b, depth, u, p, upper, expected, leaves):
+    for i in range(b.size):
+        e = gap(u[i], b[i], depth) + expected[i]
+        leaves[i] = ((e >= 0) if p[i] >= upper[i] else (e <= 0)) & (expected[i] < np.inf)
+
+
+@njit()
+def activate(b, depth, u, p, upper, admissible, contact, released, expected, leaves):
     """Add cells outside C that would leave their bound, and clear `released`.
 
     Open cells enter with a gap h + u + expected <= 0, plastic cells with a gap >= 0. Parameters and result are those
-    of `app.contact.bounds_kernels.activate`.
+    of `app.contact.bounds_kernels.activate`; `leaves` is work space of a row.
     """
-    cells, added, lost, gaps, distances, total = 0, 0, 0, 0.0, 0.0, 0.0
+    cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
-        for i in range(b.shape[1]):
-            e = gap(u[j, i], b[j, i], depth)
-            change = expected[j, i] if expected.size else 0.0
-            leaves = e + change >= 0 if p[j, i] >= upper[j, i] else e + change <= 0
-            new = (not contact[j, i]) & admissible[j, i] & leaves
-            contact[j, i] |= new
-            inside = contact[j, i]
-            cells += inside
-            added += new & (not released[j, i])
-            lost += released[j, i] & (not inside)
-            h = b[j, i] + depth
-            gaps += e * e if inside else 0.0
-            distances += h * h if inside else 0.0
-            total += p[j, i]
-            released[j, i] = False
-    return cells, added, lost, gaps, distances, total
+        if not expected.size:
+            _leave_row(b[j], depth, u[j], p[j], upper[j], leaves)
+        else:
+            _predicted_leave_row(b[j], depth, u[j], p[j], upper[j], expected[j], leaves)
+        row_cells = activate_row(leaves, admissible[j], contact[j], released[j])
+        cells = add_tuples(cells, row_cells)
+        if row_cells[0]:
+            squares = add_tuples(squares, squares_row(b[j], depth, u[j], contact[j]))
+        total += sum_row(p[j])
+        released[j] = False
+    return cells + squares + (total,)
 
 
 @njit_reassoc
+def _project_row(p, upper, cells, out):
+    total = 0.0
+    for i in range(p.size):
+        value = min(max(p[i], 0.0), upper[i]) if cells[i] else 0.0
+        out[i] = value
+        total += value
+    return total
+
+
+@njit()
 def project(p, upper, cells, out):
     """Store p clipped to 0 <= p <= H in `cells`, 0 elsewhere; return the sum of that."""
     total = 0.0
     for j in range(p.shape[0]):
-        for i in range(p.shape[1]):
-            value = min(max(p[j, i], 0.0), upper[j, i]) if cells[j, i] else 0.0
-            out[j, i] = value
-            total += value
+        total += _project_row(p[j], upper[j], cells[j], out[j])
     return total
 
 
 @njit_reassoc
+def _violations_row(p, upper, contact):
+    total, outside = 0.0, 0.0
+    for i in range(p.size):
+        total += p[i]
+        outside += max(-p[i], p[i] - upper[i], 0.0) if contact[i] else 0.0
+    return total, outside
+
+
+@njit()
 def violations(p, upper, contact):
     """Return the sum of p, and that of its distance from the bounds over C."""
-    total, outside = 0.0, 0.0
+    sums = 0.0, 0.0
     for j in range(p.shape[0]):
-        for i in range(p.shape[1]):
-            total += p[j, i]
-            outside += max(-p[j, i], p[j, i] - upper[j, i], 0.0) if contact[j, i] else 0.0
-    return total, outside
+        sums = add_tuples(sums, _violations_row(p[j], upper[j], contact[j]))
+    return sums
 
 
 @njit_reassoc

@@ -19,7 +19,9 @@ def contact_state(operator, distance, **options):
 class PeriodicState(ContactState):
     """A `ContactState` of a periodic patch."""
 
-    _fewest_changed, _stagnating, _tensile = float("inf"), 0, 0
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self.patience = min(_PATIENCE, self.patience)
 
     def before_iteration(self, k):
         """Remove one cell from C if C has all cells. Collective.
@@ -28,8 +30,6 @@ class PeriodicState(ContactState):
         with the least p - h / A_II is opened, which has a low pressure or a large gap. Beyond full contact, which
         the hardness allows, the cell with the greatest p - h / A_II over H becomes plastic.
         """
-        if k == 1:
-            self._fewest_changed, self._stagnating, self._tensile = float("inf"), 0, 0
         if not np.isfinite(self.distance.full_depth) or self.sum([self.contact.sum()])[0] < self.grid.n:
             return
         inclination = self._p + self.distance.b / (self.operator.diagonal or 1.0)
@@ -42,24 +42,6 @@ class PeriodicState(ContactState):
         if beyond:
             np.copyto(p, self.bounds.upper, where=~self.contact)
         self.compute_displacement()
-
-    def release_tensile(self, *args, **options):
-        """Release tensile cells, and note their number; see `ContactState.release_tensile`."""
-        self._tensile = super().release_tensile(*args, **options)
-        return self._tensile
-
-    def activate_penetrating(self, expected=None, pressure=None):
-        """Add overlapping cells without cycling; see `ContactState.activate_penetrating`.
-
-        Contact sets may cycle near full contact. If the number of changed cells stagnates, cells enter only
-        in iterations in which none leave, as in Kalker's NORM.
-        """
-        if self._tensile and self._stagnating >= _PATIENCE:
-            expected = np.full(self.u.shape, np.inf)
-        update, self._tensile = super().activate_penetrating(expected, pressure), 0
-        self._stagnating = 0 if update.changed < self._fewest_changed else self._stagnating + 1
-        self._fewest_changed = min(self._fewest_changed, update.changed)
-        return update
 
     def set_load(self, load, present_load):
         """Reach a load [N] by adding a constant to high pressures. Collective.

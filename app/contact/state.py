@@ -81,6 +81,7 @@ class Gaps(NamedTuple):
 
 
 _NO_FIELD = np.zeros((0, 0))
+_PATIENCE_WITH_HARDNESS = 2  # iterations in which the number of changed cells may stagnate
 _MAX_LOAD_STEPS = 60  # steps of `ContactState.reach_load`, each of which brings a cell to a bound or ends
 _LOAD_ROUNDING = 1e-15  # relative rounding error of a sum of pressures
 
@@ -115,7 +116,11 @@ class ContactState:
         Local pressure, read-only; valid after `destroy`. `values` is the writable one.
     displacement_status : Displacement
         Accuracy of `u`. Set it when you change `pressure` or `u`.
+    patience : float
+        Number of iterations in which the number of changed cells may stagnate, see `activate_penetrating`.
     """
+
+    _fewest_changed, _stagnating, _has_released = np.inf, 0, False
 
     def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
@@ -128,6 +133,7 @@ class ContactState:
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.displacement_status = Displacement.EXACT if u is None else displacement_status
         self._released = np.zeros(operator.local_shape, bool)
+        self.patience = _PATIENCE_WITH_HARDNESS if self.bounds.capped else np.inf
         self.contact = operator.mask
         self.contact[...] = False
 
@@ -216,6 +222,10 @@ class ContactState:
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
+    def forget_exchanges(self):
+        """Forget the numbers of cells that were exchanged, before a new iteration."""
+        self._fewest_changed, self._stagnating, self._has_released = np.inf, 0, False
+
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
 
     def before_iteration(self, k):
@@ -292,6 +302,7 @@ class ContactState:
         released = int(self.sum([released])[0]) if some is None else some
         if released:
             self.displacement_status = Displacement.STALE
+        self._has_released = released > 0
         return released
 
     def compute_displacement(self, exact=False):
@@ -308,14 +319,24 @@ class ContactState:
         Collective. Cells just released may enter again. Returns the `Update` by the last `release_tensile`
         and this step. `expected`, shape (local rows, nx) [mm], is an expected change of u outside C. The test
         for overlap adds it to u. `pressure` replaces p.
+
+        Contact sets may cycle near full contact, or with a hardness. If the number of changed cells stagnates, cells
+        enter only in iterations in which none leave, as in Kalker's NORM.
         """
+        if self._has_released and self._stagnating >= self.patience:
+            expected = np.full(self.u.shape, np.inf)
         p = self.p if pressure is None else pressure
         fields = self.u, p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
         sums = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)
-        return Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)
+        update = Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)
+        if self.patience < np.inf:
+            stagnates = update.changed >= self._fewest_changed
+            self._stagnating, self._has_released = self._stagnating + 1 if stagnates else 0, False
+            self._fewest_changed = min(self._fewest_changed, update.changed)
+        return update
 
     def scale(self, factor):
         """Multiply p and u by a factor."""
