@@ -78,6 +78,7 @@ _NEGLIGIBLE_BOUND = 1e-5  # error bound below which a product is spent only if a
 _ROUNDING_FACTOR = 4.0  # factor on the expected rounding error of a product
 _TRANSFORM_ERROR = 50.0  # error of w.Bw over its largest possible value, in units of the precision of B
 _CONSTANT_ROUNDING = 1e3  # deviation of a pressure that is constant up to rounding, in units of its precision
+_GAP_ULPS = 4  # rounding error of a gap, in units in the last place of the depth
 _LOAD_RTOL = 1e-6  # allowed relative error of a prescribed load
 
 
@@ -165,13 +166,27 @@ def _prove(state, enough, work):
         diagonal *= max(longest / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
+    if capped and _is_plastic_everywhere(state):  # no other pressure is allowed, or none has less energy
+        gap = error = 0.0
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
-        error_bound=float(error / np.sqrt(energy)) if energy > 0 else np.inf if gap > 0 else 0.0,
+        error_bound=float(error / np.sqrt(energy))
+        if energy > 0 and error > 0
+        else np.inf
+        if gap > 0
+        else 0.0,
         largest_penetration=penetration + 0.0,
         smallest_pressure=0.0 - tension,
         complementarity=product / (highest * deepest) if highest * deepest > 0 else 0.0,
     )
+
+
+def _is_plastic_everywhere(state):
+    """Return whether p = H in all admissible cells, without a gap. Collective."""
+    if state.plastic_cells() < state.distance.statistics.cells:
+        return False
+    highest = -float(state.minimum([-state.gap().max(where=state.admissible, initial=-np.inf)])[0])
+    return highest <= _GAP_ULPS * math.ulp(state.depth)
 
 
 def _lift_penetrations(state, most, energy, penetrates):

@@ -25,6 +25,7 @@ MIN_MEAN_SLOPE_FRACTION = 0.9  # least secant slope that is used, over the mean 
 MAX_PLASTIC_FRACTION = 0.05  # plastic over elastic cells up to which the slope of the load is learned
 LOAD_ROUNDING = 1e-12  # relative difference of a load that has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # error of the approach that the residual explains, over the rms residual
+_MAX_PLATEAUS = 100  # number of plateaus of the load that are left after a search, each by one product
 _MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which takes as long as a small solve
 
 
@@ -85,6 +86,8 @@ class PrescribedLoad(Loading):
         tight = stop.tighter(tighter)  # after scaling, the stopping test must still hold
         outcome = self.search(state, lambda loading: solve(loading, tight), rtol, step)
         state.first_contact()  # a search for a tiny load may end without contact
+        if state.plastic_cells():
+            self._fill_plateaus(state)
         residual = self.settle(state, state.activate_penetrating()).residual
         outcome = outcome._replace(residual=residual / state.distance.norm())
         if not outcome.converged:
@@ -92,6 +95,14 @@ class PrescribedLoad(Loading):
         if stop.final and residual > stop.allowed(state):
             return outcome._replace(converged=False, reason=BELOW_ROUNDING)
         return outcome
+
+    def _fill_plateaus(self, state):
+        """Bring p to the load, by more cells if all cells of C are at a bound. Collective."""
+        for _ in range(_MAX_PLATEAUS):
+            state.set_load(self.load, load := state.load)
+            if isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
+                break
+            state.approach_next_cell() if load < self.load else state.retreat_to_cell()
 
     def search(self, state, solve, rtol, step=None):
         """Search for the approach that gives the load, by bracketing.

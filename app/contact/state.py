@@ -255,6 +255,17 @@ class ContactState:
         self.contact &= candidates
         self.depth += nearest
 
+    def retreat_to_cell(self):
+        """Retreat until the plastic cell with the least overlap just touches. Collective.
+
+        C receives this cell.
+        """
+        gap, plastic = self.gap(), self.bounds.plastic(self.p)
+        nearest = -float(self.minimum(-gap[plastic].max(initial=-np.inf)))
+        np.greater_equal(gap, nearest, out=self.contact)
+        self.contact &= plastic
+        self.depth += nearest
+
     @cached_property
     def right(self):
         """Work Vec for right-hand sides. Collective when first used."""
