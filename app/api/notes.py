@@ -68,10 +68,10 @@ def notes_on(state, problem, contact, roughness):
             )
     across, inside = roughness.steps_at_sides
     if across > MAX_SEAM * inside > 0:
-        what = "a measured surface is not periodic, and" if measured else "what is not periodic"
+        what = "the measured surface" if measured else "the shape"
         notes.append(
-            f"where the patch repeats distances step by {format_lengths(across)} (rms), from cell to cell beside by "
-            f"{format_lengths(inside)}: {what} touches there as at a cliff"
+            f"across the sides of the periodic patch distances step by {format_lengths(across)} (rms), between other "
+            f"cells by {format_lengths(inside)}: {what} is not periodic, and touches at these steps"
         )
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(

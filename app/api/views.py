@@ -151,7 +151,7 @@ def path_html(path):
     """Return HTML with the table of a load path and its curves."""
     heading = f"Load path, {len(path.rows)} of {len(path)} steps done"
     if not path.rows:
-        return _as_html(heading, "")
+        return _as_html(heading + ": call list(path) to solve them", "")
     columns = path.table
     table = _rows_table(_format_columns(columns, _ROWS) | {"converged": columns["converged"]})
     return _as_html(heading, table, _path_figure(path) if len(path.rows) > 1 else None)

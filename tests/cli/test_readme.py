@@ -73,6 +73,7 @@ def test_python_of_load_paths(tmp_path, monkeypatch):
     names = run_blocks(code_blocks(text_of("docs/load-paths.md")))
     assert names["exponent"] == pytest.approx(1.5, abs=0.01)
     assert names["areas"] == list(names["path"].table["contact_area"])
+    assert Sphere.from_load(20, 80000 / 0.7, names["load"]).contact_area == pytest.approx(0.5, rel=3e-2)
 
 
 def test_version_is_the_same_everywhere():

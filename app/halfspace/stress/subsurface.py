@@ -15,6 +15,7 @@ import numpy as np
 
 from app.base import views
 from app.base.errors import InputError
+from app.base.units import format_quantity
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _REFINED_PEAKS = 3  # cells below which the depth is refined
@@ -22,7 +23,7 @@ _MAX_CELLS_DEEP = 16  # cells: beyond this depth the search uses larger cells
 _FIRST_DEPTH = 0.25  # first depth of the search below the surface, in cells
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StressMaximum:
     """Stress at the point with the largest von Mises or shear stress.
 
@@ -34,6 +35,11 @@ class StressMaximum:
     y: float
     depth: float
     stress: np.ndarray
+
+    def __repr__(self):
+        x, y, depth = (format_quantity(length, "mm") for length in (self.x, self.y, self.depth))
+        stresses = f"von Mises {self.von_mises:.4g}, shear {self.max_shear:.4g} N/mm2"
+        return f"<StressMaximum: {stresses} at x {x}, y {y}, depth {depth}>"
 
     @property
     def max_shear(self):

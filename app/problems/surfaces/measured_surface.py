@@ -204,7 +204,7 @@ class Surface:
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
-                f"{grid.ny}; must be the same cells, of two files, too, or resampled() (-surface_resample)"
+                f"{grid.ny}; must be equal, also those of two files, or resample by resampled() (-surface_resample)"
             )
         if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
             raise InputError(

@@ -5,7 +5,7 @@ points from all heights, in the same order, so that both are the same on any num
 """
 
 from dataclasses import replace
-from numbers import Integral
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -67,9 +67,9 @@ def read_surface(
         separated by commas. By default an ESRI grid is flipped in y, because its rows go from north to south.
     skip : int
         Number of lines to leave out at the head of a text.
-    spacing : pair of float, optional
-        Size dx, dy of a cell before the turns, if the file does not state it. If the size is unknown, `Surface.grid`
-        needs a domain.
+    spacing : float or pair of float, optional
+        Size dx, dy of a cell before the turns, or the side of a square cell, if the file does not state it. If the size
+        is unknown, `Surface.grid` needs a domain.
     s_filter, l_filter : float, optional
         Cut-off wavelengths (nesting indices) of Gaussian filters [mm], which are applied last. `s_filter` removes
         shorter waves, such as noise; `l_filter` removes longer waves, such as waviness. If the spacing is not known
@@ -129,6 +129,8 @@ def read_surface(
         source = open_heights(path, skip, orient, channel, coordinates=crop is not None)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
+    if isinstance(spacing, Real):
+        spacing = spacing, spacing
     if spacing_unit:
         if spacing is None:
             raise InputError("surface spacing_unit: has no effect without spacing=")

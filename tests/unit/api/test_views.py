@@ -144,6 +144,9 @@ def test_completion_shows_fields_numbers_and_methods(hertz_results):
 def test_reprs_choose_units(hertz_results):
     assert "load 4 kN" not in repr(hertz_results["solution"])  # kN from 10,000 N
     assert re.search(r"load 4000 N, approach [\d.]+ (um|mm)", repr(hertz_results["solution"]))
+    assert re.search(
+        r"von Mises [\d.]+.* depth [\d.]+ (um|mm)>", repr(stress(hertz_results["solution"]).maximum())
+    )
 
 
 def test_tables_need_pandas_and_fields_xarray(hertz_results, monkeypatch):

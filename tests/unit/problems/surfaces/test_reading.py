@@ -35,6 +35,11 @@ def test_an_array_is_read_like_a_file(saved):
     assert ContactProblem(grid, steel, surfaces=[surface]).describe()["surface_file"] == "(array)"
 
 
+def test_one_spacing_is_that_of_square_cells():
+    square = read_surface(HEIGHTS, "um", spacing=2, spacing_unit="um")
+    assert square.spacing == read_surface(HEIGHTS, "um", spacing=(0.002, 0.002)).spacing
+
+
 @pytest.mark.parametrize(
     ("source", "how", "message"),
     [
@@ -47,7 +52,7 @@ def test_an_array_is_read_like_a_file(saved):
             {"unit": "micron"},
             "surface unit micron: must be one of m, cm, mm, um, nm, pm, angstrom, in",
         ),
-        (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
+        (HEIGHTS, {"spacing": (0.1,)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
         (HEIGHTS, {"crop": (0, 3, 0, 2.5)}, "four whole numbers i0, i1, j0, j1"),
