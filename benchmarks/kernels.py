@@ -26,9 +26,9 @@ def main():
     """Print ``name seconds`` lines (``memory``: doubles per cell)."""
     comm, size = MPI.COMM_WORLD, int(sys.argv[1])
     grid = Grid.from_domain(size, size, (-10, 10, -6, 6))
-    compliance = Material.combined(82000, 0.28).compliance
+    kernel = Material.combined(82000, 0.28).kernel
     slabs = Slabs(size, comm.size, comm.rank)
-    quadrant = partial(influence_quadrant, grid, compliance)
+    quadrant = partial(influence_quadrant, grid, kernel)
     x, y = grid.x()[None, :], grid.y(slabs.rows)[:, None]
     p = np.sqrt(np.clip(1 - (x / 6) ** 2 - (y / 4) ** 2, 0, None))
     u = np.empty_like(p)
@@ -44,7 +44,7 @@ def main():
         if comm.rank == 0:
             print(name, shortest, flush=True)
 
-    shared = compliance, slabs, comm if comm.size > 1 else None
+    shared = kernel, slabs, comm if comm.size > 1 else None
     product = InfluenceOperator(grid, *shared).product  # imports
     tracemalloc.start()
     product = InfluenceOperator(grid, *shared).product
@@ -60,9 +60,9 @@ def main():
     measure("product32", partial(product.apply, low, of_low))
     measure(
         "levels32",
-        partial(create_multilevel_influence(grid, compliance, Layout(dtype=np.float32)).apply, low, of_low),
+        partial(create_multilevel_influence(grid, kernel, Layout(dtype=np.float32)).apply, low, of_low),
     )
-    circulant = create_circulant_inverse(grid, compliance, apart=True)
+    circulant = create_circulant_inverse(grid, kernel, apart=True)
     measure("circulant", partial(circulant.apply, p, u))
     sweeps = GaussSeidel(quadrant, grid.shape, slabs, comm)
     rough = WavySurface((48, 40), 0.95, 1.0, 7, (20.0, 12.0), (-10.0, -6.0)).height(grid.x(), grid.y())

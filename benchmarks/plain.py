@@ -6,6 +6,7 @@ import numpy as np
 import scipy.fft
 
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.kernel import UNIT
 
 
 class PlainProduct:
@@ -14,10 +15,10 @@ class PlainProduct:
     One thread, double precision.
     """
 
-    def __init__(self, grid, compliance=1.0):
+    def __init__(self, grid, kernel=UNIT):
         ny, nx = self.shape = grid.shape
         self.padded = 2 * ny, 2 * nx
-        quadrant = influence_quadrant(grid, compliance)
+        quadrant = influence_quadrant(grid, kernel)
         kernel = np.zeros(self.padded)
         kernel[:ny, :nx] = quadrant
         kernel[:ny, nx + 1 :] = quadrant[:, :0:-1]

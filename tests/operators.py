@@ -10,11 +10,10 @@ from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
 from app.halfspace.material import Material
-from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
 from app.parallel.slabs import Slabs
 
-STEEL = Material.combined(82000.0, 0.28).compliance
+STEEL = Material.combined(82000.0, 0.28).kernel
 GRIDS = {
     "one cell": Grid(1, 1, 0.3, 0.2),
     "one row": Grid(45, 1, 0.1, 0.4),
@@ -60,7 +59,7 @@ BOXED = Grid(230, 190, 0.2, 0.25)  # large enough for a product in a box
 def make_convolution(comm, grid, block=1, dtype=np.float64):
     layout = Layout(slabs_of(comm, grid, block), comm, dtype)
     if grid.periodic:
-        return PeriodicProduct(partial(influence_symbol, grid, STEEL), grid.shape, layout)
+        return PeriodicProduct(partial(STEEL.eigenvalues, grid), grid.shape, layout)
     if grid == BOXED:
         return BoxProduct(grid, STEEL, layout)
     return Convolution(partial(influence_quadrant, grid, STEEL), grid.shape, layout)

@@ -9,6 +9,7 @@ from app.halfspace.gauss_seidel import tables
 from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import quadrant_rows
+from app.halfspace.kernel import UNIT
 
 GRIDS = {
     "prime": Grid(61, 97, 0.3, 0.2),
@@ -32,7 +33,7 @@ def block_sizes(leaf_rows, segment_columns):
 
 
 def make(grid, slabs=None, comm=None):
-    return GaussSeidel(quadrant_rows(grid, 1.0), grid.shape, slabs, comm, bool(grid.periodic))
+    return GaussSeidel(quadrant_rows(grid, UNIT), grid.shape, slabs, comm, bool(grid.periodic))
 
 
 def random_problem(grid, share=0.4, seed=0):

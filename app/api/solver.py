@@ -147,7 +147,8 @@ class ContactSolver(Derivatives):
             monitors = [Monitor()] if self.settings.monitor and self.comm.rank == 0 else []
             self.listeners, grid = [*listeners, *monitors], problem.grid
             # Processors may round differently.
-            sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
+            kernel = problem.material.kernel
+            sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, *kernel.parameters)]
             arguments = grid.shape, grid.periodic, sizes, self.settings, prefix
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
             self.comm.shares_memory = self.settings.shared_memory
@@ -171,14 +172,14 @@ class ContactSolver(Derivatives):
 
     def _set_up(self):
         """Make grids, operators and solvers for the settings."""
-        settings, grid, compliance = self.settings, self.problem.grid, self.problem.material.compliance
+        settings, grid, kernel = self.settings, self.problem.grid, self.problem.material.kernel
         self._largest = None  # influence coefficient [mm3/N], needed for single precision
         if settings.single:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
-            self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
+            self._largest = float(influence_quadrant(alone, kernel, slice(0, 1), 1)[0, 0])
             check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = Hierarchy(
-            grid, compliance, self.comm, settings.coarsest, settings.cells_per_rank,
+            grid, kernel, self.comm, settings.coarsest, settings.cells_per_rank,
             target_only=STRATEGIES[settings.type].target_only,
             dtype=np.float32 if settings.single else np.float64,
             margin=settings.window,

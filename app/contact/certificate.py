@@ -68,7 +68,6 @@ from petsc4py import PETSc
 from app.contact import capped_certificate
 from app.contact import certificate_kernels as loops
 from app.contact.state import Displacement
-from app.halfspace.influence import middle_displacement
 from app.halfspace.product import DenseProduct
 from app.parallel.reductions import sums_and_minima
 
@@ -137,7 +136,8 @@ def estimate(state, wanted=np.inf, work=None):
 def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.distance.patch
-    smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
+    kernel = state.operator.kernel
+    smallest = kernel.smallest_eigenvalue(grid)
     bounds, penetrates = state.bounds, np.empty(len(b), bool)
     capped = bounds.capped and state.plastic_cells() > 0
     largest, sums = np.full(6, -np.inf), np.zeros(6)
@@ -162,8 +162,7 @@ def _prove(state, enough, work):
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
     if state.grid.periodic and state.grid.n <= DenseProduct.largest:
-        longest = state.operator.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)  # eigenvalue
-        diagonal *= max(longest / smallest, 1.0)
+        diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
     if capped and _is_plastic_everywhere(state):  # no other pressure is allowed, or none has less energy
@@ -206,7 +205,7 @@ def _lift_penetrations(state, most, energy, penetrates):
     grid, diagonal = state.distance.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # No row of A sums to more than the displacement in the middle of twice the patch under unit pressure.
-    norm = middle_displacement(state.operator.compliance, (2 * grid.ny * grid.dy, 2 * grid.nx * grid.dx))
+    norm = state.operator.kernel.middle_displacement((2 * grid.ny * grid.dy, 2 * grid.nx * grid.dx))
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
 
 

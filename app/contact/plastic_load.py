@@ -6,11 +6,9 @@ contact, like a punch of its extent. If the cells approach by t, the load is
 
     F(t) = dx dy sum(clip(p - (e - t) / A_II, 0, H)),
 
-and the bodies approach by t plus the compliance of the punch times the change of the load. The range of elastic
+and the bodies approach by t plus the change of the load over the stiffness of the punch. The range of elastic
 contact, and approaches at which no cell is elastic, follow from the same equation.
 """
-
-from math import sqrt
 
 import numpy as np
 
@@ -43,7 +41,7 @@ def step_to_load(state, load, target):
         low, at_low, high = high, at_high, high + step
         at_high = error(high)
     t = _zero(error, (low, at_low), (high, at_high), _STEP_RTOL * abs(target - load))
-    return t + punch_compliance(state) * (target - load)
+    return t + (target - load) / punch_stiffness(state)
 
 
 def _zero(function, one, other, allowed):
@@ -65,8 +63,8 @@ def _zero(function, one, other, allowed):
     return b
 
 
-def punch_compliance(state):
-    """Return the compliance of a round punch with the extent of contact [mm/N]. Collective."""
+def punch_stiffness(state):
+    """Return the stiffness of a round punch with the extent of contact [N/mm]. Collective."""
     [box] = bounding_boxes([state.in_contact()], state.operator.slabs, state.comm)
     area = state.grid.cell_area * (box.n if box else 1)
-    return np.pi * state.operator.compliance / (2 * sqrt(area / np.pi))
+    return state.operator.kernel.punch_stiffness(area)

@@ -329,4 +329,4 @@ def least_stiffness(state):
 
 def stiffness_of_patch(state):
     """Return the stiffness of a round punch with the patch's area [N/mm]."""
-    return 2 / (np.pi * state.operator.compliance) * np.sqrt(state.grid.n * state.grid.cell_area / np.pi)
+    return state.operator.kernel.punch_stiffness(state.grid.n * state.grid.cell_area)

@@ -87,7 +87,7 @@ class MatMethods:
         """
         if not self.active:
             return np.zeros(self.local_shape)
-        rows, sums = quadrant_rows(self.grid, self.compliance), np.empty(self.local_shape)
+        rows, sums = quadrant_rows(self.grid, self.kernel), np.empty(self.local_shape)
         layout = Layout(self.slabs, self.comm, np.float64)
         entries = Convolution(lambda selected: np.abs(rows(selected)) ** power, self.grid.shape, layout)
         entries.apply(self.mask.astype(float), sums)

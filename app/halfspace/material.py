@@ -9,6 +9,7 @@ import numpy as np
 
 from app.base.errors import InputError, format_exact
 from app.base.usage import usage
+from app.halfspace.kernel import HalfSpaceKernel
 
 
 @dataclass(frozen=True, init=False)
@@ -196,6 +197,11 @@ class Material:
         A point force displaces the surface at a distance by compliance times force divided by distance.
         """
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
+
+    @property
+    def kernel(self):
+        """Kernel of the bodies; see `app.halfspace.kernel`."""
+        return HalfSpaceKernel(self.compliance)
 
     @property
     def contact_modulus(self):

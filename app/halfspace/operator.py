@@ -20,7 +20,6 @@ from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.mat_methods import MatMethods, scale_and_shift
-from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
@@ -44,8 +43,8 @@ class InfluenceOperator(MatMethods):
     ----------
     grid : Grid
         Grid of cells on which A acts.
-    compliance : float
-        (1 - nu) / (pi G) [mm2/N].
+    kernel : HalfSpaceKernel
+        Kernel of the bodies, ``Material.kernel``.
     slabs, comm : Slabs, mpi4py communicator, optional
         Distribution of the rows; by default this rank has all rows. A rank beyond `slabs.size` has no rows and does not
         take part.
@@ -84,10 +83,10 @@ class InfluenceOperator(MatMethods):
     """
 
     def __init__(
-        self, grid, compliance, slabs=None, comm=None, dtype=float,
+        self, grid, kernel, slabs=None, comm=None, dtype=float,
         exact_product=None, target=None, spectra=None,
     ):  # fmt: skip
-        self.grid, self.compliance, self.spectra = grid, compliance, spectra
+        self.grid, self.kernel, self.spectra = grid, kernel, spectra
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         self.active = self.slabs.active
@@ -128,7 +127,7 @@ class InfluenceOperator(MatMethods):
         if not self.active:
             return NoRows()
         if self._dense:
-            return DenseProduct(dense_matrix(self.grid, self.compliance), self.grid.shape)
+            return DenseProduct(dense_matrix(self.grid, self.kernel), self.grid.shape)
         if not self.needs_verification:
             return self.exact_product
         exact = vars(self).get("exact_product")
@@ -200,7 +199,7 @@ class InfluenceOperator(MatMethods):
         """Diagonal entry of A [mm3/N]. Collective on first use."""
         if self.grid.periodic and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
-        return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
+        return float(influence_quadrant(self.grid, self.kernel, slice(0, 1), 1)[0, 0])
 
     def _kind(self, dtype):
         dtype = np.dtype(dtype)
@@ -209,12 +208,12 @@ class InfluenceOperator(MatMethods):
         return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
 
     def _convolution(self, dtype):
-        matrix, kind, layout = (self.grid, self.compliance), self._kind(dtype), self.layout(dtype)
+        grid, kernel, kind, layout = self.grid, self.kernel, self._kind(dtype), self.layout(dtype)
         if kind is PeriodicProduct:
-            return kind(partial(influence_symbol, *matrix), self.grid.shape, layout)
+            return kind(partial(kernel.eigenvalues, grid), grid.shape, layout)
         if kind is BoxProduct:
-            return kind(*matrix, layout)
-        return kind(quadrant_rows(*matrix), self.grid.shape, layout)
+            return kind(grid, kernel, layout)
+        return kind(quadrant_rows(grid, kernel), grid.shape, layout)
 
     def layout(self, dtype=None):
         """Return the `Layout` of products with the precision `dtype`."""
@@ -360,7 +359,7 @@ class InfluenceOperator(MatMethods):
         """Gauss-Seidel sweeps on this grid. Collective on first use."""
         from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 
-        rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
+        rows, period = quadrant_rows(self.grid, self.kernel), bool(self.grid.periodic)
         return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
 
     def reset_sweeps(self):

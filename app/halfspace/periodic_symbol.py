@@ -118,12 +118,12 @@ def _line_sums(phases, lengths):
     return sums
 
 
-def periodic_quadrant(grid, compliance):
+def periodic_quadrant(grid, kernel):
     """Return periodic influence coefficients at offsets up to half a period.
 
     They are the inverse Fourier transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
     """
-    symbol = influence_symbol(grid, compliance, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
+    symbol = kernel.eigenvalues(grid, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     in_y = transform_even(symbol, grid.ny)
     return transform_even(np.ascontiguousarray(in_y.T), grid.nx) / grid.n
 

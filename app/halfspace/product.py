@@ -19,7 +19,6 @@ from app.halfspace import events
 from app.halfspace.fft.lengths import fast_length, transform_length
 from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.images import Box, ImageCorrection
-from app.halfspace.influence import influence_at
 
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 _MIN_BOX_CELLS = {_SINGLE: 320, _DOUBLE: 640}  # cells of the patch in either direction
@@ -51,9 +50,10 @@ class BoxProduct(EvenMultiplier):
     Collective over the layout's ranks.
     """
 
-    def __init__(self, grid, compliance, layout=SERIAL):
+    def __init__(self, grid, kernel, layout=SERIAL):
         super().__init__(grid.shape, self.periods_of(grid), layout)
-        self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
+        self._compliance = kernel.compliance
+        self._box = Box(grid, self.periods, partial(kernel.unit_coefficients, grid))
         halves = (period // 2 + 1 for period in self.periods)
         self.load_or_make(None, partial(self.set_kernel, self._kernel, *halves))
         self._correct_images()

@@ -26,7 +26,8 @@ from scipy.fft import next_fast_len
 from app.halfspace.fft.lengths import fast_length, transform_length
 from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.grid import Grid
-from app.halfspace.influence import middle_displacement, quadrant_rows
+from app.halfspace.influence import quadrant_rows
+from app.halfspace.kernel import UNIT, HalfSpaceKernel
 from app.methods.multilevel_product import MultilevelOperator, coarse_shape
 from app.methods.symbol import (
     centre,
@@ -41,7 +42,7 @@ MIN_CELLS = 128  # in the longer direction: on smaller grids an FFT is faster
 MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact without padding
 
 
-def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
+def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
     """Create B, the inverse of A of a free patch continued periodically.
 
     Collective over the ranks of the layout.
@@ -50,8 +51,8 @@ def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
     ----------
     grid : Grid
         Grid of the patch.
-    compliance : float
-        Compliance of the half-space [mm2/N].
+    kernel : HalfSpaceKernel
+        Kernel of the bodies.
     layout : Layout
         Distribution and precision of the fields.
     apart : bool
@@ -63,27 +64,25 @@ def create_circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
     EvenMultiplier or MultilevelOperator
         B by FFT, or multilevel.
     """
-    near = _stencils(grid, -1, compliance) if apart else []
+    near = _stencils(grid, -1, kernel) if apart else []
     (cy, cx), periods = coarsening_factors(near), _coarsest_shape(grid, near)
     if apart:  # coarse cells cover more than the patch; without them a cell is added
         periods = tuple(next_fast_len(n, real=True) if near else fast_length(n + 1) for n in periods)
-    mean = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
-    return _create_inverse(grid, compliance, layout, near, periods, mean)
+    mean = kernel.middle_displacement((cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
+    return _create_inverse(grid, kernel, layout, near, periods, mean)
 
 
-def create_multilevel_inverse(grid, compliance, layout=SERIAL):
+def create_multilevel_inverse(grid, kernel, layout=SERIAL):
     """Create the multilevel inverse B of a periodic patch, or return None.
 
     Collective over the ranks of the layout. None if the grid is too small, or has an odd number of cells. Parameters as
     of `create_circulant_inverse`.
     """
-    near = _stencils(grid, -1, compliance)
-    return (
-        _create_inverse(grid, compliance, layout, near, _coarsest_shape(grid, near), np.inf) if near else None
-    )
+    near = _stencils(grid, -1, kernel)
+    return _create_inverse(grid, kernel, layout, near, _coarsest_shape(grid, near), np.inf) if near else None
 
 
-def _create_inverse(grid, compliance, layout, near, periods, mean):
+def _create_inverse(grid, kernel, layout, near, periods, mean):
     """Create B with stencils on levels `near`, or by FFT alone.
 
     `periods` are those of the FFT on the coarsest grid; `mean` is the eigenvalue of A for constants.
@@ -92,7 +91,7 @@ def _create_inverse(grid, compliance, layout, near, periods, mean):
 
     def symbol(columns, rows):
         x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
-        values = eigenvalues(grid, compliance, x, y)
+        values = eigenvalues(grid, kernel.compliance, x, y)
         values[(x[:, None] == 0) & (y == 0)] = mean
         return coarsen_symbol(1 / values, near, x, y)
 
@@ -106,18 +105,20 @@ def _create_inverse(grid, compliance, layout, near, periods, mean):
     return coarsest(grid.shape, layout)
 
 
-def create_multilevel_influence(grid, compliance, layout=SERIAL, other=None):
+def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
     """Create the multilevel product with A of a free patch, or None.
 
     Collective over the ranks of the layout. None if the grid is small. `other` is another multilevel product with which
     coarse fields are shared; the other parameters are as of `create_circulant_inverse`.
     """
-    near = _stencils(grid, 1, compliance)
+    near = _stencils(grid, 1, kernel)
     if not near:
         return None
     (cy, cx), (ny, nx) = coarsening_factors(near), _coarsest_shape(grid, near)
-    coefficients = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), compliance / (cx * cy))
-    correction = compliance * max(grid.dx, grid.dy) * near_field_correction(grid, len(near))
+    coefficients = quadrant_rows(
+        Grid(nx, ny, cx * grid.dx, cy * grid.dy), HalfSpaceKernel(kernel.compliance / (cx * cy))
+    )
+    correction = kernel.compliance * max(grid.dx, grid.dy) * near_field_correction(grid, len(near))
 
     def kernel(rows):
         values, offsets = coefficients(rows), np.arange(ny)[rows]
@@ -160,7 +161,7 @@ def get_or_create(operator, name, create, **options):
     """
     multipliers = operator.multipliers
     if name not in multipliers and operator.active:
-        multipliers[name] = create(operator.grid, operator.compliance, operator.layout(), **options)
+        multipliers[name] = create(operator.grid, operator.kernel, operator.layout(), **options)
     return multipliers.get(name)
 
 
@@ -172,7 +173,7 @@ def prepare(grid):
         near_field_correction(grid, levels)
 
 
-def _stencils(grid, power, compliance=1.0):
+def _stencils(grid, power, kernel=UNIT):
     """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
     There are none for levels so small that an FFT is faster.
@@ -180,7 +181,7 @@ def _stencils(grid, power, compliance=1.0):
     smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []
-    unit, levels, (ny, nx) = compliance * max(grid.dx, grid.dy), [], grid.shape
+    unit, levels, (ny, nx) = kernel.compliance * max(grid.dx, grid.dy), [], grid.shape
     for level in fit_stencils(grid, power):
         fy, fx = level.factors
         divisible = not grid.periodic or ny % fy == nx % fx == 0

@@ -49,7 +49,7 @@ def stored_matrix(operator):
         )
     if not operator.active:
         return np.empty((0, 0))
-    return dense_matrix(grid, operator.compliance)
+    return dense_matrix(grid, operator.kernel)
 
 
 @njit()

@@ -74,7 +74,7 @@ def _make_coarser(target, grids, sizes, ranks):
     """
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
-        InfluenceOperator(grid, target.compliance, *ranks.distribute(grid, size), dtype, target=finest)
+        InfluenceOperator(grid, target.kernel, *ranks.distribute(grid, size), dtype, target=finest)
         for grid, size in zip(grids, sizes, strict=True)
     )
     for number, operator in enumerate(target.coarser_levels):
@@ -117,8 +117,8 @@ class Hierarchy:
     ----------
     grid : Grid
         Target grid.
-    compliance : float
-        Compliance of the bodies, (1 - nu) / (pi G) [mm2/N].
+    kernel : HalfSpaceKernel
+        Kernel of the bodies, ``Material.kernel``.
     comm : mpi4py communicator
         All ranks of the solver.
     coarsest : int
@@ -139,7 +139,7 @@ class Hierarchy:
     def __init__(
         self,
         grid,
-        compliance,
+        kernel,
         comm,
         coarsest=4,
         cells_per_rank=8192,
@@ -149,14 +149,14 @@ class Hierarchy:
         prefix="",
     ):
         self.ranks, self.prefix = RankGroups(comm, cells_per_rank), prefix
-        self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
+        self.comm, self.kernel, self.dtype, self.margin = self.ranks.comm, kernel, dtype, margin
         # products in windows, and those of each operator counted so far
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()
         _, *grids = plan_grids(grid, coarsest, target_only)
         sizes = [*map(self.ranks.count_for, grids)]
         if grids and grids[-1].n <= MAX_DIRECT_CELLS:
             sizes[-1] = 1
-        target = InfluenceOperator(grid, compliance, *self.ranks.distribute(grid, self.ranks.size), dtype)
+        target = InfluenceOperator(grid, kernel, *self.ranks.distribute(grid, self.ranks.size), dtype)
         target.mask[...] = False
         _make_coarser(target, grids, sizes, self.ranks)
         self.levels = [*target.coarser_levels[::-1], target]

@@ -38,7 +38,7 @@ def _letter(axes, text):
 def _figure2(outcomes):
     material = Material.combined(82000.0, 0.28)
     grid = Grid.from_domain(32, 32, HERTZ_DOMAIN)
-    quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance, slice(0, 17), 17)
+    quadrant = material.shear_modulus * influence_quadrant(grid, material.kernel, slice(0, 17), 17)
     whole = np.block([[quadrant[:0:-1, :0:-1], quadrant[:0:-1]], [quadrant[:, :0:-1], quadrant]])
     figure = new_figure(10.0, 4.4)
     left, right = figure.subplots(1, 2)

@@ -62,7 +62,7 @@ class LineContact:
 
     def matrix(self):
         """Return the influence matrix A, shape (n, n) [mm / (N/mm2)]."""
-        return dense_matrix(self.grid, self.material.compliance)
+        return dense_matrix(self.grid, self.material.kernel)
 
     def pressure(self):
         """Return the pressure, divided by its maximum, shape (n,).

@@ -76,7 +76,7 @@ def of_anything(quick):
             dense, least = DenseProblem(problem), np.nanmin(problem.gap)
             approach = least + 0.7 * (np.nanmean(problem.gap) - least)
             exact = dense.at(approach).astype(float)
-            operator = InfluenceOperator(problem.grid, problem.material.compliance)
+            operator = InfluenceOperator(problem.grid, problem.material.kernel)
             state = contact_state(operator, UndeformedDistance(operator, problem.gap))
             state.approach = approach
             for size in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0):

@@ -19,7 +19,7 @@ from scipy.fft import irfft2
 from scipy.linalg import lu_factor, lu_solve
 
 from app.halfspace.influence import dense_matrix
-from app.halfspace.periodic_symbol import fold_offsets, influence_symbol
+from app.halfspace.periodic_symbol import fold_offsets
 
 _PATIENCE = 3  # number of block pivots without fewer wrong cells, before single pivots
 _OPEN, _ELASTIC, _PLASTIC = 0, 1, 2
@@ -86,16 +86,16 @@ def solve_by_lemke(matrix, h, hardness=None):
     return p
 
 
-def long_matrix(grid, compliance):
+def long_matrix(grid, kernel):
     """Return the influence matrix in extended precision, shape (n, n).
 
     Coefficients of a periodic patch are not rounded to doubles. The smallest eigenvalues would lose digits,
     because the coefficients of long cells are much larger.
     """
     if not grid.periodic:
-        return dense_matrix(grid, compliance).astype(np.longdouble)
+        return dense_matrix(grid, kernel).astype(np.longdouble)
     j, i = np.arange(grid.ny), np.arange(grid.nx)
-    symbol = influence_symbol(grid, compliance, i[: grid.nx // 2 + 1], j[: grid.ny // 2 + 1]).T
+    symbol = kernel.eigenvalues(grid, i[: grid.nx // 2 + 1], j[: grid.ny // 2 + 1]).T
     first = irfft2(symbol[fold_offsets(j, grid.ny)].astype(np.clongdouble), s=grid.shape)  # row of the matrix
     dj, di = (j[:, None] - j) % grid.ny, (i[:, None] - i) % grid.nx
     return first[dj[:, None, :, None], di[None, :, None, :]].reshape(grid.n, grid.n)
@@ -119,7 +119,7 @@ class DenseProblem:
 
     def __init__(self, problem):
         self.grid = problem.grid
-        self._matrix = long_matrix(self.grid, problem.material.compliance)
+        self._matrix = long_matrix(self.grid, problem.material.kernel)
         self.matrix = self._matrix.astype(float)
         gap = np.asarray(problem.gap, float).ravel()
         self.inside = ~np.isnan(gap)

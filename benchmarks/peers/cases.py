@@ -94,7 +94,7 @@ class Case(Files):
     @cached_property
     def product(self):
         """The plain product, which is the unit and the judge."""
-        return PlainProduct(self.grid, self.material.compliance)
+        return PlainProduct(self.grid, self.material.kernel)
 
     def unit(self):
         """Seconds of a plain product now."""

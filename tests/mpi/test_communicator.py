@@ -7,6 +7,7 @@ from cases import hertz, punch
 from app import ContactSolver
 from app.base.petsc import _counter
 from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.kernel import UNIT
 from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
@@ -29,7 +30,7 @@ def test_cg_step_needs_two_reductions_and_four_exchanges(comm, n, levels, shared
     """
     counted = Communicator(comm)
     counted.shares_memory = shared
-    hierarchy = Hierarchy(hertz(n).grid, 1.0, counted, cells_per_rank=10**6, dtype=np.float32)
+    hierarchy = Hierarchy(hertz(n).grid, UNIT, counted, cells_per_rank=10**6, dtype=np.float32)
     operator, traffic = hierarchy.target, hierarchy.comm.traffic
     counts = {}
     options = {

@@ -8,6 +8,7 @@ import pytest
 
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.methods.multilevel_operators import (
     create_circulant_inverse,
     create_multilevel_influence,
@@ -43,8 +44,8 @@ def test_multilevel_product_on_ranks_is_that_on_one(comm, shape, dealt, dtype, m
     }[dealt]
     slabs = Slabs.starting(starts, comm.rank)
     grid = Grid(nx, ny, 0.1, dy, periodic="spectral" if multiplier is create_multilevel_inverse else "")
-    alone = multiplier(grid, 1.0, Layout(dtype=dtype))
-    here = multiplier(grid, 1.0, Layout(slabs, comm, dtype))
+    alone = multiplier(grid, UNIT, Layout(dtype=dtype))
+    here = multiplier(grid, UNIT, Layout(slabs, comm, dtype))
     field = np.random.default_rng(1).normal(size=grid.shape)
     expected, product_here = np.empty(grid.shape), field[slabs.rows].copy()
     alone.apply(field, expected)

@@ -7,6 +7,7 @@ from operators import mat_times, restriction_mat
 from petsc4py import PETSc
 
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
 
@@ -66,9 +67,9 @@ def assert_same_as_alone(comm, here, alone, seed):
 @pytest.mark.parametrize("grid", GRIDS)
 def test_transfers_are_independent_of_ranks(comm, grid):
     handed_over = 0
-    alone = Hierarchy(grid, 1.0, MPI.COMM_SELF)
+    alone = Hierarchy(grid, UNIT, MPI.COMM_SELF)
     for cells in CELLS:
-        here = Hierarchy(grid, 1.0, comm, cells_per_rank=cells)
+        here = Hierarchy(grid, UNIT, comm, cells_per_rank=cells)
         assert len(here.levels) == len(alone.levels)
         for level in range(1, len(here.levels)):
             assert_same_as_alone(comm, here.transfers[level], alone.transfers[level], seed=level)

@@ -45,7 +45,7 @@ def test_conditions_of_contact(reference):
     p, e, contact = reference.pressure, reference.gap, reference.contact
     assert 20 < contact.sum() < contact.size / 2
     assert np.abs(p * e).max() < 1e-11 * p.max() * np.abs(reference.undeformed_distance).max()
-    A = dense_matrix(GRID, UNIT.compliance)
+    A = dense_matrix(GRID, UNIT.kernel)
     np.testing.assert_allclose(reference.displacement.reshape(-1), A @ p.reshape(-1), rtol=1e-12)
 
 

@@ -291,7 +291,7 @@ def test_residual_is_that_of_the_answer(n, options, rtol):
     """However tight: a displacement that was added up does not count."""
     problem = hertz(n)
     found = solve(problem, APPROACH, "fast", lcp_rtol=rtol, **options)
-    a = dense_matrix(problem.grid, problem.material.compliance)
+    a = dense_matrix(problem.grid, problem.material.kernel)
     gap = found.undeformed_distance + (a @ found.pressure.reshape(-1)).reshape(
         found.undeformed_distance.shape
     )

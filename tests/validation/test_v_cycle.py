@@ -24,7 +24,7 @@ def test_cycle_in_the_theory_equals_pcmg(share):
     expected = page["v_cycle"](np.zeros((n, n)), r, contact)
 
     grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
-    hierarchy = Hierarchy(grid, page["compliance"], MPI.COMM_SELF)
+    hierarchy = Hierarchy(grid, page["kernel"], MPI.COMM_SELF)
     with SolverOptions("", make_settings("mg_v11").texts).inserted():
         solver = LinearSolver(hierarchy)
         hierarchy.target.mask[...] = contact

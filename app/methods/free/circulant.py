@@ -20,7 +20,6 @@ from petsc4py import PETSc
 
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator, get_operator
-from app.halfspace.periodic_symbol import influence_symbol
 from app.methods.free.block_average import BlockAverage
 from app.methods.free.contact_edge import EdgeExtension
 from app.methods.multilevel_operators import create_circulant_inverse, get_or_create
@@ -33,12 +32,12 @@ MAX_SCALED_ASPECT = (
 )
 
 
-def _create_periodic_inverse(grid, compliance, layout):
+def _create_periodic_inverse(grid, kernel, layout):
     """Return the inverse of the influence matrix A of a periodic patch.
 
     A has eigenvalue 0 for constants; here it is replaced by that of the longest wave.
     """
-    eigenvalues = partial(influence_symbol, grid, compliance)
+    eigenvalues = partial(kernel.eigenvalues, grid)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
 
     def symbol(columns, rows):

@@ -39,7 +39,7 @@ class WindowCache(SolverCache):
             hierarchy = self._hierarchy
             self._spectra[place] = spectra = SpectrumCache(self._spectra.get(place))
             shared = hierarchy.dtype, verification, hierarchy.target, spectra
-            operator = InfluenceOperator(grid, hierarchy.compliance, slabs, comm, *shared)
+            operator = InfluenceOperator(grid, hierarchy.kernel, slabs, comm, *shared)
             if not is_large(grid):
                 self._windows[place] = operator
         elif verification is not None:

@@ -254,7 +254,7 @@ class _LongWaves:
         around = _smooth(np.concatenate([before, contact, after]))
         self._reduction = 1 / np.sqrt(1 + self._stiffness * share * around)
         if coarse.active:
-            compliance = np.pi * coarse.compliance  # 1 / E*
+            compliance = coarse.kernel.compliance_at(spacing)
             coarse.screened_product.screen(1 / (self._compliance * compliance * np.sqrt(share) * spacing))
 
     def apply(self, s, free, weights, x, *halo):

@@ -131,7 +131,7 @@ def test_stiffnesses_of_a_sphere_are_those_of_dense_systems(hardness, unloading)
         solution = solver.with_stiffness(solver.solve(approach=0.605))
 
     def stiffness_of(cells):
-        matrix = dense_matrix(grid, problem.material.compliance)[np.ix_(*2 * [np.flatnonzero(cells)])]
+        matrix = dense_matrix(grid, problem.material.kernel)[np.ix_(*2 * [np.flatnonzero(cells)])]
         return grid.cell_area * np.linalg.solve(matrix, np.ones(len(matrix))).sum()
 
     elastic = solution.contact & (solution.pressure < hardness)

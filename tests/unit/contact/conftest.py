@@ -6,6 +6,7 @@ import pytest
 from app.contact.distance import UndeformedDistance
 from app.contact.state import ContactState
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 
 
@@ -15,7 +16,7 @@ def state():
     grid = Grid(5, 4, 1.0, 0.5)
     shape = np.random.default_rng(0).normal(size=grid.shape)
     shape[0, 0] = np.nan
-    operator = InfluenceOperator(grid, 1.0)
+    operator = InfluenceOperator(grid, UNIT)
     state = ContactState(operator, UndeformedDistance(operator, shape - np.nanmin(shape), np.nanmin(shape)))
     state.shape = shape
     yield state

@@ -13,12 +13,13 @@ from app.contact.loading import PrescribedApproach
 from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
 from app.halfspace.influence import dense_matrix
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 
 
 def make_state(shape, approach=0.0):
     """State on a row of unit cells of compliance 1."""
-    operator = InfluenceOperator(Grid(len(shape), 1, 1.0, 1.0), 1.0)
+    operator = InfluenceOperator(Grid(len(shape), 1, 1.0, 1.0), UNIT)
     state = ContactState(operator, UndeformedDistance(operator, np.array([shape], float)))
     state.approach = approach
     return state
@@ -61,7 +62,7 @@ def counts(entry):
     return tuple(entry[name] for name in ("contact_cells", "added_cells", "dropped_cells", "changed_cells"))
 
 
-A = dense_matrix(Grid(3, 1, 1.0, 1.0), 1.0)
+A = dense_matrix(Grid(3, 1, 1.0, 1.0), UNIT)
 
 
 def test_tensile_pressure_is_removed_before_u_is_computed():

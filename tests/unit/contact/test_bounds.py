@@ -17,6 +17,7 @@ from app.contact.bounds import PressureBounds
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
 from app.contact.state import ContactState
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 
 SHAPE = (6, 7)
@@ -107,7 +108,7 @@ def test_mean_pressures_make_waves_allowed(rng):
 
 
 def test_vecs_bound_inadmissible_cells_by_zero():
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), UNIT)
     distance = UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]]))
     state = contact_state(operator, distance)
     lower, upper = state.bounds.vecs(state.pressure)

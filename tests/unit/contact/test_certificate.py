@@ -13,12 +13,13 @@ from app.contact.state import Displacement
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.verification.dense import DenseProblem
 
 
 def test_certificate_has_the_smallest_pressure():
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), UNIT)
     state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
     with state.pressure as p:
         p[:] = 3.0, -0.25, 0.5, 0.0
@@ -29,7 +30,7 @@ def test_certificate_has_the_smallest_pressure():
 @pytest.mark.parametrize(("p", "smallest"), [((3.0, -0.25, 0.5, 0.0), -0.25), ((3.0, 0.5, 0.0, 0.5), -0.5)])
 def test_forbidden_pressure_has_no_error_bound(periodic, p, smallest):
     """Pressures that are negative, or in inadmissible cells; rounding errors are allowed."""
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0, periodic=periodic), 1.0)
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0, periodic=periodic), UNIT)
     for share, bounded in (1.0, False), (1e-16, True):
         state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
         with state.pressure as values:
@@ -42,7 +43,7 @@ def test_forbidden_pressure_has_no_error_bound(periodic, p, smallest):
 
 @pytest.mark.parametrize("periodic", [False, True])
 def test_nan_pressure_has_no_error_bound(periodic):
-    operator = InfluenceOperator(Grid(4, 2, 1.0, 1.0, periodic=periodic), 1.0)
+    operator = InfluenceOperator(Grid(4, 2, 1.0, 1.0, periodic=periodic), UNIT)
     state = contact_state(operator, UndeformedDistance(operator, np.arange(8.0).reshape(2, 4)))
     with state.pressure as p:
         p[:2] = 1.0, np.nan
@@ -64,7 +65,7 @@ def certified(problem, approach, p):
 
 
 def pressed(problem, approach, p):
-    operator = InfluenceOperator(problem.grid, problem.material.compliance)
+    operator = InfluenceOperator(problem.grid, problem.material.kernel)
     state = contact_state(operator, UndeformedDistance(operator, problem.gap))
     state.approach = approach
     state.pressure.setArray(p.ravel())
@@ -136,7 +137,7 @@ def test_error_bound_includes_the_rounding_of_a_stored_matrix(shape, symbol, sha
     dense, approach = DenseProblem(problem), (1 - share) * gap.min() + share * gap.mean()
     exact = dense.at(approach)
     p, contact = np.zeros(problem.grid.n), (exact > 0).ravel()
-    rounded = dense_matrix(problem.grid, problem.material.compliance)[np.ix_(contact, contact)]
+    rounded = dense_matrix(problem.grid, problem.material.kernel)[np.ix_(contact, contact)]
     p[contact] = np.linalg.solve(rounded, approach - gap.ravel()[contact])
     p = p.reshape(shape)
     bound = certified(problem, approach, p).error_bound

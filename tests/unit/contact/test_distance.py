@@ -7,6 +7,7 @@ from operators import random_field
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.distance import UndeformedDistance
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.hierarchy import Hierarchy
 
@@ -27,7 +28,7 @@ def test_undeformed_distance_is_shape_minus_approach(state, approach):
 
 
 def test_distances_with_a_large_constant_keep_their_digits():
-    operator = InfluenceOperator(Grid(2, 1, 1.0, 1.0), 1.0)
+    operator = InfluenceOperator(Grid(2, 1, 1.0, 1.0), UNIT)
     distance = UndeformedDistance(operator, np.array([[0.0, 1e-12]]), reference=1e6)
     distance.move_to(1e-11)
     np.testing.assert_allclose(distance.h_at(1e-11), [[-1e-11, -9e-12]], rtol=1e-12)
@@ -71,7 +72,7 @@ def test_distances_of_samples_move_on_every_grid(shape):
     gap = np.random.default_rng(1).random(shape)
     grid = Grid(shape[1], shape[0], 1 / shape[1], 1 / shape[0])
     problem = ContactProblem(grid, Material.combined(1.0, 0.0), gap, periodic=True)
-    hierarchy = Hierarchy(problem.grid, 1.0, MPI.COMM_SELF)
+    hierarchy = Hierarchy(problem.grid, UNIT, MPI.COMM_SELF)
     shapes = hierarchy.shapes(problem)
     assert len(shapes) > 1
     for operator, shape_there in zip(hierarchy.levels, shapes, strict=True):

@@ -13,7 +13,7 @@ from app.halfspace.operator import InfluenceOperator
 
 def test_one_cell_stays_open_below_full_contact():
     problem = periodic.rough(12, 10, 2)
-    operator = InfluenceOperator(problem.grid, problem.material.compliance)
+    operator = InfluenceOperator(problem.grid, problem.material.kernel)
     state = contact_state(operator, UndeformedDistance(operator, problem.gap))
     state.approach = 2 * problem.gap.mean()
     assert state.approach == pytest.approx(problem.gap.mean(), rel=1e-9)

@@ -23,7 +23,7 @@ class Exact:
     """A state on a small grid with a direct solver."""
 
     def __init__(self, problem):
-        hierarchy = Hierarchy(problem.grid, problem.material.compliance, MPI.COMM_SELF)
+        hierarchy = Hierarchy(problem.grid, problem.material.kernel, MPI.COMM_SELF)
         self.operator, shape = hierarchy.target, problem.shape_on(problem.grid)
         self.distance = UndeformedDistance(self.operator, shape - np.nanmin(shape), np.nanmin(shape))
         self.state = contact_state(self.operator, self.distance)

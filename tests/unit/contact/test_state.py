@@ -6,11 +6,12 @@ import pytest
 from app.contact.state import Displacement, Update
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
+from app.halfspace.kernel import UNIT
 
 GRID = Grid(5, 4, 1.0, 0.5)
 
 
-A = dense_matrix(GRID, 1.0)
+A = dense_matrix(GRID, UNIT)
 
 
 def set_pressure(state, p):

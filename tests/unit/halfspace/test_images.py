@@ -1,11 +1,13 @@
 """Influence of the periodic images of a patch."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from app.halfspace.grid import Grid
 from app.halfspace.images import Box, ImageCorrection
-from app.halfspace.influence import influence_at
+from app.halfspace.kernel import UNIT
 from app.halfspace.periodic_symbol import periodic_quadrant
 from app.parallel.slabs import Slabs
 
@@ -13,7 +15,7 @@ NO_MASK = np.zeros((0, 0), bool)
 
 
 def box_of(grid, periods):
-    return Box(grid, periods, lambda rows, columns: influence_at(grid, rows, columns))
+    return Box(grid, periods, partial(UNIT.unit_coefficients, grid))
 
 
 @pytest.mark.parametrize("periods", [(80, 80), (81, 79), (40, 120), (150, 60)])
@@ -22,7 +24,7 @@ def test_box_kernel_includes_all_images(periods, sides):
     ny, nx = periods
     patch = Grid(nx // 2 + 1, ny // 2 + 1, *sides)
     found = box_of(patch, periods).kernel(np.arange(ny // 2 + 1), np.arange(nx // 2 + 1))
-    other = periodic_quadrant(Grid(nx, ny, *sides, periodic="love"), 1.0)
+    other = periodic_quadrant(Grid(nx, ny, *sides, periodic="love"), UNIT)
     assert np.abs(found - other).max() <= 1e-12 * other.max()  # both less their mean
 
 

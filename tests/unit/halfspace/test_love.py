@@ -9,6 +9,7 @@ import pytest
 from app.halfspace import love as coefficients
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.kernel import UNIT
 
 # Closed form up to 8 cells: it cancels (distance / shorter side) of its digits. Measured: below 5e-15 times the
 # aspect ratio. Beyond, a Taylor series that cancels nothing: 3.5e-16.
@@ -53,9 +54,9 @@ def interesting(n, aspect):
 def test_coefficients_along_axes_are_exact(aspect, tall):
     n = 20000
     dx, dy = (1.0, float(aspect)) if tall else (float(aspect), 1.0)
-    along_x = influence_quadrant(Grid(n, 1, dx, dy), 1.0)[0]
+    along_x = influence_quadrant(Grid(n, 1, dx, dy), UNIT)[0]
     for k in interesting(n, aspect):
-        along_y = influence_quadrant(Grid(1, n, dx, dy), 1.0, slice(k, k + 1))[0, 0]
+        along_y = influence_quadrant(Grid(1, n, dx, dy), UNIT, slice(k, k + 1))[0, 0]
         for value, i, j in ((along_x[k], k, 0), (along_y, 0, k)):
             far = np.hypot(i * dx, j * dy) >= 8 * aspect
             assert relative_error(value, i, j, dx, dy) <= (FAR if far else NEAR * aspect), (i, j)
@@ -64,7 +65,7 @@ def test_coefficients_along_axes_are_exact(aspect, tall):
 @pytest.mark.parametrize(("dx", "dy"), [(1.0, 1.0), (0.7, 0.4), (0.4, 0.7), (3.0, 0.1), (0.03, 3.0)])
 def test_coefficients_off_axes_are_exact(dx, dy):
     grid, longer = Grid(300, 200, dx, dy), max(dx, dy)
-    quadrant = influence_quadrant(grid, 1.0)
+    quadrant = influence_quadrant(grid, UNIT)
     rng = np.random.default_rng(1)
     angle = rng.uniform(0, np.pi / 2, 60)
     seam = np.array([np.cos(angle) / dx, np.sin(angle) / dy]) * 8 * longer + rng.integers(0, 2, (2, 60))

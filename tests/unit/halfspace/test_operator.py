@@ -10,13 +10,14 @@ from petsc4py import PETSc
 from app.halfspace import influence
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator, wrap_vec
 from app.halfspace.product import DenseProduct
 
 
 def test_mult_invalidates_cached_norms():
     grid = GRIDS["odd"]
-    operator = InfluenceOperator(grid, 1.0)
+    operator = InfluenceOperator(grid, UNIT)
     operator.mask[...] = True
     mat = operator.mat(PETSc.COMM_SELF)
     x, y = mat.createVecs()
@@ -34,7 +35,7 @@ def test_mult_invalidates_cached_norms():
 
 
 def test_periodic_quadrant_is_computed_once():
-    operator = InfluenceOperator(Grid(64, 200, 1.0, 1.0, periodic="spectral"), 1.0)
+    operator = InfluenceOperator(Grid(64, 200, 1.0, 1.0, periodic="spectral"), UNIT)
     with mock.patch.object(influence, "periodic_quadrant", wraps=influence.periodic_quadrant) as compute:
         assert operator.relaxation is operator.relaxation
         assert operator.diagonal > 0
@@ -43,7 +44,7 @@ def test_periodic_quadrant_is_computed_once():
 
 def test_energy_of_contact_follows_cells_that_leave():
     """In step 4.a cells leave, and no solver has been told yet."""
-    operator = InfluenceOperator(Grid(12, 10, 1.0, 1.0, periodic="love"), 1.0)
+    operator = InfluenceOperator(Grid(12, 10, 1.0, 1.0, periodic="love"), UNIT)
     operator.mask[...] = False
     operator.mask[2:6, 2:6] = True
     operator.mask_changed()
@@ -57,14 +58,14 @@ def test_energy_of_contact_follows_cells_that_leave():
 
 def test_each_product_counts_once():
     grid = Grid(3, 2, 1.0, 1.0)
-    product, p = DenseProduct(dense_matrix(grid, 1.0), grid.shape), np.ones(grid.shape)
+    product, p = DenseProduct(dense_matrix(grid, UNIT), grid.shape), np.ones(grid.shape)
     product.apply(p, np.empty_like(p))
     product.apply(p, np.empty_like(p), p > 0)
     assert product.count == 2
 
 
 def test_wrapped_vec_shares_memory_of_its_field():
-    operator = InfluenceOperator(Grid(3, 2, 1.0, 1.0), 1.0)
+    operator = InfluenceOperator(Grid(3, 2, 1.0, 1.0), UNIT)
     with pytest.raises(ValueError, match="C-contiguous"):
         wrap_vec(np.zeros((2, 3), order="F"), operator)
     field = np.zeros((2, 3))

@@ -10,6 +10,7 @@ from operators import PERIODIC, STEEL
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.kernel import UNIT
 from app.halfspace.periodic_symbol import influence_symbol
 
 each_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys())
@@ -18,7 +19,7 @@ each_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys
 @each_grid
 def test_waves_are_eigenvectors(grid):
     quadrant = influence_quadrant(grid, STEEL)
-    symbol = influence_symbol(grid, STEEL, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
+    symbol = STEEL.eigenvalues(grid, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     spectrum = scipy.fft.rfft2(quadrant)[: grid.ny // 2 + 1].T
     np.testing.assert_allclose(spectrum, symbol, rtol=0, atol=1e-13 * symbol.max())
 
@@ -26,10 +27,10 @@ def test_waves_are_eigenvectors(grid):
 @pytest.mark.parametrize("cells", [3, 101, 1001])
 def test_long_cell_equals_its_square_cells(cells):
     long, square = Grid(64, 2, 1.0, cells, periodic="love"), Grid(64, 2 * cells, 1.0, 1.0, periodic="love")
-    whole, parts = (influence_quadrant(grid, 1.0) for grid in (long, square))
+    whole, parts = (influence_quadrant(grid, UNIT) for grid in (long, square))
     offsets = np.arange(2)[:, None] * cells + np.arange(cells) - cells // 2
     np.testing.assert_allclose(whole, parts[offsets].sum(axis=1), rtol=0, atol=1e-13 * whole.max())
-    turned = influence_quadrant(Grid(2, 64, cells, 1.0, periodic="love"), 1.0)
+    turned = influence_quadrant(Grid(2, 64, cells, 1.0, periodic="love"), UNIT)
     np.testing.assert_allclose(turned, whole.T, rtol=0, atol=1e-14 * whole.max())
 
 
@@ -53,7 +54,7 @@ def test_love_symbol_is_sum_over_images(nx, ny, dx, dy):
     grid = Grid(nx, ny, dx, dy, periodic="love")
 
     def summed(most):
-        whole = influence_quadrant(Grid((most + 1) * nx, (most + 1) * ny, dx, dy), 1.0)
+        whole = influence_quadrant(Grid((most + 1) * nx, (most + 1) * ny, dx, dy), UNIT)
         j, i = (np.abs(np.arange(n)[:, None] + n * np.arange(-most, most + 1)) for n in (ny, nx))
         share = np.where(abs(np.arange(-most, most + 1)) == most, 0.5, 1.0)  # of images at the rim
         total = np.einsum("yaxb,a,b->yx", whole[j][:, :, i], share, share)
@@ -61,7 +62,7 @@ def test_love_symbol_is_sum_over_images(nx, ny, dx, dy):
 
     one, two, four = (summed(most) for most in (8, 16, 32))
     first = 2 * two - one, 2 * four - two
-    found = influence_quadrant(grid, 1.0)
+    found = influence_quadrant(grid, UNIT)
     errors = [
         abs(sums - found).max() / found[0, 0] for sums in (four, first[1], (8 * first[1] - first[0]) / 7)
     ]

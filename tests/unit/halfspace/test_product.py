@@ -9,6 +9,7 @@ from operators import DOUBLE, GRIDS, PERIODIC, STEEL, make_convolution, matrix_o
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct
 
@@ -59,8 +60,8 @@ each_periodic_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERI
 
 
 def test_small_grids_have_dense_products():
-    assert isinstance(InfluenceOperator(GRIDS["two rows"], 1.0).product, DenseProduct)
-    assert isinstance(InfluenceOperator(GRIDS["even"], 1.0).product, Convolution)
+    assert isinstance(InfluenceOperator(GRIDS["two rows"], UNIT).product, DenseProduct)
+    assert isinstance(InfluenceOperator(GRIDS["even"], UNIT).product, Convolution)
 
 
 @each_grid

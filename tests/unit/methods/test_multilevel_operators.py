@@ -7,8 +7,8 @@ import pytest
 
 from app import Grid
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
-from app.halfspace.influence import influence_quadrant, middle_displacement
-from app.halfspace.periodic_symbol import influence_symbol
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.kernel import UNIT, HalfSpaceKernel
 from app.halfspace.product import Convolution, PeriodicProduct
 from app.methods.multilevel_operators import (
     create_circulant_inverse,
@@ -64,22 +64,22 @@ FREE = {
 
 @pytest.mark.parametrize(("grid", "error"), FREE.values(), ids=FREE.keys())
 def test_multilevel_influence_is_near_a_and_symmetric(grid, error):
-    exact = Convolution(lambda rows: influence_quadrant(grid, 0.5, rows), grid.shape)
+    exact = Convolution(lambda rows: influence_quadrant(grid, HalfSpaceKernel(0.5), rows), grid.shape)
     fields = [(noise(grid), error), (cells(grid), error), (np.ones(grid.shape), 1e-3), (wave(grid), 2e-3)]
     fields.append((corner(grid), 2 * error))
-    assert_near_and_symmetric(create_multilevel_influence(grid, 0.5), exact, fields, error)
+    assert_near_and_symmetric(create_multilevel_influence(grid, HalfSpaceKernel(0.5)), exact, fields, error)
 
 
 @pytest.mark.parametrize("grid", [FREE[name][0] for name in list(FREE)[:5]], ids=list(FREE)[:5])
 def test_multilevel_circulant_inverse_is_near_that_by_fft_and_symmetric(grid):
-    inverse = create_circulant_inverse(grid, 1.0, apart=True)
+    inverse = create_circulant_inverse(grid, UNIT, apart=True)
     assert isinstance(inverse, MultilevelOperator)
     exact = EvenMultiplier(grid.shape, inverse.periods)
     sides = [n * d for n, d in zip(inverse.periods, (grid.dy, grid.dx), strict=True)]
 
     def symbol(columns, rows):
         values = eigenvalues(grid, 1.0, 2 * columns / inverse.periods[1], 2 * rows / inverse.periods[0])
-        values[(columns[:, None] == 0) & (rows == 0)] = middle_displacement(1.0, sides)
+        values[(columns[:, None] == 0) & (rows == 0)] = UNIT.middle_displacement(sides)
         return 1 / values
 
     exact.set_spectrum(symbol)
@@ -103,8 +103,8 @@ PERIODIC = {
 @pytest.mark.parametrize(("nx", "ny", "aspect", "error"), PERIODIC.values(), ids=PERIODIC.keys())
 def test_multilevel_inverse_is_near_b_and_zero_on_constants(nx, ny, aspect, error, kind):
     grid = Grid(nx, ny, aspect, 1.0, periodic=kind)
-    inverse = create_multilevel_inverse(grid, 0.5)
-    exact = PeriodicProduct(partial(influence_symbol, grid, 0.5), grid.shape).inverse()
+    inverse = create_multilevel_inverse(grid, HalfSpaceKernel(0.5))
+    exact = PeriodicProduct(partial(HalfSpaceKernel(0.5).eigenvalues, grid), grid.shape).inverse()
     fields = [(noise(grid), error), (cells(grid), error), (wave(grid), 5e-3), (corner(grid), error)]
     assert_near_and_symmetric(inverse, exact, fields, error)
     constant, scale = np.empty(grid.shape), np.empty(grid.shape)
@@ -117,7 +117,7 @@ def test_multilevel_influence_of_distant_cells_is_that_of_a_point():
     grid = Grid(600, 140, 1.0, 1.0)
     p, u = np.zeros(grid.shape), np.empty(grid.shape)
     p[70, 5] = 1.0
-    create_multilevel_influence(grid, 1.0).apply(p, u)
+    create_multilevel_influence(grid, UNIT).apply(p, u)
     x = np.arange(200, 600)
     np.testing.assert_allclose(u[70, x], 1 / (x - 5), rtol=2e-3)
 
@@ -133,12 +133,12 @@ def test_multilevel_influence_of_distant_cells_is_that_of_a_point():
     ],
 )
 def test_small_and_odd_periodic_grids_have_no_multilevel_product(create, grid):
-    assert create(grid, 1.0) is None
+    assert create(grid, UNIT) is None
 
 
 def test_rows_may_be_left_out_and_fields_changed_in_place():
     grid, rng = Grid(140, 150, 1.0, 1.0), np.random.default_rng(0)
-    inverse = create_circulant_inverse(grid, 1.0, Layout(dtype=np.float32), apart=True)
+    inverse = create_circulant_inverse(grid, UNIT, Layout(dtype=np.float32), apart=True)
     rows = rng.random(150) < 0.5
     field = rng.normal(size=grid.shape) * rows[:, None]
     expected, product = np.empty(grid.shape), field.copy()
@@ -151,7 +151,7 @@ def test_rows_may_be_left_out_and_fields_changed_in_place():
 
 
 def test_multilevel_product_costs_less_than_an_fft_of_its_cells():
-    inverse = create_circulant_inverse(Grid(2048, 2048, 1.0, 1.0), 1.0, apart=True)
+    inverse = create_circulant_inverse(Grid(2048, 2048, 1.0, 1.0), UNIT, apart=True)
     before = inverse.points
     inverse.apply(np.zeros((2048, 2048)), np.zeros((2048, 2048)))
     assert before == 0
@@ -161,5 +161,5 @@ def test_multilevel_product_costs_less_than_an_fft_of_its_cells():
 @pytest.mark.parametrize("sides", [(3.0, 2.0), (1.0, 1.0)])
 def test_constant_displaces_as_one_large_cell(sides):
     b, a = sides
-    expected = influence_quadrant(Grid(1, 1, a, b), 0.5)[0, 0]
-    assert middle_displacement(0.5, sides) == pytest.approx(expected, rel=1e-13)
+    expected = influence_quadrant(Grid(1, 1, a, b), HalfSpaceKernel(0.5))[0, 0]
+    assert HalfSpaceKernel(0.5).middle_displacement(sides) == pytest.approx(expected, rel=1e-13)

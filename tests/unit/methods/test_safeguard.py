@@ -12,6 +12,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
 from app.contact.periodic_state import contact_state
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct
 from app.methods import progress
@@ -60,7 +61,7 @@ def test_energy_decreases_for_any_positive_definite_problem(seed, condition, ksp
     a = positive_definite(grid.n, rng, condition)
     h = rng.normal(size=grid.n)
     inadmissible = rng.random(grid.n) < 0.1
-    hierarchy = Hierarchy(grid, 1.0, MPI.COMM_SELF)
+    hierarchy = Hierarchy(grid, UNIT, MPI.COMM_SELF)
     operator = hierarchy.target
     operator.product = operator.exact_product = DenseProduct(a, grid.shape)
     distance = UndeformedDistance(operator, np.where(inadmissible, np.nan, h).reshape(grid.shape))
@@ -126,7 +127,7 @@ def test_safeguard_of_a_light_load_is_accurate_to_rounding(monkeypatch):
     solution = solve(problem, None, "fast", 1e-5)
     assert solution.fallbacks > 0
     u = np.empty(problem.grid.shape)
-    InfluenceOperator(problem.grid, problem.material.compliance).displacement(solution.pressure, u)
+    InfluenceOperator(problem.grid, problem.material.kernel).displacement(solution.pressure, u)
     assert u.max() < 1e-6 * np.nanmax(solution.undeformed_distance)
     np.testing.assert_allclose(solution.displacement, u, rtol=0, atol=1e-13 * u.max())
 
@@ -166,7 +167,7 @@ class Uphill:
 @pytest.mark.parametrize(("length", "reason"), [(1.0, "no step"), (np.inf, "not a finite number")])
 def test_unsolved_pressure_vanishes_outside_contact(length, reason, monkeypatch):
     """The last system leaves out cells that are nearly free."""
-    operator = InfluenceOperator(Grid(6, 5, 1.0, 1.0), 1.0)
+    operator = InfluenceOperator(Grid(6, 5, 1.0, 1.0), UNIT)
     state = contact_state(operator, UndeformedDistance(operator, np.ones((5, 6))))
     state.values[2, 1:4] = 1.0, 1e-3, 1e-4
     monkeypatch.setattr(History, "start", lambda *_: None)

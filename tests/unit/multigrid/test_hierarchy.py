@@ -6,13 +6,14 @@ import pytest
 from mpi4py import MPI
 
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.multigrid.hierarchy import Hierarchy
 
 
 @pytest.mark.parametrize("shape", [(256, 256), (37, 100), (1, 1000), (5, 3), (1, 1)])
 def test_grids_are_halved_down_to_the_coarsest(shape):
     ny, nx = shape
-    hierarchy = Hierarchy(Grid(nx, ny, 0.1, 0.1), 1.0, MPI.COMM_SELF, coarsest=4)
+    hierarchy = Hierarchy(Grid(nx, ny, 0.1, 0.1), UNIT, MPI.COMM_SELF, coarsest=4)
     grids = [level.grid for level in hierarchy.levels]
     assert grids[-1].shape == shape
     assert max(grids[0].shape) <= 4
@@ -27,7 +28,7 @@ def test_odd_periodic_grids_are_halved():
     shapes = [
         [
             level.grid.shape
-            for level in Hierarchy(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), 1.0, MPI.COMM_SELF).levels
+            for level in Hierarchy(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), UNIT, MPI.COMM_SELF).levels
         ]
         for nx, ny in ((24, 40), (36, 7), (15, 7), (4, 4))
     ]
@@ -40,9 +41,9 @@ def test_odd_periodic_grids_are_halved():
 
 
 def test_windowed_levels_make_no_product_before_it_is_used():
-    windowed = Hierarchy(Grid(128, 128, 0.1, 0.1), 1.0, MPI.COMM_SELF, margin=0.1)
+    windowed = Hierarchy(Grid(128, 128, 0.1, 0.1), UNIT, MPI.COMM_SELF, margin=0.1)
     assert [level.grid.nx for level in windowed.levels if "product" not in vars(level)] == [128]
     assert "exact_product" in vars(windowed.target)
     assert windowed.operator_applications() == 0
-    whole = Hierarchy(Grid(128, 128, 0.1, 0.1), 1.0, MPI.COMM_SELF)
+    whole = Hierarchy(Grid(128, 128, 0.1, 0.1), UNIT, MPI.COMM_SELF)
     assert all("product" in vars(level) for level in whole.levels)

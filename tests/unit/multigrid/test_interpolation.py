@@ -5,6 +5,7 @@ import pytest
 from operators import random_field
 
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.transfer import Transfer
 
@@ -46,7 +47,11 @@ def test_periodic_interpolation_commutes_with_shifts(shape, factors, interpolate
     (ny, nx), (fy, fx) = shape, factors
     fine = Grid(nx, ny, 0.5, 0.5, periodic="spectral")
     coarse = Grid(nx // fx, ny // fy, 0.5 * fx, 0.5 * fy, periodic="spectral")
-    transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), factors)
+    transfer = Transfer(
+        InfluenceOperator(fine, UNIT),
+        InfluenceOperator(coarse, UNIT),
+        factors,
+    )
     u, found, moved = random_field(coarse, 1), np.empty(shape), np.empty(shape)
     getattr(transfer, interpolate)(u, found)
     getattr(transfer, interpolate)(np.roll(u, (1, 1), (0, 1)), moved)
@@ -59,7 +64,11 @@ def test_periodic_interpolation_commutes_with_shifts(shape, factors, interpolate
 def test_periodic_interpolation_preserves_constants(nx, ny, interpolate):
     fine = Grid(nx, ny, 0.5, 0.3, periodic="love")
     coarse = fine.coarsen(1)
-    transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), fine.coarsening(1))
+    transfer = Transfer(
+        InfluenceOperator(fine, UNIT),
+        InfluenceOperator(coarse, UNIT),
+        fine.coarsening(1),
+    )
     found = np.empty(fine.shape)
     getattr(transfer, interpolate)(np.full(coarse.shape, 3.0), found)
     np.testing.assert_allclose(found, 3.0, rtol=1e-14)
@@ -76,7 +85,11 @@ def test_order_of_periodic_interpolation(interpolate, order, odd):
         def function(grid):
             return np.exp(np.sin(2 * np.pi * grid.x()))[None, :] * np.cos(2 * np.pi * grid.y() + 1)[:, None]
 
-        transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), (2, 2))
+        transfer = Transfer(
+            InfluenceOperator(fine, UNIT),
+            InfluenceOperator(coarse, UNIT),
+            (2, 2),
+        )
         found = np.empty(fine.shape)
         getattr(transfer, interpolate)(function(coarse), found)
         errors.append(abs(found - function(fine)).max())

@@ -6,6 +6,7 @@ from operators import mat_times, restriction_mat
 from petsc4py import PETSc
 
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.transfer import Transfer
 
@@ -27,7 +28,11 @@ def make_transfer(shape, factors):
     (ny, nx), (fy, fx) = shape, factors
     fine = Grid(nx, ny, 0.5, 0.25, x0=-1.0, y0=3.0)
     coarse = Grid(-(-nx // fx), -(-ny // fy), fx * fine.dx, fy * fine.dy, fine.x0, fine.y0)
-    return Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), factors)
+    return Transfer(
+        InfluenceOperator(fine, UNIT),
+        InfluenceOperator(coarse, UNIT),
+        factors,
+    )
 
 
 def children(shape, factors, j, i):
@@ -157,7 +162,7 @@ def test_long_waves_survive_restriction_to_an_odd_grid(shape):
     ny, nx = shape
     fine = Grid(nx, ny, 1 / nx, 1 / ny, periodic="spectral")
     coarse = fine.coarsen()
-    transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), (2, 2))
+    transfer = Transfer(InfluenceOperator(fine, UNIT), InfluenceOperator(coarse, UNIT), (2, 2))
 
     def wave(grid):
         return np.cos(2 * np.pi * grid.x() + 1)[None, :] + np.sin(2 * np.pi * grid.y() + 2)[:, None]

@@ -28,7 +28,7 @@ def test_figure_2_shows_the_coefficients_in_their_places():
     values = np.asarray(image.get_array())
     material = Material.combined(82000.0, 0.28)
     grid = pictures.Grid.from_domain(32, 32, pictures.HERTZ_DOMAIN)
-    quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance)
+    quadrant = material.shear_modulus * influence_quadrant(grid, material.kernel)
     assert values.shape == (33, 33)
     for j, i in ((0, 0), (3, 5), (-16, 16), (7, -2)):
         assert values[16 + j, 16 + i] == pytest.approx(quadrant[abs(j), abs(i)])

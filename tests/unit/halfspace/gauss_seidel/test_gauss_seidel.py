@@ -12,6 +12,7 @@ from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem
 from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant, quadrant_rows
+from app.halfspace.kernel import UNIT
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 
@@ -35,7 +36,7 @@ def scalar_loop(kernel, r, mask, omega):
 
 
 def expected_sweep(grid, r, mask, omega, backward):
-    kernel = influence_quadrant(grid, 1.0)
+    kernel = influence_quadrant(grid, UNIT)
     if backward:
         return scalar_loop(kernel, r[::-1, ::-1].copy(), mask[::-1, ::-1].copy(), omega)[::-1, ::-1]
     return scalar_loop(kernel, r, mask, omega)
@@ -172,7 +173,7 @@ def test_sweep_refuses_fields_of_wrong_shape():
 
 def test_kernel_is_requested_in_blocks_of_rows():
     grid = Grid(20, 300, 1.0, 1.0)
-    kernel, asked = quadrant_rows(grid, 1.0), []
+    kernel, asked = quadrant_rows(grid, UNIT), []
 
     def rows(which, columns):
         asked.append((which.start, which.stop))

@@ -8,6 +8,7 @@ from scipy.ndimage import binary_dilation, convolve
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free import contact_edge
 from app.methods.free.circulant import circulant_inverse
@@ -150,11 +151,11 @@ def test_extended_residual_predicts_the_displacement_near_contact(r, off):
     grid = Grid(32, 32, 1.0, 1.0)
     y, x = np.mgrid[:32, :32] - 15.5
     contact = x**2 + y**2 < 10**2
-    matrix = dense_matrix(grid, 1.0)
+    matrix = dense_matrix(grid, UNIT)
     inside = contact.reshape(-1)
     r = r(x, y) * contact
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
-    extension = make(contact, 2, circulant_inverse(InfluenceOperator(grid, 1.0)).centre)
+    extension = make(contact, 2, circulant_inverse(InfluenceOperator(grid, UNIT)).centre)
     next_to_contact = binary_dilation(contact) & ~contact
     predicted, change = (
         apply(extension.extend, r)[next_to_contact],

@@ -6,6 +6,7 @@ from operators import STEEL
 from petsc4py import PETSc
 
 from app import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.circulant import circulant_inverse
 from app.methods.free.tracking_cg import TrackingCG
@@ -311,7 +312,7 @@ def test_solve_works_after_a_reset(make):
 
 
 def test_operators_leave_spare_fields_unchanged():
-    operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), 1.0, dtype=np.float32)
+    operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), UNIT, dtype=np.float32)
     operator.prepare("exact_product", "product")
     spare = [field for field in operator.spare_fields(np.float64, np.float32) if field is not None]
     assert spare

@@ -6,6 +6,7 @@ from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.solver import TrackingSolver
 
@@ -51,7 +52,7 @@ def test_small_windows_share_one_size(created):
 
 
 def test_exact_products_of_windows_stay_counted():
-    operator = InfluenceOperator(Grid(40, 40, 1.0, 1.0), 1.0, dtype=np.float32)
+    operator = InfluenceOperator(Grid(40, 40, 1.0, 1.0), UNIT, dtype=np.float32)
     p = np.ones(operator.local_shape)
     operator.exact_displacement(p, p.copy())
     operator.displacement(p, p.copy())
