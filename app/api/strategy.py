@@ -112,7 +112,7 @@ class Strategy:
             state.destroy()
             del state
         state, outcome = self._solve(loading, history, start)
-        if full and full.postponed and not (outcome.converged and state.cells_in_contact() < state.grid.n):
+        if full and full.postponed and not (outcome.converged and state.elastic_cells() < state.grid.n):
             return self._in_full_contact(full, loading, history, state, outcome)
         return state, outcome
 

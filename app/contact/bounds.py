@@ -153,7 +153,7 @@ class CappedBounds(PressureBounds):
     def exchange(self, p, stored, w, change, b, admissible, contact, plastic, *limits):
         """Exchange cells of C with open and plastic ones; see `capped_kernels.exchange`."""
         fields = p, stored, self.upper, w, change, b, admissible, contact, plastic
-        return capped_kernels.exchange(*fields, *limits)
+        return capped_kernels.exchange(*fields, *limits, np.empty(p.shape[1]))
 
     def project(self, p, cells, out):
         """Store p clipped to the bounds in `cells`; see `bounds_kernels.project`."""

@@ -9,7 +9,7 @@ import numpy as np
 from app.base.numba_cache import njit
 from app.contact.bounds_kernels import activate_row, squares_row, sum_row
 from app.contact.kernels import gap
-from app.parallel.reductions import add_tuples, njit_reassoc
+from app.parallel.reductions import add_row, add_tuples, njit_reassoc
 
 
 @njit_reassoc
@@ -129,12 +129,23 @@ def violations(p, upper, contact):
 
 
 @njit_reassoc
+def _room_row(p, upper, contact, up):
+    cells = 0
+    if up:
+        for i in range(p.size):
+            cells += contact[i] & (p[i] < upper[i])
+    else:
+        for i in range(p.size):
+            cells += contact[i] & (p[i] > 0)
+    return cells
+
+
+@njit()
 def room(p, upper, contact, step):
     """Count the cells of C whose p can change in the direction of `step`."""
     cells = 0
     for j in range(p.shape[0]):
-        for i in range(p.shape[1]):
-            cells += contact[j, i] & ((p[j, i] < upper[j, i]) if step > 0 else (p[j, i] > 0))
+        cells += _room_row(p[j], upper[j], contact[j], step > 0)
     return cells
 
 
@@ -151,68 +162,51 @@ def add_constant(p, upper, contact, step):
     return total
 
 
+@njit_reassoc
+def _exchange_row(
+    p, upper, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured, shift
+):  # fmt: skip
+    cells, added, removed, shifted, total, moves = 0, 0, 0, 0, 0.0, 0.0
+    for i in range(p.size):
+        inside, full, new_w, value = contact[i], plastic[i], w[i] + change[i], np.float64(p[i])
+        e, above = new_w - b[i], value - upper[i]
+        opens, hardens = inside & (value < -slack), inside & (above > slack)
+        softens = full & (e > -least_gap)
+        enters = softens | ((not inside) & (not full) & admissible[i] & (e < least_gap))
+        leaves = opens | hardens
+        moved = value * compliance if opens else (above * compliance if hardens else (e if enters else 0.0))
+        shift[i] = upper[i] if softens else (-upper[i] if hardens else 0.0)
+        captured[i] = enters
+        contact[i] = (inside & (not leaves)) | enters
+        plastic[i] = (full & (not softens)) | hardens
+        cells += contact[i]
+        added += enters
+        removed += leaves
+        shifted += softens | hardens
+        total += new_w
+        moves += moved * moved if abs(moved) <= far else np.inf
+    return cells, added, removed, shifted, total, moves
+
+
 @njit()
 def exchange(
-    p, stored, upper, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured
+    p, stored, upper, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured, shift
 ):  # fmt: skip
     """Exchange cells of the contact set C with open and plastic ones in one pass.
 
     `p` is the pressure, minus H in `plastic` cells, and `stored` an earlier one of the same kind. Both stay so. Cells
     of C with p < -slack become open, with p > H + slack plastic. Open cells with a gap below `least_gap`, and plastic
-    ones with a gap above -`least_gap`, enter C and are marked in `captured`. Other parameters and the result are those
-    of `app.contact.bounds_kernels.exchange`.
+    ones with a gap above -`least_gap`, enter C and are marked in `captured`. `shift` is work space of a row. Other
+    parameters and the result are those of `app.contact.bounds_kernels.exchange`.
     """
-    cells, added, removed, total, moves = 0, 0, 0, 0.0, 0.0
+    sums = 0, 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
-        for i in range(p.shape[1]):
-            inside, full, new_w = contact[j, i], plastic[j, i], w[j, i] + change[j, i]
-            e, moved, enters, leaves = new_w - b[j, i], 0.0, False, False
-            if inside:
-                value, above = np.float64(p[j, i]), p[j, i] - upper[j, i]
-                leaves = (value < -slack) | (above > slack)
-                if leaves:
-                    moved = compliance * (value if value < 0 else above)
-                    if above > slack:
-                        plastic[j, i] = True
-                        p[j, i] -= upper[j, i]
-                        stored[j, i] -= upper[j, i]
-            elif full:
-                enters = e > -least_gap
-                if enters:
-                    moved = e
-                    plastic[j, i] = False
-                    p[j, i] += upper[j, i]
-                    stored[j, i] += upper[j, i]
-            else:
-                enters = admissible[j, i] & (e < least_gap)
-                moved = e if enters else 0.0
-            captured[j, i] = enters
-            contact[j, i] = (inside & (not leaves)) | enters
-            cells += contact[j, i]
-            added += enters
-            removed += leaves
-            total += new_w
-            moves += moved * moved if abs(moved) <= far else np.inf
-    return cells, added, removed, total, moves
-
-
-@njit_reassoc
-def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
-    total = 0.0
-    for i in range(b.size):
-        value = p[i] - (gap(u[i], b[i], depth) - t) / compliance
-        value = min(max(value, 0.0), upper[i])
-        total += value if admissible[i] else 0.0
-    return total
-
-
-@njit()
-def local_load(b, depth, u, p, upper, admissible, t, compliance):
-    """Return the sum of pressures after a local approach t.
-
-    Each cell has a `compliance` of its own, so that p changes by (t - e) / compliance within the bounds.
-    """
-    total = 0.0
-    for j in range(b.shape[0]):
-        total += _local_load_row(b[j], depth, u[j], p[j], upper[j], admissible[j], t, compliance)
-    return total
+        row = _exchange_row(
+            p[j], upper[j], w[j], change[j], b[j], admissible[j], contact[j], plastic[j], slack, least_gap, compliance,
+            far, captured[j], shift,
+        )  # fmt: skip
+        sums = add_tuples(sums, row)
+        if row[3]:
+            add_row(p[j], 1.0, shift)
+            add_row(stored[j], 1.0, shift)
+    return sums[:3] + sums[4:]

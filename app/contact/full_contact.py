@@ -98,9 +98,10 @@ class FullContact:
         return distance.full_contact_pressures
 
     def _is_unlikely(self, mean_pressure):
-        """Return whether full contact on a coarser grid needs much more pressure.
+        """Return whether full contact on a coarser grid needs much more pressure, or less.
 
-        Collective. `mean_pressure` is the prescribed one [N/mm2].
+        Collective. `mean_pressure` is the prescribed one [N/mm2]. Shapes on coarser grids are smoother, so if the
+        hardness does not allow full contact there, it hardly does here.
         """
         if not self.level:
             return False
@@ -109,4 +110,5 @@ class FullContact:
         if np.isinf(distance.full_contact_pressures[0]):
             inverse = operator.inverse if operator.active else None
             self._find_allowed(inverse, distance, np.empty(operator.local_shape))
-        return mean_pressure < _MAX_PRESSURE_FRACTION * distance.full_contact_pressures[0]
+        least, most = distance.full_contact_pressures
+        return mean_pressure < _MAX_PRESSURE_FRACTION * least or mean_pressure > most

@@ -196,6 +196,10 @@ class ContactState:
             return 0
         return int(self.sum([np.count_nonzero(self.bounds.plastic(factor * self.p))])[0])
 
+    def elastic_cells(self):
+        """Count the cells of C. Collective."""
+        return int(self.sum([np.count_nonzero(self.contact)])[0])
+
     def cells_in_contact(self):
         """Count the cells in contact, those of C and plastic ones. Collective."""
         return int(self.sum([np.count_nonzero(self.in_contact())])[0])

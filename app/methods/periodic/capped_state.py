@@ -33,7 +33,7 @@ class CappedPrimalState(PrimalState):
     def __init__(self, state, inverse, loading):
         super().__init__(state, inverse, _feasible(loading, state))
         self.plastic = np.zeros(self.w.shape, bool)
-        self._left = set()  # checksums of sets from which cells have been exchanged
+        self._left, self._sets = set(), None  # checksums of earlier sets, and of the present ones
 
     def reset_for_safeguard(self):
         """Set contact in all admissible cells; see `PrimalState.reset_for_safeguard`."""
@@ -109,23 +109,22 @@ class CappedPrimalState(PrimalState):
             np.equal(order, last, out=state.contact)
         self.w -= level  # a constant has no pressure
 
+    def exchange(self, solver, *limits):
+        """Exchange cells of C with open and plastic ones; see `PrimalState.exchange`."""
+        checksums = [zlib.crc32(cells) for cells in (self.state.contact, self.plastic)]
+        self._sets = tuple(self.state.sum(checksums))
+        update = super().exchange(solver, *limits)
+        if update.changed:
+            self._left.add(self._sets)
+        return update
+
     def _exchange_cells(self, solver, *limits):
         """Exchange cells of this rank; only the worst one if these sets were left before."""
         state = self.state
-        sets = self._checksum()
-        if sets in self._left:
+        if self._sets in self._left:
             return self._exchange_worst(solver, *limits)
         fields = solver.carried, state.values, self.w, solver.change, state.distance.b, state.admissible
-        counts = state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
-        if sets != self._checksum():
-            self._left.add(sets)
-        return counts
-
-    def _checksum(self):
-        """Return a checksum of C and the plastic cells. Collective."""
-        state = self.state
-        sums = [zlib.crc32(np.ascontiguousarray(cells)) for cells in (state.contact, self.plastic)]
-        return tuple(state.sum(sums))
+        return state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
 
     def _exchange_worst(self, solver, slack, least_gap, compliance, far, captured):
         """Exchange the cell that violates its condition most, which ends a cycle of sets."""

@@ -179,7 +179,7 @@ class PrimalState:
         above = tuple(field[:0] for field in bound) if room is None else (room, *rows(room))
         stencil.sweep_projected(*sources, *bound, *above, weights, solver.guess_sweeps, x, work)
         self._apply_guess(x, lowest)
-        if not (self.loading.allows_no_contact or state.sum([np.count_nonzero(state.contact)])[0]):
+        if not (self.loading.allows_no_contact or state.elastic_cells()):
             self._touch()
         self._update_free_cells(solver)
         self.restore_mean(solver)
