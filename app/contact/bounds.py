@@ -163,6 +163,10 @@ class CappedBounds(PressureBounds):
         """Return the sum of p, and that of its violation of the bounds in C."""
         return capped_kernels.violations(p, self.upper, contact)
 
+    def excess(self, p):
+        """Return what clipping to the bounds subtracts from p [N/mm2]."""
+        return p - np.clip(p, self.lower, self.upper)
+
     def room(self, p, contact, step):
         """Count the cells of C whose p can change in the direction of `step`."""
         return capped_kernels.room(p, self.upper, contact, step)

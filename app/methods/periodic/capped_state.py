@@ -132,7 +132,7 @@ class CappedPrimalState(PrimalState):
         p, new_w = solver.carried.astype(float), self.w + solver.change
         e = new_w - state.distance.b
         outside = np.where(state.admissible, np.where(plastic, e, -e), 0.0)
-        violation = np.where(contact, compliance * np.maximum(-p, p - upper), outside)
+        violation = np.where(contact, compliance * abs(state.bounds.excess(p)), outside)
         violation[violation <= np.where(contact, compliance * slack, -least_gap)] = 0.0
         worst = -state.minimum([-violation.max(initial=0.0)])[0]
         swapped = (violation == worst) & (worst > 0)
@@ -153,8 +153,7 @@ class CappedPrimalState(PrimalState):
         plastic = self.plastic & ~contact
         for field in fields:
             self._add_hardness(field)
-        excess = np.maximum(solver.carried - state.bounds.upper, 0) + np.minimum(solver.carried, 0)
-        self._fill_up(self.w + solver.change, excess)
+        self._fill_up(self.w + solver.change, state.bounds.excess(solver.carried))
         for field in fields:
             self._subtract_hardness(field)
         captured, kept = state.contact & ~contact, state.contact & contact
