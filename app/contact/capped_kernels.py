@@ -210,3 +210,25 @@ def exchange(
             add_row(p[j], 1.0, shift)
             add_row(stored[j], 1.0, shift)
     return sums[:3] + sums[4:]
+
+
+@njit_reassoc
+def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
+    total = 0.0
+    for i in range(b.size):
+        value = p[i] - (gap(u[i], b[i], depth) - t) / compliance
+        value = min(max(value, 0.0), upper[i])
+        total += value if admissible[i] else 0.0
+    return total
+
+
+@njit()
+def local_load(b, depth, u, p, upper, admissible, t, compliance):
+    """Return the sum of pressures after a local approach t.
+
+    Each cell has a `compliance` of its own, so that p changes by (t - e) / compliance within the bounds.
+    """
+    total = 0.0
+    for j in range(b.shape[0]):
+        total += _local_load_row(b[j], depth, u[j], p[j], upper[j], admissible[j], t, compliance)
+    return total
