@@ -30,6 +30,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "surfaces": "Surfaces and materials",
         "load-paths": "Load curves",
         "periodic": None,
+        "hardness": "Hardness and unloading",
         "conductance": None,
         "sensitivities": None,
         "methods": None,

@@ -74,6 +74,15 @@ def test_resistance_falls_with_the_load_as_that_of_spots(run_script, tmp_path):
     assert (tmp_path / "contact_resistance.png").is_file()
 
 
+def test_indented_plate_unloads_with_the_stiffness_of_a_circle(run_script, tmp_path):
+    names = run_script("indentation")
+    loaded, table = names["loaded"], names["table"]
+    assert loaded.unloading_stiffness == pytest.approx(names["oliver_pharr"], rel=0.01)
+    assert names["unloaded"].load == 0 < names["unloaded"].indentation < loaded.indentation
+    assert table["max_pressure"].max() == 2000
+    assert (tmp_path / "indentation.png").is_file()
+
+
 def test_wheel_is_stressed_most_below_the_surface(run_script, tmp_path):
     names = run_script("wheel_on_rail")
     assert names["hottest"].depth > 1 and names["solution"].notes == ()
