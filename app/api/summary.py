@@ -122,6 +122,8 @@ def _describe_plastic(facts):
         contact, plastic = facts["persson_hardness_fraction"], facts["persson_plastic_fraction"]
         text += f" (Persson with hardness: contact {100 * contact:.4g}%, plastic {100 * plastic:.4g}%)"
     text += f", plastic volume {facts['plastic_volume']:.6g} mm3"
+    if "residual_depth" in facts:
+        text += f", indented by earlier loads up to {facts['residual_depth']:.6g} mm deep"
     return text + (f"; largest load {facts['largest_load']:.8g} N" if "largest_load" in facts else "")
 
 

@@ -42,6 +42,7 @@ def analytic_reference(result):
         or result.grid.periodic
         or values.get("surfaces")
         or values.get("plastic_area")
+        or values.get("residual_depth")
     ):
         return None
     if (

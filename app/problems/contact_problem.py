@@ -221,9 +221,9 @@ class ContactProblem(Problem):
             for name, value in {**surface.describe(), **reading}.items():
                 numbered = chain([name], (f"{name}{k}" for k in count(2)))
                 facts[next(key for key in numbered if key not in facts)] = value
-        if self.surfaces:
-            inner = facts.get("surfaces", 0) if isinstance(self.shape, ContactProblem) else 0
-            facts["surfaces"] = inner + len(self.surfaces)
+        inner = facts.get("surfaces", 0) if isinstance(self.shape, ContactProblem) else 0
+        if rough := inner + sum(not isinstance(surface, ResidualSurface) for surface in self.surfaces):
+            facts["surfaces"] = rough
         facts["problem"] = self.name
         return facts
 

@@ -76,6 +76,8 @@ def test_gap_minus_plastic_depth_is_the_deformed_distance(tmp_path):
         assert solution.mean_gap == pytest.approx(np.maximum(solution.gap, 0).mean(), rel=1e-5)
         assert solution.mean_plastic_depth == pytest.approx(solution.plastic_depth.mean(), rel=1e-12)
         np.testing.assert_array_equal(solution.plastic_depth > 0, loaded.plastic_depth > 0)
+        assert "surfaces" not in solution.attributes  # a residual surface is no roughness
+        assert ("indented by earlier loads" in solution.summary()) == (solution is not loaded)
         assert (loaded.pressure == problem.hardness)[solution.plastic_depth > 0].all()
 
 
