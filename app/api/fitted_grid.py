@@ -20,7 +20,7 @@ MAX_PROBES = 16
 _UNIT_PATCH = (-1.0, 1.0, -1.0, 1.0)  # where a gap without a theory is first probed [mm]
 
 
-def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
+def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, hardness=None):
     """Return a grid around the contact of smooth bodies.
 
     The contact is computed on small grids, usually one or two. The sides of the patch are 1.5 times the extent of the
@@ -41,6 +41,8 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
         Approach of the bodies [mm]; give this or the load.
     load : float, optional
         Total force [N].
+    hardness : float, optional
+        That of `ContactProblem` [N/mm2]. Default: that of a problem.
 
     Raises
     ------
@@ -64,11 +66,16 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
         )
     if patch is None:
         known = isinstance(gap, Shape)
-        patch = default_patch(gap, material.contact_modulus, **loading) if known else _UNIT_PATCH
+        bounds = {**loading, "hardness": hardness}
+        patch = default_patch(gap, material.contact_modulus, **bounds) if known else _UNIT_PATCH
+    if load is not None and hardness is not None:
+        patch = _enlarge(patch, MARGIN**2 * load / hardness)
     nx, ny = (cells, cells) if np.ndim(cells) == 0 else cells
     for _ in range(MAX_PROBES):
         grid = Grid.from_domain(PROBE_CELLS, PROBE_CELLS, patch)
-        problem = gap.on(grid) if isinstance(gap, Problem) else ContactProblem(grid, material, gap)
+        problem = gap.on(grid) if isinstance(gap, Problem) else gap
+        if problem is gap or hardness is not None:
+            problem = ContactProblem(grid, material, problem, hardness=hardness)
         contact, possible, found = _probe(problem, loading)
         spans = [_fit_side(contact.any(axis=k), possible.any(axis=k)) for k in (0, 1)]
         (a, b), (c, d) = (span for span, _ in spans)
@@ -81,6 +88,13 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None):
         raise InputError(f"fit_grid: no contact at the approach {format_exact(approach)} mm")
     sides = ", ".join(map(format_exact, patch))
     raise InputError(f"fit_grid: no patch contains the contact, last tried {sides} mm; give the domain")
+
+
+def _enlarge(patch, area):
+    """Return the patch, enlarged about its centre to at least an area [mm2]."""
+    x0, x1, y0, y1 = patch
+    half = max(math.sqrt(area / ((x1 - x0) * (y1 - y0))) - 1, 0.0) / 2
+    return x0 - half * (x1 - x0), x1 + half * (x1 - x0), y0 - half * (y1 - y0), y1 + half * (y1 - y0)
 
 
 def _probe(problem, loading):

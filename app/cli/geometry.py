@@ -353,7 +353,7 @@ def _fit_grid(options, name, shape, material, texts):
         grid = Grid.from_domain(PROBE_CELLS, PROBE_CELLS, (-1, 1, -1, 1))
         shape, _ = user_problem.create(options["problem_type"], grid, material, texts)
     try:
-        return fit_grid(shape, material, cells, **loading)
+        return fit_grid(shape, material, cells, hardness=options["hardness"], **loading)
     except InputError as error:
         raise InputError(f"-domain auto: {str(error).removeprefix('fit_grid: ')}") from None
 
@@ -369,7 +369,7 @@ def _make_default_patch(options, shape, material, periodic):
             "-domain is missing: x0,x1,y0,y1 [mm]; it follows from theory only for smooth bodies on a free patch"
         )
     try:
-        return default_patch(shape, material.contact_modulus, **loading)
+        return default_patch(shape, material.contact_modulus, hardness=options["hardness"], **loading)
     except InputError as error:
         raise InputError(f"-domain is missing: {error}") from None
 

@@ -13,7 +13,7 @@ END_MARGIN = (
 )  # side over a known length; the ends are edges of cells if there are a multiple of 16 cells
 
 
-def default_patch(shape, contact_modulus, approach=None, load=None):
+def default_patch(shape, contact_modulus, approach=None, load=None, hardness=None):
     """Return a patch around the contact of a smooth shape.
 
     The patch (x0, x1, y0, y1) [mm] has its centre at the origin.
@@ -27,6 +27,8 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
         Approach of the bodies [mm]; give this or the load. A flat punch needs neither.
     load : float, optional
         Total force [N].
+    hardness : float, optional
+        Upper bound of the pressure [N/mm2]: the patch has room for a contact that is all plastic.
 
     Raises
     ------
@@ -46,12 +48,15 @@ def default_patch(shape, contact_modulus, approach=None, load=None):
     loading = {what: value}
     if isinstance(shape, Cylinder):
         shape = Roller(shape.radius, shape.length)
+    plastic = value / hardness if what == "load" and hardness else 0.0  # area of plastic contact
     if isinstance(shape, Roller):
-        return _centred(*_roller_sides(shape, contact_modulus, loading))
+        half_x, half_y = _roller_sides(shape, contact_modulus, loading)
+        return _centred(max(half_x, LINE_MARGIN * plastic / (4 * shape.half_length)), half_y)
     contact = shape.analytic(contact_modulus, **loading)
     if contact is None:
         raise InputError("this shape has no theory of its contact")
-    return _centred(MARGIN * contact.a, MARGIN * contact.b)
+    growth = max(1.0, math.sqrt(plastic / (math.pi * contact.a * contact.b)))
+    return _centred(growth * MARGIN * contact.a, growth * MARGIN * contact.b)
 
 
 def _roller_sides(roller, contact_modulus, loading):

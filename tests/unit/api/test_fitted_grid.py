@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from app import Cone, ContactProblem, FlatPunch, Material, Paraboloid, Roller, Sphere, fit_grid, solve
+from app import Cone, ContactProblem, FlatPunch, Grid, Material, Paraboloid, Roller, Sphere, fit_grid, solve
 from app.base.errors import InputError
+from app.problems.default_patch import default_patch
+from app.problems.shapes import Shape
 
 STEEL = Material.isotropic(210e3, 0.3)
 
@@ -26,6 +28,22 @@ def test_contact_fills_more_than_half_of_the_sides_and_reaches_none(gap, loading
     for axis in (0, 1):
         along = contact.any(axis=axis)
         assert not along[0] and not along[-1] and np.count_nonzero(along) >= 24
+
+
+@pytest.mark.parametrize("gap", [Sphere(4), Cone(2), Roller(8, 6), tilted_saddle_free])
+def test_the_patch_has_room_for_plastic_contact(gap):
+    for hardness in 10.0, 1e9:
+        grid = fit_grid(gap, STEEL, 48, load=50, hardness=hardness)
+        contact = solve(ContactProblem(grid, STEEL, gap, hardness=hardness), load=50).contact
+        for axis in (0, 1):
+            along = contact.any(axis=axis)
+            assert not along[0] and not along[-1] and np.count_nonzero(along) >= 24
+        if isinstance(gap, Shape):  # from theory
+            patch = default_patch(gap, STEEL.contact_modulus, load=50, hardness=hardness)
+            grid = Grid.from_domain(48, 48, patch)
+            contact = solve(ContactProblem(grid, STEEL, gap, hardness=hardness), load=50).contact
+            edge = np.concatenate([contact[:, [0, -1]].ravel(), contact[[0, -1]].ravel()])
+            assert contact.any() and not edge.any()
 
 
 def test_the_patch_to_begin_with_does_not_matter():
