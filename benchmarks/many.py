@@ -1,10 +1,12 @@
 """Time of many small problems by `solve_many`, on one process and on several, and its overhead.
 
 ``python -m benchmarks.many --count 1000 --cells 128``. The surfaces are self-affine, pressed on a plane. The reference
-is the sum of the times of `ContactSolver.solve` alone, on a solver that is set up already.
+is the sum of the times of `ContactSolver.solve` alone, on a solver that is set up already. CPU times, of all processes
+together, vary less than times if other programs run.
 """
 
 import argparse
+import os
 import time
 import warnings
 
@@ -25,20 +27,48 @@ def rough_surfaces(grid, count):
     return [surface.height(grid.x(), grid.y()) for surface in surfaces]
 
 
-def time_parts(grid, surfaces, pressure):
-    """Return the seconds of set-up, of all updates, and of all solves, on one solver."""
-    started, updates, solves = time.perf_counter(), 0.0, 0.0
+class Clock:
+    """Sums of times and of CPU times, each by its name [s]."""
+
+    def __init__(self):
+        self.rows = {}
+        self._last = self._now()
+
+    @staticmethod
+    def _now():
+        return time.perf_counter(), sum(os.times()[:4])  # with processes that have ended
+
+    def add(self, what):
+        """Add the times since the last call to those of `what`."""
+        now = self._now()
+        row = self.rows.setdefault(what, {"what": what, "seconds": 0.0, "CPU seconds": 0.0})
+        for name, end, start in zip(("seconds", "CPU seconds"), now, self._last, strict=True):
+            row[name] += end - start
+        self._last = now
+
+
+def time_parts(clock, grid, surfaces, pressure):
+    """Time the set-up, all updates and all solves of one solver."""
     problems = [ContactProblem(grid, MATERIAL, surfaces=[heights]) for heights in surfaces]
     with ContactSolver(problems[0]) as solver:
-        setup = time.perf_counter() - started
+        clock.add("set-up")
         for problem in problems:
-            started = time.perf_counter()
             solver.update(problem)
-            updated = time.perf_counter()
+            clock.add("updates")
             solver.solve(mean_pressure=pressure)
-            updates += updated - started
-            solves += time.perf_counter() - updated
-    return setup, updates, solves
+            clock.add("solves alone")
+
+
+def time_all(grid, surfaces, pressure, counts):
+    """Return rows of times: of the parts, and of `solve_many` on each number of processes."""
+    clock = Clock()
+    time_parts(clock, grid, surfaces, pressure)
+    for processes in counts:
+        name = f"solve_many, {processes} process{'es'[: 2 * (processes > 1)]}"
+        table = solve_many(surfaces, None, processes, mean_pressure=pressure, grid=grid, material=MATERIAL)
+        clock.add(name)
+        clock.rows[name]["converged"] = int(table["converged"].sum())
+    return list(clock.rows.values())
 
 
 def main():
@@ -48,30 +78,20 @@ def main():
     parser.add_argument("--count", type=int, default=1000, help="number of surfaces")
     parser.add_argument("--pressure", type=float, default=100.0, help="mean pressure [N/mm2]")
     parser.add_argument("--processes", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--repeat", type=int, default=1, help="runs; the shortest time of each part counts")
     given = parser.parse_args()
     warnings.simplefilter("ignore", NoteWarning)
     grid = Grid.from_domain(given.cells, given.cells, (0.0, 1.0, 0.0, 1.0))
     surfaces = rough_surfaces(grid, given.count)
-    time_parts(grid, surfaces[:1], given.pressure)  # compiles, and fills caches
-    setup, updates, solves = time_parts(grid, surfaces, given.pressure)
-    rows = [
-        {"what": what, "seconds": seconds}
-        for what, seconds in (("set-up", setup), ("updates", updates), ("solves alone", solves))
-    ]
-    for processes in given.processes:
-        started = time.perf_counter()
-        table = solve_many(
-            surfaces, None, processes, mean_pressure=given.pressure, grid=grid, material=MATERIAL
-        )
-        seconds = time.perf_counter() - started
-        name = f"solve_many, {processes} process{'es'[: 2 * (processes > 1)]}"
-        rows.append({"what": name, "seconds": seconds, "converged": int(table["converged"].sum())})
-    for row in rows:
-        row["ms each"] = 1e3 * row["seconds"] / given.count
-        row["over solves alone"] = (
-            f"{100 * (row['seconds'] / solves - 1):+.0f}%" if "converged" in row else ""
-        )
-    print(format_text(rows, formats={"seconds": ".2f", "ms each": ".2f"}))
+    time_parts(Clock(), grid, surfaces[:1], given.pressure)  # compiles, and fills caches
+    runs = [time_all(grid, surfaces, given.pressure, given.processes) for _ in range(given.repeat)]
+    rows = runs[0]
+    for row, *others in zip(*runs, strict=True):
+        for name, unit in (("seconds", "ms each"), ("CPU seconds", "CPU ms each")):
+            row[name] = min(run[name] for run in (row, *others))
+            row[unit] = 1e3 * row[name] / given.count
+    numbers = "seconds", "CPU seconds", "ms each", "CPU ms each"
+    print(format_text(rows, formats=dict.fromkeys(numbers, ".2f")))
 
 
 if __name__ == "__main__":
