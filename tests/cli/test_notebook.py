@@ -32,8 +32,14 @@ def cells(tmp_path_factory):
     manager = AsyncKernelManager()
     command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
     manager.kernel_spec.argv = command  # not Debian's python3, which is that of the installed kernel
-    resources = {"metadata": {"path": str(tmp_path_factory.mktemp("notebook"))}}
-    nbclient.NotebookClient(notebook, km=manager, timeout=120, resources=resources).execute()
+    folder = str(tmp_path_factory.mktemp("notebook"))
+    client = nbclient.NotebookClient(
+        notebook, km=manager, timeout=120, resources={"metadata": {"path": folder}}
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        for variable in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_RUNTIME_DIR"):  # not those of the user
+            patch.setenv(variable, folder)
+        client.execute()
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
 
 
