@@ -21,43 +21,45 @@ _OF_SHAPES = ("hertz_", "body", "sphere_", "cylinder_", "roller_", "cone_", "pun
 
 _HEAD = """# Options
 
-Written by `python tests/options_page.py` from the tables that the program itself reads; a test keeps it so.
-Lengths mm, forces N, stresses N/mm2. `python -m app.solve -help` prints the same. From Python,
-`options={"lcp_rtol": 1e-8}` takes those of the [method](#method), [parts](#parts) and [linear
-solvers](#linear-solvers), without the dash.
+This page is written by `python tests/options_page.py` from the tables that the program itself reads; a test checks it.
+Lengths are in mm, forces in N, stresses in N/mm2. `python -m app.solve -help` prints the same options. In Python,
+`options={"lcp_rtol": 1e-8}` sets options of the [method](#method), of [parts](#parts) and of [linear
+solvers](#linear-solvers); write their names without the dash.
 
-Options come from three places, later ones override earlier ones: `PETSC_OPTIONS`, option files in order
-(`-options_file F`, with an option a line), the command line. Of options that exclude each other the ones of
-the last place count; two in one place are refused, and so is an option that can do nothing with the others.
-An empty default means that there is none: the option is needed where the problem asks for it, or off.
+Options come from `PETSC_OPTIONS`, from option files (`-options_file F`, one option per line), and from the command
+line. Later options override earlier ones: see [the command line](command-line.md#what-overrides-what). Two options that
+exclude each other are refused if they are in the same place. An option that has no effect together with the others is
+refused, too. If the default of an option is empty, the option is off, or must be given if the problem needs it.
 """
-_PROBLEM = """The base shapes are in [surfaces](surfaces.md#base-shapes). Without `-domain`,
-the patch follows from the shape's own theory; `-domain auto` fits it to the contact. A surface file that knows its
-spacing lies about the origin. `-periodic`: [periodic patches](periodic.md).
+_PROBLEM = """The page on surfaces describes the [base shapes](surfaces.md#base-shapes). Without `-domain`, the patch
+follows from the analytic solution for the shape; `-domain auto` fits the patch to the contact. If a surface file states its
+spacing, the patch is centred on the origin. `-periodic` makes a [periodic patch](periodic.md).
 """
-_MATERIALS = "Exactly one of three ways; the formulas are in [surfaces](surfaces.md#materials)."
-_SHAPES = """For `-problem hertz`, `sphere`, `cylinder`, `roller`, `cone`, `punch`; see
-[surfaces](surfaces.md#base-shapes)."""
-_ROUGH = """On any base shape, several at once: [surfaces](surfaces.md#rough-surfaces). A punch has the paper's waves
-unless another surface is given; other shapes have them if `-surface_sigma`, `_decay` or `_modes` is given. A
-self-affine surface is periodic on the patch and counted from its mean plane; exactly one of its rms slope and
-height is given.
+_MATERIALS = """Give the materials in exactly one of three ways; the page on surfaces has the
+[formulas](surfaces.md#materials)."""
+_SHAPES = """These options are for `-problem hertz`, `sphere`, `cylinder`, `roller`, `cone` and `punch`; see
+[base shapes](surfaces.md#base-shapes)."""
+_ROUGH = """Any base shape can carry several rough surfaces: see [rough surfaces](surfaces.md#rough-surfaces). A punch has
+the paper's waves unless another surface is given. Other shapes have these waves if `-surface_sigma`, `-surface_decay` or
+`-surface_modes` is given. A self-affine surface is periodic on the patch, and its mean is zero. Give exactly one of its
+rms slope and rms height.
 """
-_LOADING = "One number, or a path of many: [load curves](load-paths.md)."
-_OUTPUT = "[Results](results.md) says what the file holds."
-_METHOD = """The default of the option, and what the default methods set: `fast.opts` on free patches, `primal.opts` on
-periodic ones. What they do: [methods](methods.md). With `primal`, `-lcp_coarse_rtol` is of the gap, over the
-deviation of h from its mean or the approach beyond first touch, whichever is less.
+_LOADING = "Give one number, or a load path of many numbers: see [load curves](load-paths.md)."
+_OUTPUT = "The page [results](results.md) describes the result file."
+_METHOD = """The table has the default of each option, and the values that the default methods set: `fast.opts` on free
+patches, `primal.opts` on periodic patches. The page [methods](methods.md) describes the methods. With `primal`,
+`-lcp_coarse_rtol` limits the gap divided by the deviation of h from its mean, or by the approach beyond first touch if
+that is smaller.
 """
-_PARTS = """Read by preconditioners that a method file names by `-pc_python_type`:
+_PARTS = """These options belong to preconditioners that a method file chooses by `-pc_python_type`:
 `app.methods.free.circulant.Circulant` and `app.methods.periodic.two_grid.TwoGrid`.
 """
 _LINEAR = """
 ## Linear solvers
 
-`-ksp_*`, `-pc_*`, `-mg_levels_*`, `-mg_coarse_*` are PETSc's own, of the solver that is used once per active
-set iteration; so are `-ksp_view`, `-ksp_monitor`, `-log_view`, `-options_file`. Some that make sense here are
-in [methods](methods.md#petscs-options).
+`-ksp_*`, `-pc_*`, `-mg_levels_*` and `-mg_coarse_*` are PETSc's options of the linear solver, which is called once per
+active set iteration. `-ksp_view`, `-ksp_monitor`, `-log_view` and `-options_file` are PETSc's options, too. The page
+methods lists [useful options](methods.md#petscs-options).
 """
 
 
