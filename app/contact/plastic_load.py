@@ -10,28 +10,28 @@ and the bodies approach by t plus the change of the load over the stiffness of t
 contact, and approaches at which no cell is elastic, follow from the same equation.
 """
 
-import numpy as np
-
 from app.halfspace.window import bounding_boxes
 
 _STEP_RTOL = 1e-2  # relative error of the change of the load
 _MAX_TRIALS = 60
 
 
-def step_to_load(state, load, target):
+def step_to_load(state, load, target, stiffness=0.0):
     """Return the change of the depth that brings the `load` of a state to a target [mm].
 
-    Collective. Loads in N.
+    Collective. Loads in N. On periodic patches `stiffness` is that of elastic contact [N/mm].
     """
     grid, distance, compliance = state.grid, state.distance, state.operator.diagonal
     fields = distance.b, state.depth, state.u, state.p
+    cells = max(state.elastic_cells(), 1)
+    if stiffness:
+        compliance = cells * grid.cell_area / stiffness
 
     def error(t):
         total = state.sum([state.bounds.local_load(*fields, t, compliance)])[0]
         return grid.cell_area * float(total) - target
 
     low, at_low = 0.0, error(0.0)
-    cells = max(int(state.sum([np.count_nonzero(state.contact)])[0]), 1)
     step = -at_low * compliance / (cells * grid.cell_area)
     high, at_high = step, error(step)
     for _ in range(_MAX_TRIALS):
@@ -41,7 +41,7 @@ def step_to_load(state, load, target):
         low, at_low, high = high, at_high, high + step
         at_high = error(high)
     t = _zero(error, (low, at_low), (high, at_high), _STEP_RTOL * abs(target - load))
-    return t + (target - load) / punch_stiffness(state)
+    return t if grid.periodic else t + (target - load) / punch_stiffness(state)
 
 
 def _zero(function, one, other, allowed):

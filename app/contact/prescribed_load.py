@@ -20,9 +20,10 @@ from app.contact.stopping import BELOW_ROUNDING
 
 MIN_SECANT_STEP = 3.0  # least step of the approach that gives a secant slope, over the rms residual
 MAX_SLOPE_RATIO = 3.0  # factor by which the slope may change in one step
+PLASTIC_STIFFNESS_RATIO = 1.4  # stiffness of elastic contact between plastic cells over its lower bound
 MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the lower bound of the stiffness
 MIN_MEAN_SLOPE_FRACTION = 0.9  # least secant slope that is used, over the mean slope since first touch
-MAX_PLASTIC_FRACTION = 0.05  # plastic over elastic cells up to which the slope of the load is learned
+MAX_PLASTIC_FRACTION = 0.05  # on free patches, plastic over elastic cells up to which the slope is learned
 LOAD_ROUNDING = 1e-12  # relative difference of a load that has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # error of the approach that the residual explains, over the rms residual
 _MAX_PLATEAUS = 100  # number of plateaus of the load that are left after a search, each by one product
@@ -232,8 +233,10 @@ class PrescribedLoad(Loading):
         if not gaps.cells and not (capped and state.plastic_cells()):
             state.first_contact()
         depth = state.depth
-        if capped and state.plastic_cells() > MAX_PLASTIC_FRACTION * gaps.cells:
-            expected, step = np.nan, step_to_load(state, gaps.load, self.load)
+        least_plastic = 0 if state.grid.periodic else MAX_PLASTIC_FRACTION * gaps.cells
+        if capped and state.plastic_cells() > least_plastic:
+            stiffness = PLASTIC_STIFFNESS_RATIO * least_stiffness(state)
+            expected, step = np.nan, step_to_load(state, gaps.load, self.load, stiffness)
         else:
             expected = gaps.load - self.slope * gaps.mean
             self._learn_slope(state, expected, gaps.rms)
