@@ -32,17 +32,17 @@ exclude each other are refused if they are in the same place. An option that has
 refused, too. If the default of an option is empty, the option is off, or must be given if the problem needs it.
 """
 _PROBLEM = """The page on surfaces describes the [base shapes](surfaces.md#base-shapes). Without `-domain`, the patch
-follows from the analytic solution for the shape; `-domain auto` fits the patch to the contact. If a surface file states its
-spacing, the patch is centred on the origin. `-periodic` makes a [periodic patch](periodic.md).
+follows from the analytic solution for the shape; `-domain auto` fits the patch to the contact. If a surface file
+states its spacing, the patch is centred on the origin. `-periodic` makes a [periodic patch](periodic.md).
 """
 _MATERIALS = """Give the materials in exactly one of three ways; the page on surfaces has the
 [formulas](surfaces.md#materials)."""
 _SHAPES = """These options are for `-problem hertz`, `sphere`, `cylinder`, `roller`, `cone` and `punch`; see
 [base shapes](surfaces.md#base-shapes)."""
-_ROUGH = """Any base shape can carry several rough surfaces: see [rough surfaces](surfaces.md#rough-surfaces). A punch has
-the paper's waves unless another surface is given. Other shapes have these waves if `-surface_sigma`, `-surface_decay` or
-`-surface_modes` is given. A self-affine surface is periodic on the patch, and its mean is zero. Give exactly one of its
-rms slope and rms height.
+_ROUGH = """Any base shape can carry several rough surfaces: see [rough surfaces](surfaces.md#rough-surfaces). A punch
+has the paper's waves unless another surface is given. Other shapes have these waves if `-surface_sigma`,
+`-surface_decay` or `-surface_modes` is given. A self-affine surface is periodic on the patch, and its mean is zero.
+Give exactly one of its rms slope and rms height.
 """
 _LOADING = "Give one number, or a load path of many numbers: see [load curves](load-paths.md)."
 _OUTPUT = "The page [results](results.md) describes the result file."
