@@ -121,7 +121,7 @@ class Derivatives:
     def stiffness(self, solution):
         """Compute the contact stiffness dF/d(approach) of a solution.
 
-        It takes one more linear solve.
+        This takes one more linear solve.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Derivatives:
     def with_stiffness(self, solution):
         """Return a solution with its stiffness and conductance.
 
-        It takes one more linear solve, or two if there are plastic cells.
+        This takes one more linear solve, or two if there are plastic cells.
 
         Parameters
         ----------

@@ -96,7 +96,7 @@ def refine(
     quantities : sequence of str
         Names of the numbers whose errors count: "load", "approach", "max_pressure", "contact_area".
     **loading : float
-        Prescribed quantity as of `ContactSolver.solve`.
+        Prescribed quantity, see `ContactSolver.solve`.
 
     Returns
     -------

@@ -196,7 +196,7 @@ class Solution(ContactFields):
     def gap(self):
         """Gap between the deformed bodies, shape (rows, nx) [mm].
 
-        It is e = h + u; with a hardness it is e + `plastic_depth`.
+        The gap is e = h + u; with a hardness it is e + `plastic_depth`.
         """
         gap = self.undeformed_distance + self.displacement
         return gap if self.plastic is None else gap + self.plastic_depth

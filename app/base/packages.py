@@ -22,7 +22,7 @@ _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 class MissingPackageFinder:
     """Import finder that is asked last, if a package is missing.
 
-    Its error says how to install the package.
+    The error that it raises says how to install the package.
     """
 
     @staticmethod
@@ -37,7 +37,7 @@ class MissingPackageFinder:
 class CompiledPackageFinder:
     """Import finder that is asked first, for compiled packages.
 
-    It reports packages that were compiled for another numpy.
+    This finder reports packages that were compiled for another numpy.
     """
 
     _loading = False  # a package's own imports are part of its import

@@ -225,7 +225,7 @@ class unwrap_errors:
 def restricts_by_transpose():
     """Return whether MatRestrict multiplies by the transpose of a square matrix.
 
-    This differs between releases of PETSc. If the matrix is rectangular, all releases choose the matrix or its
+    The answer depends on the release of PETSc. If the matrix is rectangular, all releases choose the matrix or its
     transpose by the sizes of the vectors. But if every rank has a copy of a coarse grid, its vectors may be as long as
     those of the next finer grid, and the matrix is square.
     """
@@ -266,7 +266,7 @@ def check_cells(grid):
 class Resources:
     """PETSc objects of a solver, destroyed together. Collective.
 
-    They are destroyed in the reverse order of their creation.
+    The objects are destroyed in the reverse order of their creation.
     """
 
     def __init__(self):

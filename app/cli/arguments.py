@@ -76,7 +76,8 @@ def report_write_errors(output):
 def command(main):
     """Decorate the ``main(argv)`` of a command.
 
-    It then prints an error of the user on one line, and returns 2. SIGTERM acts like Ctrl-C; after both the status is
+    The decorated function prints an error of the user on one line, and returns 2. SIGTERM acts like Ctrl-C; after both
+    the status is
     130. Exceptions other than InputError, OSError and MemoryError are bugs, and propagate.
     """
 

@@ -113,8 +113,8 @@ def keep_freed_pages(environment):
 def _captured_petsc_errors():
     """Capture standard error during a ``with`` block.
 
-    It is printed after the block, if the block succeeds. Yield a function that returns PETSc's captured error message
-    on one line.
+    The captured text is printed after the block, if the block succeeds. Yield a function that returns PETSc's captured
+    error message on one line.
     """
     sys.stderr.flush()
     with tempfile.TemporaryFile() as captured:

@@ -14,7 +14,7 @@ def chebyshev_nodes(count):
 def even_chebyshev(t, count):
     """Return the first `count` even Chebyshev polynomials at points t.
 
-    These are T_0, T_2, T_4, ...; the shape is (*t.shape, count).
+    The polynomials are T_0, T_2, T_4, ...; the shape is (*t.shape, count).
     """
     return chebyshev.chebvander(2 * np.square(t) - 1, count - 1)  # T_2k(t) = T_k(2 t^2 - 1)
 

@@ -64,7 +64,7 @@ class Box:
     def correction(self, steps, counts):
         """Return S' of the module docstring, the matrix between nodes.
 
-        It is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are 0 to ``counts
+        S' is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are 0 to ``counts
         - 1`` nodes. S' is for unit compliance.
         """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]

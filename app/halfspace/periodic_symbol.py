@@ -121,7 +121,7 @@ def _line_sums(phases, lengths):
 def periodic_quadrant(grid, kernel):
     """Return periodic influence coefficients at offsets up to half a period.
 
-    They are the inverse Fourier transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
+    The coefficients are the inverse Fourier transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
     """
     symbol = kernel.eigenvalues(grid, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     in_y = transform_even(symbol, grid.ny)

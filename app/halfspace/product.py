@@ -129,8 +129,8 @@ class PeriodicProduct(EvenMultiplier):
 class ScreenedProduct(EvenMultiplier):
     """Product with (B + k)^-1, where k is the stiffness of springs.
 
-    It describes a periodic half-space on springs. B is the inverse of the influence matrix A on fields without mean,
-    and zero on constants.
+    The product describes a periodic half-space on springs. B is the inverse of the influence matrix A on fields without
+    mean, and zero on constants.
     """
 
     def screen(self, stiffness):

@@ -19,7 +19,7 @@ from app.parallel.reductions import minimum_over, nonzero_span
 class Window:
     """Rectangle of cells of a grid.
 
-    It has the rows y0 to y1 - 1 and the columns x0 to x1 - 1.
+    The rectangle has the rows y0 to y1 - 1 and the columns x0 to x1 - 1.
     """
 
     y0: int
@@ -82,8 +82,8 @@ def bounding_boxes(masks, slabs, comm):
 def local_bounds(mask, slabs):
     """Return the bounds of a mask on this rank, for `window_from_bounds`.
 
-    They are four numbers: the first row and column, then minus the last row and column, counted on the whole grid. All
-    are infinite if the mask has no cells on this rank.
+    The bounds are four numbers: the first row and column, then minus the last row and column, counted on the whole
+    grid. All are infinite if the mask has no cells on this rank.
     """
     first = slabs.rows.start
     y0, y1, x0, x1 = _extent(mask)

@@ -27,7 +27,7 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     path : str or Path
         Name of the file. An existing file will be replaced. If it is a link, the path of its target is returned.
     inputs : iterable of str or Path
-        Files that must not be replaced; missing ones are ignored.
+        Files that must not be replaced; missing files are ignored.
     what : str
         Name of the file in messages.
     suffixes : sequence of str

@@ -153,7 +153,7 @@ class Transfer:
     def restrict_minimum(self, fine):
         """Return, for each coarse cell, the minimum over its children. Collective.
 
-        It is NaN if all children are NaN.
+        The minimum is NaN if all children are NaN.
         """
         coarse = np.full(self._local, np.nan)
         for child, parents in self._children(fine):

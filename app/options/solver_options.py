@@ -24,7 +24,7 @@ _PROBE = "app_solver_options_probe"  # a name that no option has
 class SolverOptions:
     """Options of one solver.
 
-    They are in PETSc's database only inside ``with`` blocks of `inserted`.
+    The options are in PETSc's database only inside ``with`` blocks of `inserted`.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ class LineContact:
     def pressure(self):
         """Return the pressure, divided by its maximum, shape (n,).
 
-        It is sqrt(1 - (x / half_width)^2).
+        The returned numbers are sqrt(1 - (x / half_width)^2).
         """
         return np.sqrt(1 - (self.grid.x() / self.half_width) ** 2)
 
@@ -158,7 +158,7 @@ def jacobi(matrix, omega=1.0):
 def gauss_seidel(matrix, omega=1.0):
     """Return Gauss-Seidel's iteration matrix (Fig. 5(b)).
 
-    It is ``I - (D / omega + L)^-1 A``; the order is lexicographic. Parameters and result are those of `jacobi`.
+    The matrix is ``I - (D / omega + L)^-1 A``; the order is lexicographic. Parameters and result are those of `jacobi`.
     """
     lower = np.tril(matrix, -1) + np.diag(np.diag(matrix) / omega)
     return np.eye(len(matrix)) - solve_triangular(lower, matrix, lower=True)

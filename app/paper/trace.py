@@ -26,7 +26,7 @@ from app.contact.history import Listener
 class Recorder(Listener):
     """Recorder of the iterations and of the last linear solve.
 
-    It records the target grid only.
+    Only the target grid is recorded.
     """
 
     def __init__(self):

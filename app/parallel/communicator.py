@@ -26,7 +26,7 @@ class Traffic:
     small_collectives: int = 0  # reductions, broadcasts, gathers
 
     def since(self, before):
-        """Return the increase of the counts since an earlier copy `before`."""
+        """Return the counts minus those of an earlier copy `before`."""
         return Traffic(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
 
     def copy(self):

@@ -22,8 +22,8 @@ _hooks = []  # Exception hooks that this module has installed.
 def shutdown_comm(comm):
     """Return a communicator of the same ranks for `barrier_with_timeout`.
 
-    It is separate from `comm`, so that its barrier cannot match other messages. It is freed together with `comm`.
-    Collective when first called for `comm`.
+    The communicator is separate from `comm`, so that its barrier cannot match other messages. It is freed together with
+    `comm`. Collective when first called for `comm`.
     """
     if comm.size == 1:
         return MPI.COMM_SELF
@@ -64,7 +64,7 @@ def flush():
 def abort_on_exception(comm):
     """Make an uncaught exception on one rank abort all ranks of `comm`.
 
-    This ends when the function is called for another communicator, but not before all `AbortGroup`s of `comm` are
+    The effect ends when the function is called for another communicator, but not before all `AbortGroup`s of `comm` are
     destroyed. Caught exceptions abort no rank, nor do exceptions in a notebook or at Python's prompt. Return `comm`.
     Collective when first called for `comm`.
     """

@@ -77,11 +77,11 @@ def count_ranks(grid, size, cells):
 
 
 def slab_alignment(ny, size):
-    """Return the number of rows of which slab starts are multiples.
+    """Return the number of rows to whose multiples slab starts are aligned.
 
-    It is a power of two, so most fine cells are on the rank of their coarse cell. It is the largest power of two that
-    gives each rank at least 16 multiples, so that the load is balanced. `ny` is the number of rows, `size` that of
-    ranks.
+    The number is a power of two, so that most fine cells are on the rank of their coarse cell. It is the largest power
+    of two for which each rank has at least 16 multiples, so that the load is balanced. `ny` is the number of rows,
+    `size` that of ranks.
     """
     block = 1
     while 32 * block * size <= ny:

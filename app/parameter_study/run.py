@@ -41,9 +41,9 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 def collect_result(path):
     """Return the numbers of a result file for a table's row.
 
-    They are those of `OUTCOME`, and `reason`; a load path has its rows in `steps`. Three numbers are computed from the
-    fields: `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`. The last is max |p e| / (max
-    p max |h|), with pressure p, gap e and undeformed distance h.
+    The numbers are those of `OUTCOME`, and `reason`; a load path has its rows in `steps`. Three numbers are computed
+    from the fields: `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`. The last is max |p
+    e| / (max p max |h|), with pressure p, gap e and undeformed distance h.
     """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
@@ -91,8 +91,8 @@ class Run:
     def inputs(self):
         """Return the names of files that the run may read.
 
-        They are the files that its options name, PETSc's start files, and the files that these or PETSc's environment
-        variables name. Some may not exist.
+        The run may read the files that its options name, PETSc's start files, and the files that these or PETSc's
+        environment variables name. Some may not exist.
         """
         home = Path(os.environ.get("HOME", "."), ".petscrc")
         files = [str(home), ".petscrc", "petscrc", *self.files]
@@ -102,7 +102,7 @@ class Run:
     def key(self, ranks=1):
         """Return a hash that identifies the run in a journal.
 
-        It depends on options, contents of input files, program and number of ranks.
+        The hash depends on options, contents of input files, program and number of ranks.
         """
         files = [_hash_if_file(file) for file in self.inputs()]
         program = [self.module, self.collect.__qualname__, _hash_program()]

@@ -75,7 +75,7 @@ def get_path(result, name=""):
 def make_path(columns, name):
     """Make a `Path` of columns.
 
-    Its scale follows from the columns of Persson's contact fraction.
+    The scale of the path follows from the columns of Persson's contact fraction.
     """
     path = Path(columns, name)
     theory = path.select("persson_fraction", "mean_pressure")

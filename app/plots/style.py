@@ -141,7 +141,7 @@ def new_figure(width, height, title=None):
 def new_mosaic(rows, widths, heights, title=None):
     """Return a figure, and a dict of its panels by name.
 
-    `rows` are the names of the panels, as of `subplot_mosaic`; `widths` and `heights` are those of columns and rows
+    `rows` are the names of the panels, as in `subplot_mosaic`; `widths` and `heights` are those of columns and rows
     [inch].
     """
     if column := column_width():

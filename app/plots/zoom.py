@@ -14,8 +14,8 @@ _MIN_TITLED_SIDE = 0.5  # of an inset with a title [inch]
 def find_view(result):
     """Return the slices of rows and of columns that a map shows.
 
-    They are those around the contact. If the contact is not small, or the patch is periodic, they are those of the
-    whole patch.
+    The map shows the part around the contact. If the contact is not small, or the patch is periodic, it shows the whole
+    patch.
     """
     contact = np.asarray(result.contact) == 1
     whole = slice(0, contact.shape[0]), slice(0, contact.shape[1])

@@ -24,8 +24,8 @@ def real_numbers(label, values, needed="an array of real numbers, or a function 
 def lattice(x, y, origin):
     """Return coordinates x (nx,) and y (ny,) relative to an origin.
 
-    They are those of the columns and rows of a lattice. Raises InputError unless x has the shape (nx,) and y the shape
-    (ny,).
+    x belongs to the columns and y to the rows of a lattice of points. Raises InputError unless x has the shape (nx,)
+    and y the shape (ny,).
     """
     x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
     if (x.ndim, y.ndim) != (1, 1):

@@ -203,7 +203,7 @@ class ContactProblem(Problem):
     def reference(self, approach):
         """Return the analytic solution at an approach, None if unknown.
 
-        It is known for some smooth shapes, if the patch is not periodic.
+        The analytic solution is known for some smooth shapes, if the patch is not periodic.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
         if not smooth or not hasattr(self.shape, "analytic"):

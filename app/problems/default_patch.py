@@ -62,7 +62,7 @@ def default_patch(shape, contact_modulus, approach=None, load=None, hardness=Non
 def _roller_sides(roller, contact_modulus, loading):
     """Return half the sides of a roller's patch [mm].
 
-    They follow from the line contact, or from Hertz's ellipse if an arc crown makes the contact shorter than the
+    The sides follow from the line contact, or from Hertz's ellipse if an arc crown makes the contact shorter than the
     roller.
     """
     half_width = LINE_MARGIN * roller.line_contact(contact_modulus, **loading).a

@@ -127,7 +127,7 @@ class Roller(Shape):
     def check_grid(self, grid):
         """Raise if a grid is unsuitable for a roller.
 
-        It must not be one cell wide, unless periodic, and must have cells under the roller.
+        A grid must not be one cell wide, unless periodic, and must have cells under the roller.
         """
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.half_length).any():

@@ -183,7 +183,7 @@ class Cylinder(Shape):
     def check_grid(self, grid):
         """Raise if a grid is unsuitable for a cylinder.
 
-        It must not be one cell wide, unless periodic, and must have cells under the cylinder.
+        A grid must not be one cell wide, unless periodic, and must have cells under the cylinder.
         """
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
@@ -222,7 +222,7 @@ class Cone(Shape):
 class FlatPunch(Shape):
     """A rigid circular punch with a flat end, of a `diameter` [mm].
 
-    It is the punch of the paper's Sec. 5.2. Its centre is the origin. Contact is impossible outside of the punch.
+    This is the punch of the paper's Sec. 5.2. Its centre is the origin. Contact is impossible outside of the punch.
     """
 
     diameter: float

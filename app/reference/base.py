@@ -119,7 +119,7 @@ class NormalContact(ABC):
     def pressure(self, x, y):
         """Return the contact pressure p at points [N/mm2].
 
-        It is Hertz's semi-ellipsoid, unless a subclass has another pressure.
+        The pressure is Hertz's semi-ellipsoid, unless a subclass has another one.
         """
         return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
 

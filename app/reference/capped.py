@@ -326,7 +326,7 @@ class _Parts:
     def _plastic(self, start):
         """Return nodes and weights of an integral from `start` to K.
 
-        They are dense at K, along the last axis.
+        The nodes are dense at K, along the last axis.
         """
         width = math.sqrt(1 - self.c2)
         end = np.arcsinh((self.whole - np.asarray(start))[..., None] / width)
@@ -363,7 +363,7 @@ class _Parts:
     def moment(self, factor, start=0.0):
         """Return the integral of w'' times ``factor(pi x / L)`` from `start` to c.
 
-        It is in units of the amplitude, and dx in units of L / pi.
+        The unit of the result is the amplitude; that of dx is L / pi.
         """
         v, weights = self._plastic(start)
         sine = math.sqrt(self.c2) * ellipj(v, self.inner)[0]
@@ -391,6 +391,6 @@ def _root(function, low, high):
 def _elastic_angle(x2, c2, a2):
     """Return the angle am(v) at which x = a dn(v).
 
-    It is 0 at the contact edge a, and pi/2 at the plastic edge c.
+    The angle is 0 at the contact edge a, and pi/2 at the plastic edge c.
     """
     return np.arctan2(np.sqrt(np.maximum(a2 - x2, 0)), np.sqrt(np.maximum(x2 - c2, 0)))

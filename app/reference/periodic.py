@@ -138,7 +138,7 @@ class Westergaard(WavyContact):
     def approach(self):
         """Approach [mm], with displacements relative to their mean.
 
-        It is 0 without contact.
+        The approach is 0 without contact.
         """
         return self.amplitude - self.mean_gap
 
@@ -202,7 +202,7 @@ class Bisinusoidal(WavyContact):
     def light_contact_fraction(self):
         """Contact fraction for light loads, by Hertz's theory.
 
-        It is pi (3 pbar / (8 pi p*))^(2/3), where pbar is the mean pressure, and p* that of full contact.
+        The fraction is pi (3 pbar / (8 pi p*))^(2/3), where pbar is the mean pressure, and p* that of full contact.
         """
         return 2 * self.on_a_summit.contact_area / self.wavelength**2
 
@@ -220,7 +220,7 @@ class Bisinusoidal(WavyContact):
     def heavy_contact_fraction(self):
         """Contact fraction near full contact: 1 minus the gaps around hollows.
 
-        It is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* that of full contact.
+        The fraction is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* that of full contact.
         """
         return 1 - 2 * math.pi * (self.hollow_radius / self.wavelength) ** 2
 

@@ -19,7 +19,7 @@ def persson_fraction(relative):
 def persson_pressure(fraction):
     """Return the relative pressure p' for a contact fraction.
 
-    It is the inverse of `persson_fraction`, by Persson's theory.
+    This function is the inverse of `persson_fraction`.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def persson_pressure(fraction):
 def bush_gibson_thomas_fraction(relative):
     """Return the contact fraction of Bush, Gibson and Thomas, sqrt(2 pi) p'.
 
-    It is valid for small relative pressures p' (Wear 35 (1975) 87). NaN if it would exceed 1.
+    The theory is valid for small relative pressures p' (Wear 35 (1975) 87). NaN if it would exceed 1.
     """
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)
     return np.where(fraction <= 1, fraction, np.nan)

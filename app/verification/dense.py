@@ -227,7 +227,7 @@ class DenseProblem:
     def _full(self):
         """Return the pressure of full contact whose minimum is 0.
 
-        It solves A p = mean(h) - h, which determines p up to a constant.
+        The equation A p = mean(h) - h determines p up to a constant.
         """
         right = self._gap.mean() - self._gap
         inverse = np.linalg.pinv(self._a, rcond=1e-13, hermitian=True)

@@ -49,8 +49,8 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
 
 
 def difference(found, expected):
-    """Return the largest difference of two fields, relative to `expected`.
+    """Return the largest difference of two fields, divided by `expected`.
 
-    It is divided by the largest expected value.
+    The divisor is the largest expected value.
     """
     return float(abs(found - expected).max() / (abs(expected).max() or 1.0))

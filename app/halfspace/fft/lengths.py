@@ -9,7 +9,7 @@ from scipy.fft import next_fast_len
 def fast_length(n, even=False):
     """Return a length of at least n at which products are fast.
 
-    It is the length with the least estimated cost; if `even` is true, the least among even lengths. Estimated cost:
+    The length has the least estimated cost of all lengths, or of all even lengths if `even` is true. Estimated cost:
     with FFTW's estimated plans, a transform at a power of two takes half of the usual time per point, and a transform
     at a multiple of 64 takes 0.8 of it. The rest of a product takes as long as its transforms at a power of two. The
     cost also grows with the memory.

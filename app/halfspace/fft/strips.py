@@ -71,7 +71,7 @@ def _unpair_masked_row(row, mask_a, mask_b, a, b):
 def _unpair(pairs, mask, out):
     """Split complex rows into pairs of real rows of `out`.
 
-    It is the inverse of `_pair`. With a mask (not of size 0), `out` is zero outside of it.
+    This function is the inverse of `_pair`. With a mask (not of size 0), `out` is zero outside of it.
     """
     last = out.shape[0] - 1
     for m in range((last + 2) // 2):
@@ -103,7 +103,7 @@ def _split(both, first, a, b):
 def _unite(both, first, a, b):
     """Unite the transforms of two rows into that of their pair.
 
-    It is the inverse of `_split`, and has the same arguments.
+    This function is the inverse of `_split`, and has the same arguments.
     """
     length, start = np.uint64(both.size), np.uint64(first)
     for c in range(np.uint64(a.size)):
@@ -166,7 +166,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
 def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
     """Load rows from strips, and unite the transforms of pairs.
 
-    It is the inverse of `_store_pairs`.
+    This function is the inverse of `_store_pairs`.
     """
     if not height:
         return

@@ -231,7 +231,7 @@ class GaussSeidel:
     def _rows_flops(self, cells, occupied):
         """Return the number of operations of a sweep, without transfers.
 
-        They are the operations within rows, and between rows of the same leaf or of neighbouring leaves. A leaf is a
+        Counted are operations within rows, and between rows of the same leaf or of neighbouring leaves. A leaf is a
         block of rows. Effects between leaves further apart (transfers) are counted by `_transfer`.
         """
         tables, rows = self._tables, self._tables.leaf_rows

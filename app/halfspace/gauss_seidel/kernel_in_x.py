@@ -64,8 +64,8 @@ class KernelInX:
     def rows(self, first, last):
         """Return rows of the kernel, transformed in x.
 
-        They are at the lags `first` to `last` - 1; a lag is an offset in y, in rows. The transforms are multiplied by
-        -1 / Nx, and zero from lag ny on.
+        The rows are those at the lags `first` to `last` - 1; a lag is an offset in y, in rows. The transforms are
+        multiplied by -1 / Nx, and zero from lag ny on.
         """
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))

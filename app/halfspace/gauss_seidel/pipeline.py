@@ -134,7 +134,7 @@ class SweepMessages:
     def receive_solved(self, m, block):
         """Receive the solved leaf m into `block`.
 
-        It overwrites the effects of earlier leaves on leaf m.
+        The solved leaf overwrites the effects of earlier leaves on leaf m.
         """
         if m in self._effects:
             self._effects.pop(m).Wait()

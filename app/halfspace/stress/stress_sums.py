@@ -193,8 +193,8 @@ class _Mirror:
 def _corner(x, y, z, nu):
     """Return the part of one corner in a rectangle's stress.
 
-    It is multiplied by 2 pi. (x, y, z) is the point seen from the corner. The stress below a rectangle under unit
-    pressure is the sum of the parts of its four corners, with alternating signs.
+    The returned stress is multiplied by 2 pi. (x, y, z) is the point seen from the corner. The stress below a rectangle
+    under unit pressure is the sum of the parts of its four corners, with alternating signs.
     """
     xx, yy, zz = x * x, y * y, z * z
     r = sqrt(xx + yy + zz)

@@ -86,7 +86,7 @@ class HeightMap(StoredArray):
     def cropped_rows(self, crop, start, stop):
         """Return some rows of a crop, in the source's unit.
 
-        They are the rows `start` to `stop` - 1.
+        The rows are `start` to `stop` - 1 of the crop.
         """
         i0, i1, j0, _ = crop
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])

@@ -37,7 +37,7 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 class Moments:
     """Sums over the known heights of a map.
 
-    They are the sums of x^k y^m and z x^k y^m over the heights z, where x and y go from -1 to 1. A step is the
+    The sums are those of x^k y^m and z x^k y^m over the heights z, where x and y go from -1 to 1. A step is the
     difference of neighbouring heights in x or y; there are also the sums of steps and of squared steps. The function
     ``rows(start, stop)`` returns a new array of heights [mm], NaN where missing. Infinite or too large heights, and a
     map without any height, raise InputError.
