@@ -1,4 +1,4 @@
-"""Which packages are missing, and how to install them for this Python."""
+"""Find missing packages, and the command that installs them for this Python."""
 
 import os
 import sys
@@ -26,7 +26,9 @@ def is_installed(name):
 
 
 def missing(name):
-    """Return the error of a missing package, with the command that installs all missing ones here.
+    """Return the error for a missing package.
+
+    Its message has the command that installs all missing packages.
 
     If mpi4py itself is installed, `name` "mpi4py" means that the MPI library is missing.
     """

@@ -1,7 +1,7 @@
-"""Kernel of the elastic bodies: displacement of the surface by a pressure on it.
+"""Kernel of the bodies: displacement of the surface by a pressure on it.
 
-A kernel has all that products, sweeps, preconditioners and the certificate need of the bodies. `Material.kernel` makes
-it. Numbers that depend on the bodies' elasticity come from here, so that another kind of body is another kernel.
+Products, sweeps, preconditioners and the certificate get all numbers that depend on the elasticity of the bodies from a
+kernel. So another kind of body needs only another kernel. `Material.kernel` makes the kernel of a material.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ class HalfSpaceKernel:
     Attributes
     ----------
     scale_free : bool
-        In units of a cell, coefficients do not depend on the size of cells. So grids of all sizes share stencils.
+        True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
     """
 
     scale_free = True
@@ -52,15 +52,19 @@ class HalfSpaceKernel:
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
     def smallest_eigenvalue(self, grid):
-        """Return a lower bound of the eigenvalues of A on fields without mean [mm / (N/mm2)].
+        """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].
 
-        It is that of the shortest wave, also on a free patch: constant pressures on cells displace their centres by
-        1.17 (long cells) to 1.4 times as much as this wave.
+        The constant field of a periodic patch is left out. The bound is the eigenvalue of the shortest wave, also on a
+        free patch, because constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times as much
+        as this wave.
         """
         return 2 * self.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)
 
     def largest_eigenvalue(self, grid):
-        """Return the largest eigenvalue of A on a periodic patch [mm / (N/mm2)]."""
+        """Return the largest eigenvalue of A on a periodic patch.
+
+        The unit is mm / (N/mm2).
+        """
         return self.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)
 
     def middle_displacement(self, lengths):
@@ -72,11 +76,17 @@ class HalfSpaceKernel:
         return 4 * self.compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
 
     def punch_stiffness(self, area):
-        """Return the stiffness of a round flat punch of an area [mm2] in N/mm."""
+        """Return the stiffness of a round flat punch [N/mm].
+
+        `area` is that of its end [mm2].
+        """
         return 2 / (np.pi * self.compliance) * np.sqrt(area / np.pi)
 
     def compliance_at(self, length):
-        """Return 1 / E* of waves of a length [mm] in mm2/N."""
+        """Return 1 / E* for waves of a `length` [mm2/N].
+
+        The length is in mm.
+        """
         return np.pi * self.compliance
 
 

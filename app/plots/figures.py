@@ -163,9 +163,9 @@ def hottest_cell(result):
 
 
 def draw_section(axes, result, along, row, column, reference):
-    """Draw the pressure along a row or column of cells; return the ends of the axis [mm].
+    """Draw the pressure along a row or column of cells.
 
-    The gap is drawn with it, or instead the pressure of a `reference` solution.
+    The gap is drawn, too, or instead the pressure of a `reference` solution. Return the ends of the axis [mm].
     """
     unit = choose_length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":

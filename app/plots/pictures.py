@@ -141,7 +141,10 @@ def plot(result, name="summary", axes=None):
 
 
 def on_axes(axes):
-    """Return the `Drawing` of a picture on axes of the user, after making room for its labels."""
+    """Return the `Drawing` of a picture on the user's axes.
+
+    Room is made for the labels of the picture.
+    """
     figure = axes.get_figure()
     # An axes of Figure.add_axes has no method get_subplotspec before matplotlib 3.7, and returns None afterwards.
     in_grid = all(hasattr(panel, "get_subplotspec") and panel.get_subplotspec() for panel in figure.axes)

@@ -32,10 +32,11 @@ PANEL_SHAPE = 0.5  # depth over width of the section in the summary
 
 
 def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark=""):
-    """Draw the von Mises stress on a vertical section; return the units of lengths and depths.
+    """Draw the von Mises stress on a vertical section.
 
-    The section goes `along` "x" or "y" and is shown between `ends` [mm]. `mises` has the shape (depths, cells).
-    `highest` [N/mm2] is the end of the colour scale, `shape` height over width of the panel, `remark` follows the axis.
+    Return the units of lengths and depths. The section goes `along` "x" or "y" and is shown between `ends` [mm].
+    `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, `shape` height over width
+    of the panel, `remark` follows the axis.
     """
     unit = choose_length_unit(max(ends[1] - ends[0], depths[-1]))
     z_scale = shape * (ends[1] - ends[0]) / (depths[-1] or 1.0)
@@ -75,9 +76,10 @@ def _describe(stress, depth):
 
 
 def draw_section_stress(axes, result, along, row, column, ends):
-    """Draw the von Mises stress below a row or column of cells, between `ends` [mm].
+    """Draw the von Mises stress below a row or column of cells.
 
-    Returns False if Poisson's ratio is unknown or the pressure is zero or not finite.
+    The section is shown between `ends` [mm]. Return False if Poisson's ratio is unknown, or the pressure is zero or not
+    finite.
     """
     poisson_ratio, pressure, grid = find_poisson_ratio(result.attributes), result.pressure, result.grid
     if poisson_ratio is None or not np.isfinite(pressure).all() or not pressure.any():
@@ -102,7 +104,10 @@ def draw_section_stress(axes, result, along, row, column, ends):
 
 
 def _peak(depths, values, k):
-    """Return the depth of the parabola's peak through the largest value and its neighbours."""
+    """Return the depth of the largest value, between the given depths.
+
+    It is the peak of the parabola through the value with number k and its neighbours.
+    """
     if not 0 < k < len(depths) - 1:
         return float(depths[k])
     a, b, _ = np.polyfit(depths[k - 1 : k + 2] - depths[k], values[k - 1 : k + 2], 2)
@@ -124,7 +129,7 @@ def _widen(low, high, length):
 
 @with_style
 def stress_figure(grid, stresses, heading):
-    """Draw stresses on sections along x and y and on a vertical line.
+    """Draw stresses on two vertical sections and a vertical line.
 
     `stresses` are those of `app.api.subsurface.survey`. Both sections have the same scales of depth and colour; x and y
     have the same scale, too, unless one section is much longer.

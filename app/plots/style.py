@@ -1,8 +1,8 @@
 """Style, panels, axes and files of all figures.
 
-Figures are made without pyplot, unless they are `interactive`: they need no display and are freed when they are no
-longer used. Sizes in the code are those of the style "screen". In the style "paper" all are smaller, and the panels of
-a figure stand below each other in one column.
+Unless they are `interactive`, figures are made without pyplot, so that they need no display and are freed when they are
+no longer used. Sizes in the code are those of the style "screen". In the style "paper" all are smaller, and the panels
+of a figure stand below each other in one column.
 """
 
 from contextlib import contextmanager
@@ -48,9 +48,9 @@ RC = {
 
 
 class Style(NamedTuple):
-    """Scale of a figure, width of its column of panels, and its own settings.
+    """Style of figures: scale, width of a column of panels, and settings.
 
-    The width [inch] is before scaling; None if panels may stand side by side.
+    The width [inch] is that before scaling; None if panels may be side by side.
     """
 
     scale: float
@@ -96,7 +96,7 @@ def use_style(name):
 
 
 def interactive():
-    """Return a context manager in which pyplot owns new figures.
+    """Return a context manager in which pyplot manages new figures.
 
     So notebooks and `pyplot.show` show them.
     """
@@ -156,7 +156,7 @@ def new_mosaic(rows, widths, heights, title=None):
 
 
 def new_panels(sizes, across=1, title=None):
-    """Return a figure and a list of panels, `across` of them in a row.
+    """Return a figure and a list of panels, `across` in a row.
 
     `sizes` are width and height of each panel with its labels [inch].
     """

@@ -8,9 +8,9 @@ from app.base.errors import InputError
 class ResidualSurface:
     """Permanent indentation, as a surface of `ContactProblem`.
 
-    Its heights are negative, because surfaces are subtracted from the gap, and the indentation enlarges it. Without a
-    load on the bodies, it is all that is left of the contact. Smaller loads than that of the solution are elastic on
-    the indented bodies. In a problem with a hardness, solutions count it as plastic depth already.
+    The heights are negative, because heights are subtracted from the gap, and the indentation enlarges the gap. The
+    indentation is what is left after unloading. On the indented bodies, loads below that of the solution are elastic.
+    If the problem has a hardness, the plastic depth of its solutions includes this indentation.
 
     Parameters
     ----------
@@ -35,7 +35,10 @@ class ResidualSurface:
             )
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return the heights in some rows, on the grid of the solution only [mm]."""
+        """Return the heights in some rows [mm].
+
+        The grid must be that of the solution.
+        """
         if grid.shape != self.depth.shape:
             raise ValueError("a residual surface is known on its own grid only")
         return np.negative(self.depth[rows])
