@@ -3,13 +3,11 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from app.io.frames import to_dataframe, to_xarray
 
 
 def test_units_of_a_table_are_those_of_its_quantities():
-    pytest.importorskip("pandas")
     columns = {"step": [1, 2], "load": [1.0, 2.0], "analytic_load": [1.1, 2.1], "wear": [0.0, 0.1]}
     frame = to_dataframe(columns, "step", {"wear": "um", "absent": "s"})
     assert frame.attrs["units"] == {"load": "N", "analytic_load": "N", "wear": "um"}
@@ -17,12 +15,11 @@ def test_units_of_a_table_are_those_of_its_quantities():
 
 
 def test_fields_have_axes_and_units_and_numbers_are_attributes():
-    pytest.importorskip("xarray")
     names = ("pressure", "gap", "displacement", "undeformed_distance", "contact")
     fields = {name: np.full((2, 3), float(k)) for k, name in enumerate(names)}
     result = SimpleNamespace(
-        **fields, x=np.arange(3.0), y=np.arange(2.0), attributes={"converged": True, "load": 5.0},
-        extra={"wear": np.ones((2, 3)), "profile": np.ones(3)},
+        **fields, plastic=None, plastic_depth=None, x=np.arange(3.0), y=np.arange(2.0),
+        attributes={"converged": True, "load": 5.0}, extra={"wear": np.ones((2, 3)), "profile": np.ones(3)},
     )  # fmt: skip
     data = to_xarray(result)
     assert data.sizes == {"y": 2, "x": 3}
