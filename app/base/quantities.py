@@ -14,7 +14,7 @@ class Quantity(NamedTuple):
     symbol: str = ""
 
 
-_APPROACH = "how far the bodies are moved together from where their distance is the one given"
+_APPROACH = "how far the bodies have moved towards each other"
 QUANTITIES = {
     "load": Quantity("N", "load", "normal force", "F"),
     "approach": Quantity("mm", "approach", _APPROACH, "δ"),
@@ -43,7 +43,7 @@ QUANTITIES = {
     ),
     "bush_gibson_thomas_fraction": Quantity("1", "Bush, Gibson and Thomas's", "the same for light loads"),
     "contact_patches": Quantity("1", "contact spots", "sets of contact cells connected by edges"),
-    "largest_patch": Quantity("mm2", "largest patch"),
+    "largest_patch": Quantity("mm2", "largest contact spot"),
     "stiffness": Quantity("N/mm", "stiffness", "dF/dδ, change of the load with the approach", "dF/dδ"),
     "unloading_stiffness": Quantity(
         "N/mm", "unloading stiffness", "dF/dδ of the whole contact while it unloads"

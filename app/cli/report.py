@@ -10,6 +10,7 @@ import base64
 import io
 import re
 from dataclasses import dataclass, field
+from functools import partial
 from numbers import Real
 from pathlib import Path
 
@@ -19,7 +20,7 @@ import numpy as np
 from app.api.subsurface import find_poisson_ratio, stress, survey
 from app.base.errors import InputError
 from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
-from app.base.units import choose_length_unit, round_to_cell
+from app.base.units import choose_length_unit, format_quantity, round_to_cell
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command, report_write_errors
 from app.io.files import check_output_path, write_text
@@ -50,7 +51,12 @@ _REQUESTED = (
     "young", "poisson", "shear_", "gap_", "resistivity", "thermal_conductivity",
 )  # fmt: skip
 _IN_SUMMARY = ("contact", "pressure", "history")  # figures
+_PATH_COLUMNS = (  # as many as the page is wide; the result file has all
+    "load", "approach", "mean_pressure", "max_pressure", "contact_area", "contact_fraction", "mean_gap", "stiffness",
+    "stiffness_by_differences",
+)  # fmt: skip
 _MAX_ROWS = 200
+_DPI, _SHOWN = 100, 0.68  # of pictures; pixels on the page over those of a picture
 
 
 @dataclass
@@ -66,20 +72,12 @@ class Section:
     pictures: dict = field(default_factory=dict)
 
 
-def format_quantity(value, unit, digits=6):
-    """Return a number as text, lengths and areas in a suitable unit."""
-    if unit in ("mm", "mm2"):
-        power = 2 if unit == "mm2" else 1
-        suitable = choose_length_unit(abs(value) ** (1 / power))
-        value, unit = value * suitable.per_mm**power, suitable.name + "2" * (power == 2)
-    return f"{value:z.{digits}g} {'' if unit == '1' else unit}".strip()
+_format = partial(format_quantity, digits=6)
 
 
 def typeset(text):
-    """Return a text with long minus signs (U+2212) and superscripts.
-
-    The superscripts are those of units, such as mm² and µm³.
-    """
+    """Return a text with long minus signs (U+2212), and units such as µm and mm²."""
+    text = re.sub(r"(?<=\d\s)u(?=[mN])", "µ", text)
     text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)([23])\b", lambda unit: unit[1] + "²³"[unit[2] == "3"], text)
     return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
@@ -109,8 +107,9 @@ def numbers_section(result):
         if _is_number(value):
             # A prescribed quantity does not differ from its analytic value.
             differs = _is_number(exact) and exact and abs(value / exact - 1) > 1e-12
-            analytic = f"{format_quantity(exact, unit)} ({value / exact - 1:+.1e})" if differs else ""
-            quantities.append((label_of(name), format_quantity(value, unit), analytic, meaning))
+            unbroken = _format(exact, unit).replace(" ", "\N{NO-BREAK SPACE}") if differs else ""
+            analytic = f"{unbroken} ({100 * (value / exact - 1):+.2g}%)" if differs else ""
+            quantities.append((label_of(name), _format(value, unit), analytic, meaning))
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
         ("max_pressure", modulus, "maximum pressure over E*",
@@ -129,37 +128,36 @@ def proof_section(values):
     bound, texts = values.get("error_bound", np.nan), []
     if np.isfinite(bound):
         texts.append(
-            f"Proved: the pressure lies within {bound:.2g} of the exact solution on this grid, relative and in the "
-            "energy norm. The proof is the duality gap of the pressure, from one product in double precision; it "
-            "does not depend on the method that found the pressure."
+            f"Proved: the pressure differs from the exact one on this grid by at most {_percent(bound)}, in the energy "
+            "norm. The bound follows from the pressure alone, whatever method found it."
         )
-        texts.append(
-            f"Bodies penetrate by {format_quantity(values.get('largest_penetration', 0.0), 'mm', 2)} at most, and no "
-            f"pressure is below {format_quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm2', 2)}."
-        )
+        overlap, lowest = values.get("largest_penetration", 0.0), values.get("smallest_pressure", 0.0)
+        sign = f"The lowest pressure is {format_quantity(lowest, 'N/mm2', 2)}."
+        sign = sign if lowest < 0 else "No pressure is negative."
+        texts.append(f"The bodies overlap by at most {format_quantity(overlap, 'mm', 2)}. {sign}")
     else:
         texts.append(
             "Nothing is proved about the pressure: there is no certificate, or it does not bound the error."
         )
     errors = {label_of(name): values.get(f"{name}_error", np.nan) for name in ESTIMATED}
-    errors = [
-        f"{label} {f'{error:.2g}' if error < 1 else '(does not converge)'}"
-        for label, error in errors.items()
-        if error > 0
-    ]
-    rms = values.get("discretisation_error", np.nan)
-    grid = "All this is about the problem on this grid. "
-    if _is_number(rms) and rms > 0:
+    errors["pressure (root mean square)"] = values.get("discretisation_error", np.nan)
+    known = [f"{label} {_percent(error)}" for label, error in errors.items() if 0 < error < 1]
+    if known:
+        texts.append(f"Estimated error of the grid: {', '.join(known)}.")
+    elif not any(error >= 1 for error in errors.values()):
         texts.append(
-            f"{grid}The grid error is about {rms:.2g} of the pressure (root mean square, from the last two grids)."
+            "The error of the grid is not known from this run: solve on a grid twice as fine, and compare."
         )
-    elif not errors:
-        texts.append(
-            f"{grid}The grid error is not known from this run: solve on one twice as fine and compare."
-        )
-    if errors:
-        texts.append(f"Estimated grid error (relative, from the last grids): {', '.join(errors)}.")
+    for label, error in errors.items():
+        if error >= 1:
+            texts.append(
+                f"The {label} does not converge: finer grids change it, as they change the pressure at a sharp edge."
+            )
     return Section("accuracy", "How good it is", texts)
+
+
+def _percent(share):
+    return f"{100 * share:.2g}%"
 
 
 def request_section(result):
@@ -188,8 +186,8 @@ def request_section(result):
 def path_section(result, pictures):
     """Return the section with the table of a load path."""
     columns, rows = {}, []
-    for name, column in result.path.items():
-        column = np.asarray(column)
+    for name in ("step", *_PATH_COLUMNS):
+        column = np.asarray(result.path.get(name, np.nan))
         if column.dtype.kind in "biuf" and not np.isnan(column).all():
             unit = unit_of(name)
             columns[label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"] = column
@@ -216,15 +214,18 @@ def stress_section(result, poisson_ratio=None, body=None):
     stresses = survey(below)
     texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
-    picture = _png(subsurface.draw(result, stresses))
-    return Section("stress", "Below the surface", texts, pictures={"stress": picture})
+    panels = _draw_panels(subsurface.draw(result, stresses))
+    return Section("stress", "Below the surface", texts, pictures={"stress": panels})
 
 
-def _png(figure):
-    """Return the bytes of a figure as PNG."""
-    image = io.BytesIO()
-    style.write_figure(figure, image, "png", 100)
-    return image.getvalue()
+def _draw_panels(figure):
+    """Return a figure's panels, each as bytes of a PNG and width on the page [pixels]."""
+    panels = []
+    for box in style.panel_boxes(figure):
+        image = io.BytesIO()
+        style.write_figure(figure, image, "png", _DPI, box)
+        panels.append((image.getvalue(), round(_SHOWN * _DPI * box.width)))
+    return panels
 
 
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
@@ -236,7 +237,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []
     names = [name for name in PICTURES if name not in _IN_SUMMARY]
-    pictures = {name: _png(figure) for name, figure in pictures_of(result, names)}
+    pictures = {name: _draw_panels(figure) for name, figure in pictures_of(result, names)}
     path_picture = {name: pictures.pop(name) for name in ("path",) if name in pictures}
     sections = [numbers_section(result), proof_section(values)]
     sections[0].pictures = {"summary": pictures.pop("summary")}
@@ -270,6 +271,9 @@ def main(argv):
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
     subsurface.add_body(parser.add_argument)
+    parser.add_argument(
+        "--title", metavar="TEXT", help="heading; default: that of the result, or its problem"
+    )
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
     arguments = parser.parse_args(argv)
     if arguments.no_stress and (arguments.poisson is not None or arguments.body):
@@ -277,6 +281,8 @@ def main(argv):
     output = arguments.output or arguments.result.parent / f"{arguments.result.stem}.html"
     check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
     result = read_result(arguments.result)
+    if arguments.title:
+        result.attributes["title"] = arguments.title
     text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
     with report_write_errors(output):
         write_text(output, text)

@@ -127,7 +127,7 @@ def summary(hottest, sheared, result, poisson_ratio):
     ):
         unit = choose_length_unit(at.depth or float(np.ptp(result.x)))
         share = f", {value / highest:.3g} of the maximum pressure" if highest > 0 else ""
-        place = f"at x = {at.x:.6g} mm, y = {at.y:.6g} mm, depth {at.depth * unit.per_mm:.4g} {unit.name}"
+        place = f"at x = {at.x:.4g} mm, y = {at.y:.4g} mm, depth {at.depth * unit.per_mm:.4g} {unit.name}"
         texts.append(
             f"largest {name} stress {value:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{body}\n"
             f"  {'everywhere' if uniform else place}"

@@ -14,6 +14,7 @@ import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.transforms import Bbox
 
 from app.io.files import atomic_file
 
@@ -77,6 +78,7 @@ STYLES = {
         | dict.fromkeys(_FONT_SIZES, _PAPER_FONT),
     ),
 }
+_PAD = 0.08  # around saved pictures [inch]
 _current = ContextVar("_current", default=STYLES["screen"])
 _uses_pyplot = ContextVar("_uses_pyplot", default=False)
 
@@ -216,6 +218,20 @@ def annotate_empty(axes, reason):
     axes.set(xticks=[], yticks=[])
 
 
+def panel_boxes(figure):
+    """Return the box of each panel with its labels [inch], column by column.
+
+    Axes at the same place, such as twins, are one panel.
+    """
+    with_style(figure.draw_without_rendering)()
+    renderer, boxes = figure.canvas.get_renderer(), {}
+    for axes in figure.axes:
+        boxes.setdefault(axes.get_subplotspec(), []).append(axes.get_tightbbox(renderer))
+    scale = figure.dpi_scale_trans.inverted()
+    places = sorted(boxes, key=lambda place: (place.colspan.start, place.rowspan.start))
+    return [Bbox.union(boxes[place]).transformed(scale).padded(_PAD) for place in places]
+
+
 def save_figure(figure, path, dpi=200):
     """Write a figure atomically, in the format of the path's suffix."""
     with atomic_file(path) as temporary:
@@ -223,12 +239,14 @@ def save_figure(figure, path, dpi=200):
 
 
 @with_style
-def write_figure(figure, target, kind, dpi):
-    """Write a figure to a path or an open binary file."""
-    if column_width():  # keep the width; a second layout knows the ticks of the first
+def write_figure(figure, target, kind, dpi, box=None):
+    """Write a figure, or a box of it [inch], to a path or an open binary file."""
+    if box is not None:
+        tight = {"bbox_inches": box, "pad_inches": 0}
+    elif column_width():  # keep the width; a second layout knows the ticks of the first
         figure.draw_without_rendering()
         tight = {}
     else:
-        tight = {"bbox_inches": "tight", "pad_inches": 0.08}
+        tight = {"bbox_inches": "tight", "pad_inches": _PAD}
     no_date = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
     figure.savefig(target, format=kind, dpi=dpi, metadata=no_date, **tight)

@@ -22,8 +22,8 @@ def test_report_is_one_complete_file(path, made, capsys):
     assert len(pictures) >= 4
     assert all(base64.b64decode(picture).startswith(b"\x89PNG") for picture in pictures)
     for said in (
-        f"{made.attributes['load']:.6g} N", "within 0.0003", "first note", "second note", "python -m app.solve",
-        "Solved: contact set unchanged", "von Mises", "64 × 48",
+        f"{made.attributes['load'] / 1e3:.6g} kN", "by at most 0.03%", "first note", "second note",
+        "python -m app.solve", "Solved: contact set unchanged", "von Mises", "64 × 48",
     ):  # fmt: skip
         assert said in text, said
 
@@ -37,7 +37,7 @@ def read_back(solution):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures are not drawn; that takes longest."""
-    monkeypatch.setattr(report, "_png", lambda figure: b"no picture")
+    monkeypatch.setattr(report, "_draw_panels", lambda figure: [(b"no picture", 300)])
 
 
 def test_report_has_path_and_missing_knowledge(made, undrawn):
@@ -60,7 +60,7 @@ def test_report_has_path_and_missing_knowledge(made, undrawn):
 
 
 def test_table_of_a_path_has_no_nan(made, undrawn):
-    columns = {"load": np.arange(3.0), "moment_x": np.full(3, np.nan), "stiffness": np.array([np.nan, 5, 6])}
+    columns = {"load": np.arange(3.0), "mean_gap": np.full(3, np.nan), "stiffness": np.array([np.nan, 5, 6])}
     section = report.path_section(replace(made, path=columns), {})
     assert [list(row.values()) for row in section.rows] == [["0", ""], ["1", "5"], ["2", "6"]]
     nothing = replace(made, path={"load": np.full(3, np.nan)})
@@ -79,7 +79,7 @@ def test_report_has_analytic_values_without_rounding(undrawn):
     values = result.attributes
     for name, label in (("approach", "approach"), ("max_pressure", "maximum pressure")):
         off = values[name] / values[f"analytic_{name}"] - 1
-        assert numbers[label]["analytic"].endswith(f"({off:+.1e})")
+        assert numbers[label]["analytic"].endswith(f"({100 * off:+.2g}%)")
     assert numbers["load"]["analytic"] == ""  # prescribed
     named = with_attributes(result, surface_parts=np.array(["one", "two"], object))
     assert report.request_section(named).facts["surface_parts"] == "one, two"
@@ -91,7 +91,7 @@ def test_report_has_analytic_values_without_rounding(undrawn):
     facts = report.request_section(other).facts
     assert facts["young"] == "1, 2 N/mm²" and facts["cone_angle"] == "5 degrees"
     assert facts["surface_hurst"] == "0.8" and facts["surface_unit"] == "um"
-    assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)
+    assert "analytic 3" in report.web_page(result, with_stress=False).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def test_report_has_typographic_minus_and_square(made, undrawn):
@@ -105,6 +105,12 @@ def test_report_has_typographic_minus_and_square(made, undrawn):
     assert "at −2.5 mm, file /m2/a-2.npy: 3e−05 N/mm²" in shown
     assert not re.search(r"[ >(]-\d|\de-\d|mm2|−0[ <]", shown)
     assert "3 µm²" in shown and "contact area [mm²]" in shown and ">−0.1 nm<" in shown
+
+
+def test_title_is_that_of_the_user(path, made, undrawn, tmp_path):
+    assert report.main([str(path), "-o", str(tmp_path / "r.html"), "--title", "Bearing 7"]) == 0
+    assert "<h1>Bearing 7</h1>" in (tmp_path / "r.html").read_text()
+    assert "<h1>Bearing 8, NOT" in report.web_page(with_attributes(made, title="Bearing 8", converged=False))
 
 
 def test_texts_of_users_are_escaped(made, undrawn):
