@@ -26,7 +26,7 @@ def check_type(name, value, kind, what):
 
 
 def parse_arguments(problem, method, options, prefix, listeners):
-    """Return settings and PETSc's options from the arguments of `ContactSolver`.
+    """Return settings and PETSc's options from `ContactSolver`'s arguments.
 
     Returns
     -------

@@ -92,7 +92,7 @@ def contact_system(hierarchy, distance, cells, rtol):
 
 
 def conductances(material, width):
-    """Return the electrical [S] and thermal [W/K] conductance of a contact.
+    """Return a contact's electrical [S] and thermal [W/K] conductance.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ class Derivatives:
 
     @synchronized
     def sensitivity(self, solution, of="load"):
-        """Compute the derivatives of a number with respect to the shape.
+        """Compute a number's derivatives with respect to the shape.
 
         The shape of a cell is its undeformed distance [mm]; heights count with the opposite sign. The derivatives are
         valid while no cell enters or leaves contact, or starts or ceases to be plastic. If a contact cell has no
@@ -258,7 +258,7 @@ class Derivatives:
             return float(grid.cell_area * self._sum(solve(1.0)))
 
     def _sum(self, field):
-        """Return the sum of a field over all cells. Collective."""
+        """Return a field's sum over all cells. Collective."""
         return sum_over(self.hierarchy.target.comm, [np.sum(field)])[0]
 
 

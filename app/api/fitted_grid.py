@@ -98,7 +98,7 @@ def _enlarge(patch, area):
 
 
 def _probe(problem, loading):
-    """Return contact set, admissible cells, and whether there is contact.
+    """Return contact set, admissible cells, whether there is contact.
 
     In admissible cells contact is possible. Without contact, return the cells of the smallest distance as contact set.
     """

@@ -102,7 +102,7 @@ class LoadPath:
         self._steps = self._solve()
 
     def resume_after(self, rows):
-        """Continue the path after finished steps, given by their `rows`."""
+        """Continue the path after finished steps, the `rows`."""
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
         check_equal_on_ranks(comm, len(self.rows), "path")
@@ -146,7 +146,7 @@ class LoadPath:
             yield solution
 
     def _solve_step(self, history, number):
-        """Return the solution of one step, for a prescribed number. Collective."""
+        """Return a step's solution for a prescribed number. Collective."""
         if not history.unloads(number):
             solution = self._solve_counted(number)
             history.add(number, solution)
@@ -182,7 +182,7 @@ class LoadPath:
 
     @property
     def table(self):
-        """Table of the finished steps: name -> ndarray of shape (steps,).
+        """Table of finished steps: name -> ndarray, shape (steps,).
 
         Missing values are NaN. With two or more steps, ``stiffness_by_differences`` is the stiffness from differences
         between neighbouring steps.
@@ -211,7 +211,7 @@ class LoadPath:
         return views.load().plot_path(self)
 
     def to_dataframe(self):
-        """Return `table` as a pandas.DataFrame, with the steps as index.
+        """Return `table` as a pandas.DataFrame, indexed by steps.
 
         The units are in its ``attrs["units"]``.
         """
@@ -283,7 +283,7 @@ class _LoadHistory:
             self.largest, self.solution, self.indented = number, solution, None
 
     def indent(self, solution):
-        """Make the problem of the bodies indented by a solution. Collective."""
+        """Make the problem of the indented bodies. Collective."""
         problem, surface, self.solution = self._problem, solution.residual_surface(), None
         shape, surfaces = problem, ()
         if type(problem) is ContactProblem:
@@ -308,7 +308,7 @@ def numbers_of(solution):
 
 
 def _as_rows(rows, kind, numbers):
-    """Return a checked copy of the `rows` of an earlier path."""
+    """Return a checked copy of an earlier path's `rows`."""
     try:
         rows = [dict(row) for row in rows]
     except (TypeError, ValueError):

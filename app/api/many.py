@@ -177,7 +177,7 @@ def _make_jobs(problems, loading, grid, material):
 
 
 def _as_problems(problems, grid, material):
-    """Return a list of problems, made from problems or surfaces."""
+    """Return a list of problems from problems or surfaces."""
     kind = type(problems).__name__
     is_map = isinstance(problems, np.ndarray) and problems.ndim == 2
     if is_map or isinstance(problems, Problem | str | bytes | Mapping) or hasattr(problems, "heights_on"):
@@ -237,7 +237,7 @@ def _as_loads(kind, numbers, count):
 
 
 def _check_processes(processes, jobs):
-    """Check the number of processes, and that problems can be pickled."""
+    """Check `processes`, and that problems can be pickled."""
     check_type("processes", processes, Integral, "a number")
     if processes < 1:
         raise InputError(f"processes {processes}: must be at least 1")
@@ -294,7 +294,7 @@ class _ReusedSolver:
         self._solver.quiet = True
 
     def solve(self, job):
-        """Return a job's first row number, rows and fields. Collective."""
+        """Return a job's first row number, rows, fields. Collective."""
         try:
             self.set_up(job.problem)
             self._solver.update(job.problem)

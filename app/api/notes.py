@@ -113,7 +113,7 @@ def notes_on(state, problem, contact, roughness):
 
 
 def note_doubtful_moduli(material):
-    """Return notes on moduli that are probably in a wrong unit."""
+    """Return notes on moduli probably in a wrong unit."""
     bodies = zip(*((material.bodies or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
     elastic = [body for body in bodies if np.isfinite(body[0])]
     young = [value for value, _ in elastic]

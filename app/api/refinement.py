@@ -29,7 +29,7 @@ MAX_CELLS = 4096**2
 
 
 class Refinement(NamedTuple):
-    """Result of `refine`: the last solution, its errors, and all grids."""
+    """Result of `refine`: last solution, its errors, all grids."""
 
     solution: Solution  # on the finest grid
     errors: GridErrors  # on the finest grid

@@ -1,4 +1,4 @@
-"""Solutions: fields, numbers and history, on any number of ranks."""
+"""Solutions: fields, numbers and history, on all ranks."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -186,7 +186,7 @@ class Solution(ContactFields):
 
     @property
     def undeformed_distance(self):
-        """Undeformed distance h at the approach, shape (rows, nx) [mm].
+        """Undeformed distance at the approach, (rows, nx) [mm].
 
         With a hardness it is that of the bodies before any permanent indentation.
         """
@@ -215,7 +215,7 @@ class Solution(ContactFields):
         return np.where(self.plastic, np.maximum(overlap, before), before)
 
     def residual_surface(self):
-        """Return the permanent indentation after unloading, as a surface. Collective.
+        """Return the permanent indentation as a surface. Collective.
 
         To describe the indented bodies, put this surface into ``surfaces=[...]`` of a `ContactProblem` of the original
         bodies, with the same hardness. Loads up to that of this solution are then elastic. This surface replaces the
@@ -258,7 +258,7 @@ class Solution(ContactFields):
 
     @property
     def attributes(self):
-        """Numbers and texts that a result file has as root attributes."""
+        """Numbers and texts: root attributes of a result file."""
         from app import __version__
 
         numbers = [field.name for field in fields(self) if field.type in (bool, int, float, str)]
@@ -279,7 +279,7 @@ class Solution(ContactFields):
         }
 
     def gather(self, root=0):
-        """Return the solution with all rows, on the rank `root`. Collective.
+        """Return the whole solution on rank `root`. Collective.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Solver of a contact problem: set up once, solve often.
+"""Contact solver: set up once, solve often.
 
 >>> from app import ContactProblem, Grid, Material, solve
 >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
@@ -191,7 +191,7 @@ class ContactSolver(Derivatives):
         self._strategy.prepare()
 
     def _measure_shapes(self):
-        """Compute the undeformed distance of the problem on all grids."""
+        """Compute the problem's undeformed distance on all grids."""
         hierarchy, problem, comm = self.hierarchy, self.problem, self.comm
         shapes = hierarchy.shapes(problem)
         target = shapes[-1]
@@ -227,7 +227,7 @@ class ContactSolver(Derivatives):
     @usage("solver.solve(load=700), or approach=, mean_pressure=, mean_gap=")
     @synchronized
     def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
-        """Solve for an approach, load, mean pressure or mean gap.
+        """Solve for approach, load, mean pressure or mean gap.
 
         Parameters
         ----------
@@ -329,7 +329,7 @@ class ContactSolver(Derivatives):
 
     @synchronized
     def update(self, problem):
-        """Replace the problem by one on the same grid and material.
+        """Replace the problem; grid and material stay the same.
 
         Solutions of the old problem stay valid, and one may be the `start` of a solve. Raises InputError for another
         grid or material, or if contact is impossible in all cells; the solver then keeps the old problem.
@@ -348,7 +348,7 @@ class ContactSolver(Derivatives):
 
     @contextmanager
     def replaced(self, problem):
-        """Replace the problem as `update` does, during a ``with`` block."""
+        """Replace the problem like `update`, in a ``with`` block."""
         before = self.problem
         self.update(problem)
         try:

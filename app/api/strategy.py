@@ -144,7 +144,7 @@ class Strategy:
             self.solver.destroy()
 
     def check(self, start, name="start"):
-        """Raise InputError unless `start` is a Solution on the same grid."""
+        """Raise InputError unless `start` is on the same grid."""
         slabs = self._hierarchy.slabs
         fits = isinstance(start, Solution) and start.grid == self._hierarchy.target.grid
         fits = fits and start.slabs.rows == slabs.rows
@@ -326,7 +326,7 @@ def make_strategy(hierarchy, settings):
 
 
 def check_single(what, value, unit):
-    """Raise InputError for a value outside the range of single precision."""
+    """Raise InputError for a value outside single precision's range."""
     if value and not 1e-25 < value < 1e25:
         raise InputError(
             f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "

@@ -62,7 +62,7 @@ def stress(solution, poisson_ratio=None, body=None):
 
 
 def survey(below, depths=64, at=None, deepest=None):
-    """Return the largest stresses, and stresses on sections and a line.
+    """Return largest stresses, and stresses on sections and line.
 
     The result has these attributes: `hottest` and `sheared`, the largest von Mises and shear stress, each a
     StressMaximum; `section_x` and `section_y`, the stresses on vertical sections; `line`, the stresses on a vertical

@@ -78,7 +78,7 @@ def _describe_material(facts):
 
 
 def _describe_contact(facts, grid):
-    """Return a line with contact area, contact spots and theories."""
+    """Return a line on contact area, spots and theories."""
     cells, fraction = facts["contact_cells"], facts["contact_fraction"]
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:
@@ -115,7 +115,7 @@ def _describe_pressure(facts, grid):
 
 
 def _describe_plastic(facts):
-    """Return a line with hardness, plastic area and permanent indentation."""
+    """Return a line on hardness, plastic area and indentation."""
     text = f"hardness {facts['hardness']:.6g} N/mm2: " if "hardness" in facts else ""
     text += f"plastic area {facts['plastic_area']:.6g} mm2, {100 * facts['plastic_fraction']:.4g}%"
     if "persson_plastic_fraction" in facts:

@@ -23,7 +23,7 @@ _MAX_ROWS = 12  # of a table
 
 
 def as_result(solution):
-    """Return a solution as a `Result`, to be drawn and described.
+    """Return a solution as a `Result`, to be drawn.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def as_result(solution):
 
 
 def summarize(solution):
-    """Return the text that app.solve prints on a solution or result."""
+    """Return the text that app.solve prints on a solution."""
     facts = solution.attributes
     return summary(facts if "contact_patches" in facts else facts | solution.count_patches(), solution.grid)
 
@@ -78,7 +78,7 @@ def plot_surface(surface, axes=None):
 
 
 def plot_stress(below):
-    """Draw the stress on two vertical sections and a vertical line.
+    """Draw the stress on vertical sections and a line.
 
     All contain the point of the largest von Mises stress.
     """
@@ -114,7 +114,7 @@ def _quantities_table(solution, names):
 
 
 def _rows_table(columns):
-    """Return an HTML table of columns, shortened in its middle."""
+    """Return an HTML table, shortened in its middle."""
     shown = {label: [*map(str, column)] for label, column in columns.items()}
     rows = [*zip(*shown.values(), strict=True)]
     if len(rows) > _MAX_ROWS:
@@ -123,7 +123,7 @@ def _rows_table(columns):
 
 
 def _four_digits(values):
-    """Format numbers with four digits, or more if they are large."""
+    """Format numbers with four digits, large ones with more."""
     return [f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}" for value in values]
 
 
@@ -135,7 +135,7 @@ def _format_columns(columns, names):
 
 
 def solution_html(solution):
-    """Return HTML with numbers, notes and the pressure of a solution."""
+    """Return HTML with a solution's numbers, notes and pressure."""
     grid = solution.grid
     names = (*_ROWS, *_PERIODIC_ROWS) if grid.periodic else _ROWS
     whole = solution.pressure.shape == grid.shape
@@ -182,7 +182,7 @@ def refinement_html(refined):
 
 
 def surface_html(surface):
-    """Return HTML with numbers of a measured surface and its picture."""
+    """Return HTML with a surface's numbers and picture."""
     ny, nx = surface.shape
     rows = [("file", surface.file)] if surface.file != "(array)" else []
     rows += [("points", f"{nx} x {ny}"), ("level", surface.level)]
@@ -199,7 +199,7 @@ def surface_html(surface):
 
 
 def patches_html(patches):
-    """Return HTML with a table of contact spots and their map."""
+    """Return HTML with contact spots: table and map."""
     columns = {"spot": [*range(1, len(patches.cells) + 1)], "cells": patches.cells}
     names = "area", "load", "max_pressure", "centre_x", "centre_y"
     units = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}

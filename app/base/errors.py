@@ -10,7 +10,7 @@ MAX_WORD, MAX_PATH, MAX_MESSAGE = 60, 255, 4000  # characters
 
 
 def shorten(text, longest=MAX_WORD):
-    """Shorten a text to `longest` characters: its beginning and its end."""
+    """Shorten a text to its beginning and its end."""
     return text if len(text) <= longest else f"{text[: longest - 18]}...{text[-15:]}"
 
 
@@ -37,7 +37,7 @@ class PackageMissing(ModuleNotFoundError, PackageError):
 
 
 class NoteWarning(UserWarning):
-    """Warning about something to check in a solution or surface."""
+    """Warning about a doubtful solution or surface."""
 
 
 class OtherRankError(RuntimeError):
@@ -57,7 +57,7 @@ def format_exact(number):
 
 
 def format_distinct(number, other, digits=3):
-    """Format a number with enough digits to distinguish it from another.
+    """Format a number so that it differs from another.
 
     The result has at least `digits` significant digits, and more if `other` would otherwise look the same.
 
@@ -156,6 +156,6 @@ def warn_caller(message, category=RuntimeWarning):
 
 
 def warn_notes(notes):
-    """Issue a NoteWarning for each note, only on rank 0."""
+    """Issue a NoteWarning for each note on rank 0."""
     for note in notes if is_first_rank() else ():
         warn_caller(note, NoteWarning)

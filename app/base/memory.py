@@ -1,4 +1,4 @@
-"""Memory of hosts and processes, checked before anything is allocated.
+"""Memory of hosts and processes, checked before allocation.
 
 The constants are measured peaks of resident memory in set-up and solve, in numbers of 8 bytes (doubles) per cell of the
 target grid. They include the coarser grids and the solution; see docs/notebook/scaling.md. Ranks of one host share its
@@ -37,7 +37,7 @@ def set_malloc_option(option, value):
 
 
 def doubles_per_cell(settings, periodic=False):
-    """Return the peak memory of a method, in doubles per cell.
+    """Return a method's peak memory in doubles per cell.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def doubles_in_strips(grid):
 
 
 def check_host_memory(comm, grid, doubles):
-    """Raise InputError if a solve does not fit into memory.
+    """Raise InputError if a solve exceeds the memory.
 
     Collective. Each host needs memory for all of its ranks. Each process needs address space for its own data.
 
@@ -102,12 +102,12 @@ def check_address_space():
 
 
 def check_rank_memory(grid, cells):
-    """Raise if this rank cannot store `cells` cells, with any method."""
+    """Raise if this rank cannot store `cells` cells."""
     _check(grid, 8.0 * MIN_DOUBLES * cells, available_memory(), "on one host")
 
 
 def _check(grid, needed, free, where):
-    """Raise InputError if a grid needs more bytes than are free.
+    """Raise InputError if a grid exceeds the free bytes.
 
     `where` says in the message where they are free.
     """
@@ -128,7 +128,7 @@ def check_fits(size, what):
 
 
 def available_memory():
-    """Return the number of bytes that this process can still allocate.
+    """Return the bytes that this process can still allocate.
 
     The host and the control groups (containers) of the process limit this number. Pages that the kernel can drop count
     as free; swap does not count.

@@ -40,7 +40,7 @@ def missing(name):
 
 
 def how_to_get(*names):
-    """Return the command that installs packages of `SOURCES` for this Python."""
+    """Return the command that installs packages of `SOURCES`."""
     pip = f"{sys.executable} -m pip install"
     if "/usr/lib/python3/dist-packages" in sys.path and Path("/usr/bin/apt-get").exists():
         command, column = "apt-get install", 0

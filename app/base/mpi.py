@@ -1,4 +1,4 @@
-"""Start MPI; on a single host without its search for networks.
+"""Start MPI; on one host, without searching for networks.
 
 ``from app.base.mpi import MPI`` starts MPI, unless another package such as h5py has started it. The module itself can
 be imported without mpi4py.
@@ -69,7 +69,7 @@ def single_rank_variables(environment):
 
 @contextmanager
 def temporary_environment(changes):
-    """Set environment variables inside the block; None removes a variable."""
+    """Set environment variables in a block; None removes one."""
     before = {name: os.environ.pop(name) for name in changes if name in os.environ}
     os.environ.update({name: value for name, value in changes.items() if value is not None})
     try:

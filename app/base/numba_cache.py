@@ -28,7 +28,7 @@ set_option("", "-runtime-memory-check-threshold=32")
 
 
 def announce_compilation():
-    """Print on standard error of rank 0 that loops are compiled."""
+    """Print on rank 0 that loops are compiled."""
     if is_first_rank():
         with suppress(OSError):  # standard error is closed
             print("note: compiling loops, once; this may take half a minute", file=sys.stderr, flush=True)
@@ -60,7 +60,7 @@ def njit(makes_arrays=False, **options):
 
 
 class LockedCache(FunctionCache):
-    """numba's cache of a function, locked while a process compiles.
+    """numba's cache of a function, locked during compilation.
 
     Without the lock, two processes that save a function at the same time may corrupt the cache's index of types.
     """
@@ -72,7 +72,7 @@ class LockedCache(FunctionCache):
         self._locked = None
 
     def load_overload(self, signature, context):
-        """Load compiled code, or return None and lock the cache.
+        """Load compiled code, or lock the cache.
 
         After None the caller compiles, and then unlocks the cache.
         """
@@ -108,7 +108,7 @@ class LockedCache(FunctionCache):
 
 
 def release_lock_after(compile_, cache):
-    """Return a function that compiles, and then always unlocks the cache.
+    """Return a function that compiles, then unlocks the cache.
 
     The cache is unlocked even if compilation is interrupted.
     """
@@ -137,7 +137,7 @@ def check_compiler():
 
 
 def _private_cache_folder():
-    """Return a temporary folder that only this user can write.
+    """Return a temporary folder writable by this user only.
 
     numba executes the code that it loads from its cache, so other users must not be able to write there.
     """

@@ -20,7 +20,7 @@ _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 
 
 class MissingPackageFinder:
-    """Import finder that is asked last, if a package is missing.
+    """Import finder asked last, for missing packages.
 
     The error that it raises says how to install the package.
     """
@@ -97,7 +97,7 @@ def numpy_mismatch(name):
 
 
 def _raise(error):
-    """Raise an error; in a command, print it and exit instead."""
+    """Raise an error; in commands, print it and exit."""
     main = sys.modules.get("__main__")
     name = getattr(getattr(main, "__spec__", None), "name", None) or ""
     if name.startswith("app.") and not hasattr(main, "main"):
@@ -107,6 +107,6 @@ def _raise(error):
 
 
 def install():
-    """Put both import finders of this module on ``sys.meta_path``, once."""
+    """Put both import finders on ``sys.meta_path``, once."""
     if MissingPackageFinder not in sys.meta_path:
         sys.meta_path[:] = [CompiledPackageFinder, *sys.meta_path, MissingPackageFinder]

@@ -40,7 +40,7 @@ def _library():
 
 
 def call(name, *arguments):
-    """Call a C function of PETSc; raise PETSc.Error if it fails."""
+    """Call a C function of PETSc; PETSc.Error on failure."""
     if code := getattr(_library(), name)(*arguments):
         raise PETSc.Error(code)
 
@@ -82,7 +82,7 @@ def _finalize():
 
 @atexit.register  # functions run in reverse order: before `_finalize`
 def _forget_last_exception():
-    """Free the objects in the stack frames of an uncaught exception."""
+    """Free objects in the frames of an uncaught exception."""
     error, seen = getattr(sys, "last_value", None), set()
     while error is not None and id(error) not in seen:  # circular after `raise error.__cause__`
         seen.add(id(error))
@@ -118,7 +118,7 @@ def synchronized(function):
 
 
 def mpi_comm(comm):
-    """Convert a communicator of mpi4py or petsc4py to one of mpi4py.
+    """Convert a communicator of petsc4py or mpi4py to mpi4py.
 
     None means all ranks.
 
@@ -163,7 +163,7 @@ _INCOMPATIBLE = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 def error_message(error):
-    """Return the message of a PETSc.Error without PETSc's stack of calls."""
+    """Return a PETSc.Error's message without PETSc's stack."""
     noise = ("error code", "See ", "#")
     entries = re.sub(r"\n(?!\[\d+\] )\s*", " ", str(error)).splitlines()  # some have several lines
     lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in entries)

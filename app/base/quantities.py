@@ -6,7 +6,7 @@ from app.base.units import choose_unit
 
 
 class Quantity(NamedTuple):
-    """Unit, label, meaning and symbol of a number in results."""
+    """Unit, label, meaning and symbol of a result."""
 
     unit: str = "1"
     label: str = ""

@@ -28,7 +28,7 @@ def find_unit(name):
 
 
 def unit(text):
-    """Return the name of the length unit that a text means.
+    """Return the name of a length unit, from text.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Examples of correct calls in the error messages of wrong calls."""
+"""Examples of correct calls in error messages."""
 
 from functools import wraps
 from inspect import signature

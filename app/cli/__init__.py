@@ -1,1 +1,1 @@
-"""Commands: one module for each, and modules that they share."""
+"""Commands: one module each, and shared modules."""

@@ -34,7 +34,7 @@ _NAMES = "--unit", "--height-unit", "--spacing", "--override"
 
 
 def find_instruments_python():
-    """Return the path of a Python that has SurfaceTopography, or None.
+    """Return a Python that has SurfaceTopography, or None.
 
     By default it is the Python that ``run/setup --surfaces`` installs.
     """
@@ -90,7 +90,7 @@ def _without_dataset(path):
 
 
 def _read(path, arguments):
-    """Return the `HeightMap` of a file, and its format and channel."""
+    """Return a file's `HeightMap`, format and channel."""
     channel, skip = arguments.channel, arguments.skip
     known = detect_format(_without_dataset(path), skip)
     if channel and known.kind in ("npy", "npz"):
@@ -146,7 +146,7 @@ def _read_instruments(path, channel):
 
 
 def _make_map(path, heights, facts, arguments):
-    """Return the `HeightMap` of an instrument's file, its format and channel.
+    """Return an instrument file's `HeightMap`, format and channel.
 
     `heights` and `facts` are what `app.cli.instruments` has read from the file.
     """
@@ -157,7 +157,7 @@ def _make_map(path, heights, facts, arguments):
 
 
 def set_units(source, arguments, height_unit=None, override=False):
-    """Set unit and spacing of a `HeightMap` from file or options.
+    """Set a `HeightMap`'s unit and spacing.
 
     Raises InputError if neither file nor options state unit and spacing, or if both do.
     """

@@ -216,7 +216,7 @@ def _read_symbol(options):
 
 
 def _make_shape(name, options, material):
-    """Make the base shape of a problem, such as a sphere."""
+    """Make a problem's base shape, such as a sphere."""
     from app.problems import shapes
     from app.problems.gap_file import GapFile
 
@@ -252,7 +252,7 @@ def _make_shape(name, options, material):
 
 
 def _make_roller(options, material):
-    """Make a roller with the crown that the options choose."""
+    """Make a roller, with the crown from options."""
     from app.problems.roller import Roller, read_profile
 
     crown, numbers = options["roller_crown"], {}

@@ -31,7 +31,7 @@ _SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
 
 
 class PathRequest:
-    """Load path that the options ask for, with its files.
+    """Load path from the options, with its files.
 
     `kind` is the name of the prescribed quantity; `inputs` are the files that define the problem. Raises InputError if
     an option is not allowed, or if an output would replace one of these files.
@@ -103,7 +103,7 @@ def run_path(request, solver, stiffness, save):
 
 
 def merge_notes(notes):
-    """Return the notes (warnings) of all steps, each with its steps.
+    """Return all steps' notes (warnings), each with its steps.
 
     Notes that differ only in numbers are merged into one, with ranges of the numbers.
     """
@@ -169,7 +169,7 @@ class _Checkpoint:
             )
 
     def add(self, row, notes):
-        """Record the row and the notes of a finished step."""
+        """Record a finished step's row and notes."""
         if self._journal:
             if "path" not in self._journal.outcomes:
                 self._journal.add("path", self._inputs)
@@ -187,7 +187,7 @@ class _Checkpoint:
 
     @contextmanager
     def removed(self, steps):
-        """Remove the file of the journal after a ``with`` block."""
+        """Remove the journal's file after a ``with`` block."""
         with self.reported(steps):
             yield
         if self._journal:

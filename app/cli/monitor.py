@@ -7,7 +7,7 @@ from app.contact.history import Listener
 
 
 def make_listeners():
-    """Return a list with a progress bar for a solve.
+    """Return listeners: a list with a progress bar.
 
     The list is empty without a terminal, and on all ranks but rank 0.
     """
@@ -17,7 +17,7 @@ def make_listeners():
 
 
 class Progress(Listener):
-    """Progress bar, from a residual of 1 to the tolerance."""
+    """Progress bar, from residual 1 to the tolerance."""
 
     def __init__(self):
         self._bar = None

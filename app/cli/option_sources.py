@@ -113,7 +113,7 @@ class ParsedOptions:
         return self.texts.keys() - implicit
 
     def overridden(self):
-        """Yield a warning for each command-line option that a file overrides."""
+        """Yield a warning for each option that files override."""
         for at, source in enumerate(self.sources):
             for name in sorted(source.texts) if source.where == COMMAND_LINE else ():
                 last = next(later for later in reversed(self.sources[at:]) if name in later.texts)
@@ -123,7 +123,7 @@ class ParsedOptions:
 
 
 def startup_args(argv):
-    """Return the words of the command line for PETSc's start.
+    """Return the command line's words for PETSc's start.
 
     Option files and -help are left out, because they are handled later. Raises InputError for a word that is neither an
     option nor the value of an option.

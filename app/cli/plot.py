@@ -43,7 +43,7 @@ def save_pictures(pictures, folder, kinds=("png",), dpi=200, title=None):
 
 
 def _read(file, arguments):
-    """Return the content of a file: result, table columns or surface.
+    """Return a file's content: result, columns or surface.
 
     The best plane of a surface is subtracted.
     """
@@ -62,7 +62,7 @@ def _read(file, arguments):
 
 
 def _pictures(file, data, arguments):
-    """Yield name and figure of each picture of a file."""
+    """Yield name and figure of a file's pictures."""
     only, is_table = arguments.only, isinstance(data, dict)
     is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
     if columns and not is_table:
@@ -133,7 +133,7 @@ def _arguments(argv):
 
 
 def _choose_names(files):
-    """Return a folder name for each file, all of them different."""
+    """Return a different folder name for each file."""
     candidates = [
         (file.stem, name := f"{file.stem}_{file.suffix[1:]}", f"{file.absolute().parent.name}_{name}")
         for file in files

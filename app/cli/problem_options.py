@@ -1,4 +1,4 @@
-"""Options of problem, loading and output, and the request of app.solve."""
+"""Options of problem, loading and output; app.solve's request."""
 
 import re
 from contextlib import contextmanager

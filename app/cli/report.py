@@ -61,7 +61,7 @@ _DPI, _SHOWN = 100, 0.68  # of pictures; pixels on the page over those of a pict
 
 @dataclass
 class Section:
-    """Section of the page: a heading, texts, tables and pictures."""
+    """Section of the page: heading, texts, tables, pictures."""
 
     name: str
     heading: str
@@ -94,7 +94,7 @@ def _is_number(value):
 
 
 def numbers_section(result):
-    """Return the section of numbers, with analytic values and meanings."""
+    """Return the section of numbers, with meanings."""
     grid = result.grid
     values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
@@ -184,7 +184,7 @@ def request_section(result):
 
 
 def path_section(result, pictures):
-    """Return the section with the table of a load path."""
+    """Return the section with a load path's table."""
     columns, rows = {}, []
     for name in ("step", *_PATH_COLUMNS):
         column = np.asarray(result.path.get(name, np.nan))

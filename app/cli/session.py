@@ -44,7 +44,7 @@ _MALLOC = {
 
 
 def start(argv):
-    """Start MPI and PETSc; return all options of the command. Collective.
+    """Start MPI and PETSc; return the command's options. Collective.
 
     Raises InputError if options cannot be read, PETSc refuses its start-up options, or petsc4py does not load.
     """

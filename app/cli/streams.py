@@ -23,7 +23,7 @@ def reopen_closed():
 
 
 def print_output(text):
-    """Print on standard output; warn if the disk is full."""
+    """Print on standard output; warn of full disks."""
     try:
         print(text, flush=True)
     except OSError as error:

@@ -81,7 +81,7 @@ def main(argv):
 
 
 def _merge_messages(rows, varied):
-    """Yield each message once, with the varied options of its runs."""
+    """Yield each message, with its runs' varied options."""
     runs_of = {}
     for row in rows:
         options = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)

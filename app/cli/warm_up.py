@@ -1,4 +1,4 @@
-"""Compilation of all loops by numba before they are needed.
+"""Compilation of all loops by numba in advance.
 
 The command is ``contact-solve --warm-up``.
 """

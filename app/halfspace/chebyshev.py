@@ -12,7 +12,7 @@ def chebyshev_nodes(count):
 
 
 def even_chebyshev(t, count):
-    """Return the first `count` even Chebyshev polynomials at points t.
+    """Return the first even Chebyshev polynomials at points t.
 
     The polynomials are T_0, T_2, T_4, ...; the shape is (*t.shape, count).
     """
@@ -33,7 +33,7 @@ def fit_even_chebyshev(values):
 
 
 def lagrange_weights(at, places):
-    """Return Lagrange's weights, which interpolate from `places` to points `at`.
+    """Return Lagrange's weights, to interpolate `places` to `at`.
 
     Both are arrays of coordinates. The shape is (len(at), len(places)): a row has the weights of one point.
     """

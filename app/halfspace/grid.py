@@ -28,7 +28,7 @@ SYMBOLS = ("spectral", "love")  # names of the influence matrices of a periodic 
 
 
 def validate_symbol(periodic):
-    """Return the name of a periodic patch's symbol, otherwise "".
+    """Return a periodic patch's symbol name, otherwise "".
 
     The symbol gives the eigenvalues of the influence matrix. `periodic` is one of `SYMBOLS`, or True for the first of
     them; False and "" mean a patch that is not periodic. Raises InputError for anything else.
@@ -125,7 +125,7 @@ class Grid:
         return self.x0 + (np.arange(self.nx) + 0.5) * self.dx
 
     def y(self, rows=slice(None)):
-        """Return cell centres in y [mm], by default of all rows."""
+        """Return cell centres in y [mm], by default all."""
         return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
 
     def refine(self):

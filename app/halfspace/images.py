@@ -46,7 +46,7 @@ class Box:
         self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
     def kernel(self, rows, columns):
-        """Return G, the influence of a cell and its images.
+        """Return G, the influence of cell and images.
 
         `rows` and `columns` are arrays of offsets in y and x, up to half a period. G is for unit compliance; its shape
         is (rows, columns).
@@ -54,7 +54,7 @@ class Box:
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
-        """Return F, the influence of the images of a cell.
+        """Return F, the influence of a cell's images.
 
         F does not include the cell itself. `rows` and `columns` are arrays of offsets in y and x, up to half a period.
         F is for unit compliance; its shape is (rows, columns).
@@ -62,7 +62,7 @@ class Box:
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
-        """Return S' of the module docstring, the matrix between nodes.
+        """Return S', the matrix between nodes.
 
         S' is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are 0 to ``counts
         - 1`` nodes. S' is for unit compliance.
@@ -115,7 +115,7 @@ def _within(radius, step_y, step_x, reach=0.0):
 
 
 def _cell_means(period, count):
-    """Return the mean of each even Chebyshev polynomial over each cell.
+    """Return each cell's means of even Chebyshev polynomials.
 
     The cells are those up to half a period from the origin. There are `count` polynomials; the shape is (cells, count).
     """
@@ -219,7 +219,7 @@ class ImageCorrection:
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_node)
 
     def add(self, out, mask):
-        """Add the last S p, interpolated from the nodes, to `out`.
+        """Add the last S p, interpolated, to `out`.
 
         With a mask, only cells inside the mask are changed. A mask of size 0 means no mask.
         """

@@ -61,7 +61,7 @@ class HalfSpaceKernel:
         return 2 * self.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)
 
     def largest_eigenvalue(self, grid):
-        """Return the largest eigenvalue of A on a periodic patch.
+        """Return a periodic patch's largest eigenvalue of A.
 
         The unit is mm / (N/mm2).
         """

@@ -1,4 +1,4 @@
-"""Methods of the influence matrix as a PETSc Mat, for users.
+"""Methods of the influence matrix as PETSc Mat.
 
 The solvers of this program do not need them. A Mat is ``a C A C + s I``, where C restricts fields to the contact set.
 Each Mat has its own numbers a and s. All Mats of an operator share its contact set.
@@ -17,7 +17,7 @@ _FACTORS = "factors"  # attribute of a Mat
 
 
 def scale_and_shift(mat):
-    """Return the factor a and the shift s of a Mat."""
+    """Return a Mat's factor a and shift s."""
     return (mat and mat.getAttr(_FACTORS)) or (1.0, 0.0)
 
 

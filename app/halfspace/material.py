@@ -14,7 +14,7 @@ from app.halfspace.kernel import HalfSpaceKernel
 
 @dataclass(frozen=True, init=False)
 class Material:
-    """Combined elastic constants of the two bodies (paper, Sec. 2.2).
+    """Combined elastic constants of both bodies (Sec. 2.2).
 
     The constructor takes keywords only. `isotropic` and `pair` make a material from Young's moduli.
 
@@ -67,7 +67,7 @@ class Material:
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
-        """Make the material from G and nu, combined from both bodies.
+        """Make the material from combined G and nu.
 
         See the parameters of `Material` for the combination.
         """
@@ -124,7 +124,7 @@ class Material:
 
     @classmethod
     def from_contact_modulus(cls, contact_modulus):
-        """Make the material from the contact modulus E* alone [N/mm2].
+        """Make the material from the modulus E* [N/mm2].
 
         Examples
         --------
@@ -141,7 +141,7 @@ class Material:
         return self
 
     def conducting(self, resistivity=None, thermal_conductivity=None):
-        """Return a copy with constants for the conductance of the contact.
+        """Return a copy with constants for the conductance.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class Material:
         return copied
 
     def describe(self):
-        """Return E* and the constants that the material was made from."""
+        """Return E* and the constants given by the user."""
         pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}

@@ -1,4 +1,4 @@
-"""Influence matrix of a grid as context of a PETSc Mat.
+"""Influence matrix of a grid, a PETSc Mat context.
 
 The Mat is the *masked* operator ``C A C``: rows and columns of A outside the contact set C are zero. The array
 `InfluenceOperator.mask` has the set C; it is changed in place, so nothing is reallocated. All vectors of a Krylov
@@ -35,7 +35,7 @@ for _name in ("Alltoall", "Coeffs", "Spectra"):
 
 
 class InfluenceOperator(MatMethods):
-    """Influence matrix A on one grid, and its restriction to contact.
+    """Influence matrix A on one grid, restricted to contact.
 
     Methods called by PETSc are collective.
 
@@ -113,7 +113,7 @@ class InfluenceOperator(MatMethods):
 
     @property
     def needs_verification(self):
-        """True if results of `product` must be verified by `exact_product`."""
+        """True if `product` must be verified by `exact_product`."""
         return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
@@ -142,17 +142,17 @@ class InfluenceOperator(MatMethods):
 
     @property
     def target(self):
-        """Operator of the target grid, or None if it was freed."""
+        """Operator of the target grid; None if freed."""
         return self._target()
 
     @property
     def storage(self):
-        """Product whose work array other products may use, or None."""
+        """Product whose work array others may use, or None."""
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
     def spare_fields(self, *types, others=()):
-        """Return work fields in the unused part of the `storage`.
+        """Return work fields in unused parts of `storage`.
 
         There is one field for each numpy type in `types`, of shape `local_shape` and not initialised. A field is None
         if the storage is too small. The fields keep their values during the iteration: the product of this operator
@@ -285,7 +285,7 @@ class InfluenceOperator(MatMethods):
         apply_logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
-        """Return p.Ap of unit pressure on the contact set. Collective.
+        """Return p.Ap of unit pressure on C. Collective.
 
         Return also the number of cells of the contact set.
         """
@@ -369,7 +369,7 @@ class InfluenceOperator(MatMethods):
 
     @property
     def equivalent_products(self):
-        """Work on this grid so far, in products with A."""
+        """Work on this grid, in products with A."""
         cached = vars(self)
         products = {id(cached[name]): cached[name] for name in _PRODUCTS if name in cached}
         total = self._spent + sum([product.count for product in products.values()])
@@ -420,7 +420,7 @@ def get_operator(mat, kind, solver):
 
 
 def wrap_vec(field, operator):
-    """Return a Vec in the memory of a field. Collective.
+    """Return a Vec in a field's memory. Collective.
 
     The caller destroys the Vec. Raises ValueError if the field is not C-contiguous, because the Vec would be a copy.
     """

@@ -1,4 +1,4 @@
-"""Influence matrix of a periodic patch, diagonal in Fourier space.
+"""Influence matrix of periodic patches, diagonal in Fourier space.
 
 A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The *symbol* is the function
 lambda(q) that gives the eigenvalues of the matrix. It depends on what the value of a cell means. ``Grid.periodic``
@@ -29,7 +29,7 @@ _POINTS = 12  # Quadrature points per panel; the error is below rounding.
 
 
 def wave_numbers(grid, columns, rows):
-    """Return the wave numbers in x, and those in y [1/mm].
+    """Return wave numbers in x and in y [1/mm].
 
     `columns` are frequencies in x, `rows` frequencies in y. A frequency is a number of waves on the patch.
     """
@@ -119,7 +119,7 @@ def _line_sums(phases, lengths):
 
 
 def periodic_quadrant(grid, kernel):
-    """Return periodic influence coefficients at offsets up to half a period.
+    """Return periodic influence coefficients up to half a period.
 
     The coefficients are the inverse Fourier transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
     """
@@ -129,7 +129,7 @@ def periodic_quadrant(grid, kernel):
 
 
 def fold_offsets(offsets, n):
-    """Return equivalent offsets up to half of the period n.
+    """Return equivalent offsets up to half the period.
 
     An even periodic function has equal values at equivalent offsets.
     """

@@ -141,7 +141,7 @@ class ScreenedProduct(EvenMultiplier):
 
 
 class DenseProduct:
-    """Product with A as a stored matrix, for small grids."""
+    """Product with A, stored as a matrix."""
 
     largest = 256
 
@@ -150,7 +150,7 @@ class DenseProduct:
         self.count = 0
 
     def apply(self, p, out, mask=None):
-        """Compute A p, or with a mask C A C p.
+        """Compute A p, or C A C p.
 
         C restricts a field to the mask. The product is stored in `out`.
         """

@@ -1,4 +1,4 @@
-"""Windows of a grid, and the transfer of fields to windows.
+"""Windows of a grid, and transfer of fields.
 
 A window is a rectangle of cells of a grid, used as a grid of its own. Outside the contact area the pressure is zero,
 and the iteration does not need the displacement there. So the iteration can work on a window around the contact area.
@@ -33,12 +33,12 @@ class Window:
         return (self.y1 - self.y0) * (self.x1 - self.x0)
 
     def grid(self, whole):
-        """Return this window of the grid `whole` as a grid."""
+        """Return this window of `whole` as a grid."""
         x0, y0 = whole.x0 + self.x0 * whole.dx, whole.y0 + self.y0 * whole.dy
         return Grid(self.x1 - self.x0, self.y1 - self.y0, whole.dx, whole.dy, x0, y0)
 
     def refine(self, factors, grid):
-        """Return the window of the fine cells of this window.
+        """Return the window of this window's fine cells.
 
         `factors` are the coarsening factors (fy, fx), `grid` is the finer grid.
         """
@@ -60,7 +60,7 @@ class Window:
         )
 
     def relative_to(self, other):
-        """Return this window, counted from the first cell of `other`."""
+        """Return this window, counted from `other`'s first cell."""
         return Window(self.y0 - other.y0, self.y1 - other.y0, self.x0 - other.x0, self.x1 - other.x0)
 
 
@@ -80,7 +80,7 @@ def bounding_boxes(masks, slabs, comm):
 
 
 def local_bounds(mask, slabs):
-    """Return the bounds of a mask on this rank, for `window_from_bounds`.
+    """Return this rank's bounds of a mask, for `window_from_bounds`.
 
     The bounds are four numbers: the first row and column, then minus the last row and column, counted on the whole
     grid. All are infinite if the mask has no cells on this rank.
@@ -113,7 +113,7 @@ def _extent(mask):
 
 
 class Scatter:
-    """Transfer of fields between a grid and a window of it.
+    """Transfer of fields between grid and window.
 
     `outer` and `inner` are the `Slabs` of the grid and of the window; `comm` has all ranks that own rows of either.
     """
@@ -130,7 +130,7 @@ class Scatter:
         self._place = slice(first, first + self._reverse.rows), self._columns
 
     def forward(self, field, out=None):
-        """Copy the part of a field inside the window. Collective.
+        """Copy a field's part in the window. Collective.
 
         Return the field on the window; this is `out` if given.
         """

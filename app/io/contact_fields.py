@@ -40,7 +40,7 @@ _MIN_MEAN_VECTOR = 1e-9  # length of the mean of unit vectors; if it is less, ce
 
 
 class Patches(NamedTuple):
-    """Contact spots by decreasing size; the same on all ranks.
+    """Contact spots by decreasing size, on all ranks.
 
     A contact spot is a set of cells in contact that are connected by sides, on a periodic patch also across the sides
     of the patch. Spots of one size are ordered by their first cells.
@@ -137,7 +137,7 @@ class ContactFields:
         return views.load().plot_solution(self, name, ax)
 
     def to_xarray(self):
-        """Return an xarray.Dataset of the fields in the local rows.
+        """Return an xarray.Dataset of the fields' local rows.
 
         The ``attrs`` of each field have its unit.
         """

@@ -1,4 +1,4 @@
-"""Fields of many solutions on one grid, in one HDF5 file.
+"""Fields of many solutions in one HDF5 file.
 
 Each field is a dataset of shape (rows, ny, nx); entry k belongs to row k of the table. `x` and `y` are the cell centres
 [mm]. The group ``table`` has the columns of the table. Fields without a solution are NaN.
@@ -20,7 +20,7 @@ _BYTES_PER_COLUMN = 4096  # more than HDF5 needs for the metadata of a dataset
 
 
 def check_fields(path, names, grids):
-    """Check file name, names of fields, and grids before any work.
+    """Check file name, fields and grids before any work.
 
     Returns
     -------

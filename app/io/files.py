@@ -98,7 +98,7 @@ def hash_file(path):
 
 
 def hash_samples(path):
-    """Return size and hash of a file, None without a file.
+    """Return size and hash of a file, or None.
 
     If the file is larger than 4 MiB, only evenly spaced samples of it are hashed.
     """
@@ -163,7 +163,7 @@ def atomic_hdf5(path):
 
 
 def make_temporary_name(path):
-    """Return a temporary name in the folder of a path.
+    """Return a temporary name in a path's folder.
 
     Temporary files in this folder that are older than a day are removed; killed runs left them.
     """
@@ -181,7 +181,7 @@ def remove(path):
 
 
 def publish(temporary, path):
-    """Flush a temporary file to disk, then rename it to `path`."""
+    """Flush a temporary file, then rename it to `path`."""
     _sync(temporary)
     temporary.replace(path)
     _sync(temporary.parent)

@@ -1,4 +1,4 @@
-"""Result file (HDF5): solution, history and attributes of the run.
+"""Result file (HDF5): solution, history, attributes.
 
 =========================  ==========  =======  =====  ==========================================
 dataset                    shape       type     unit   meaning (symbol of the paper)
@@ -74,7 +74,7 @@ MAX_STEP_DEVIATION = 0.1  # of a cell: rounding of coordinates far from zero
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(ContactFields):
-    """Contents of a result file, see the table of the module.
+    """Contents of a result file, see the module's table.
 
     Attributes of the file are attributes of this object, too: ``result.load`` is ``result.attributes["load"]``. The
     names that `Solution` has for some of them (``message``, ``iterations``, ``rtol``) also work.
@@ -145,7 +145,7 @@ def make_grid(x, y, attributes):
 
 
 def read_result(path):
-    """Read a result file; this rank gets the whole grid.
+    """Read a result file, with all rows.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _read_columns(file, group, known=()):
 
 
 def read_dataset(file, name, dtype=None):
-    """Read a numeric dataset; raise InputError if it is not numeric.
+    """Read a numeric dataset; InputError if not numeric.
 
     Numbers are converted to `dtype`, by default that of the dataset.
     """
@@ -279,7 +279,7 @@ def _are_centres(values):
 
 
 def read_attributes(file):
-    """Return the attributes of a file as Python objects, by name.
+    """Return a file's attributes as Python objects, by name.
 
     Raises InputError if an attribute has a wrong type.
     """

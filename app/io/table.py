@@ -32,12 +32,12 @@ def format_markdown(rows, columns=None, formats=None):
 
 
 def format_text(rows, columns=None, formats=None):
-    """Return a table as text for a terminal; see `format_markdown`."""
+    """Return a table as plain text; see `format_markdown`."""
     return _tabulate("simple", rows, columns, formats)
 
 
 def format_csv(rows, columns=None):
-    """Return a table as CSV, with all digits of its numbers.
+    """Return a table as CSV, with all digits.
 
     The parameters are those of `format_markdown`.
     """
@@ -49,7 +49,7 @@ def format_csv(rows, columns=None):
 
 
 def write_table(path, rows, columns=None):
-    """Write a table atomically, in the format of the path's suffix.
+    """Write a table atomically, in the suffix's format.
 
     The suffix is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; ValueError for any other. An HDF5 file has a
     dataset for each key: int64, float64 with NaN for empty cells, or strings.

@@ -19,7 +19,7 @@ _METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets
 
 @dataclass(frozen=True)
 class ByRows:
-    """Field whose rows are computed only when they are written.
+    """Field whose rows are computed when written.
 
     The function ``values(slice of rows)`` returns these rows, an ndarray.
     """

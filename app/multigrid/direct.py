@@ -16,7 +16,7 @@ def solves_directly(operator):
 
 
 def can_start_on(hierarchy, number):
-    """Return whether a nested iteration may start on level `number`.
+    """Return whether nested iteration may start on a level.
 
     The grid of the level must be small, and coarser than the target grid.
     """
@@ -78,7 +78,7 @@ class DirectSolver:
         self._failure = ""
 
     def set_contact(self):
-        """Factorise A on the contact set in the operator's mask."""
+        """Factorise A on the contact set."""
         self.operator.mask_changed()
         cells = np.flatnonzero(self.operator.mask)
         if self._cells is not None and cells.tobytes() == self._cells.tobytes():

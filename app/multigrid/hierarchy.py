@@ -252,7 +252,7 @@ class Hierarchy:
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Add the cost of a window's products to the work count.
+        """Add a window's products to the work count.
 
         Products on the coarser levels of the window are included. Products that an earlier call has counted are left
         out.

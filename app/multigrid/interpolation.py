@@ -27,7 +27,7 @@ def _interpolate_inner(row, fine):
 
 @njit()
 def interpolate_bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
-    """Compute each fine cell from two coarse rows and two columns.
+    """Compute fine cells from two coarse rows and columns.
 
     Cell fine[j, i] is interpolated from the coarse rows a[j], with weight weight_y[j], and b[j], and from the columns
     c[i], with weight weight_x[i], and d[i]. The weights of b[j] and d[i] are one minus these. `halved` is true if each
@@ -65,7 +65,7 @@ def _interpolate_halved(row, weights, fine):
 
 @njit()
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """Compute each fine cell from six coarse rows and six columns.
+    """Compute fine cells from six coarse rows and columns.
 
     The rows for fine[j, i] are rows[j] to rows[j] + 5, the columns are columns[i] to columns[i] + 5. Columns are
     counted from `QUINTIC_MARGIN` cells before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`
@@ -91,7 +91,7 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 
 @lru_cache(maxsize=64)
 def bilinear_weights(start, stop, count, factor, place, first=None):
-    """Return two coarse cells and a weight for each fine cell.
+    """Return each fine cell's two coarse cells and weight.
 
     All cells are those along one axis. The fine cells are `start` to `stop` - 1. Along the axis there are `count`
     coarse cells, each of `factor` fine cells. The weight is that of the first coarse cell; the second has one minus
@@ -118,7 +118,7 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
 @lru_cache(maxsize=64)
 def quintic_weights(start, stop, place, first):
-    """Return coarse cells and weights of quintic interpolation on one axis.
+    """Return coarse cells and weights of quintic interpolation.
 
     Each fine cell from `start` to `stop` - 1 is interpolated from six successive coarse cells. Return the number of the
     first of the six, relative to `first`, and the six weights. `place` is that of `Grid.places_in` on this axis.

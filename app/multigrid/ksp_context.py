@@ -6,7 +6,7 @@ from app.parallel.reductions import sum_over
 
 
 class KspContext:
-    """Context of a Python KSP that uses PETSc's convergence test.
+    """Context of Python KSPs that use PETSc's convergence test.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Linear solver of a contact system (2.11), by PETSc's options.
+"""Linear solver of contact systems (2.11), by PETSc's options.
 
 All of PETSc's solvers that need only products with the matrix and its diagonal can be chosen: ``-ksp_type cg -pc_type
 none`` (the method NORM of the paper), ``-pc_type jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg``
@@ -113,7 +113,7 @@ class LinearSolver:
         return total
 
     def solve(self, b, allowed):
-        """Solve C A C x = b, from x = 0.
+        """Solve C A C x = b from zero.
 
         Collective.
 

@@ -1,4 +1,4 @@
-"""The multigrid method (Sec. 4.2) as a PC for any KSP.
+"""Multigrid method (Sec. 4.2), a PC for any KSP.
 
 PETSc's PCMG runs the cycles; its operators are masked by the contact set::
 
@@ -110,7 +110,7 @@ class ContactMG:
     _symmetric = False  # True if the KSP needs a symmetric cycle
 
     def setFromOptions(self, pc):
-        """Reset this PC, so that the next set-up reads the options."""
+        """Reset, so that the next set-up reads options."""
         self.reset(pc)
 
     def setUp(self, pc):
@@ -137,7 +137,7 @@ class ContactMG:
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y from x by one or more multigrid cycles.
+        """Compute y from x by multigrid cycles.
 
         The number of cycles is ``-pc_mg_multiplicative_cycles``, by default 1.
         """
@@ -157,7 +157,7 @@ class ContactMG:
             self._cycle.view(viewer)
 
     def reset(self, pc):
-        """Free all PETSc objects; the next use makes them again."""
+        """Free all PETSc objects until the next use."""
         # Also the Mat: PETSc's garbage_cleanup may call this, and loses what Python drops inside it.
         for part in (self._cycle, self._coarse, *self._mats, self._mat):
             if part is not None:
@@ -193,7 +193,7 @@ class ContactMG:
             cycle.getMGCoarseSolve().getPC().setUpOnBlocks()
 
     def _set_levels(self, comm):
-        """Set the operators, transfers and coarsest matrix of the PCMG."""
+        """Set the PCMG's operators, transfers and coarsest matrix."""
         cycle, finest = self._cycle, len(self.operators) - 1
         self._transfers = make_transfers(self.operators, self.operators[-1].comm)
         self._mats = []
@@ -259,7 +259,7 @@ def _energy_of_constant(fine, coarse):
 
 
 def _default_options(options, symmetric):
-    """Return default options of the smoothers and the coarsest grid.
+    """Return default options of smoothers and coarsest grid.
 
     `options` are those of the user. `symmetric` is true if the cycle must be symmetric.
     """

@@ -9,7 +9,7 @@ from app.multigrid.ksp_context import KspContext
 
 
 class NoSmoothing(KspContext):
-    """KSP that does nothing, for the cycles V(1,0) and V(0,1).
+    """KSP that does nothing, for V(1,0) and V(0,1).
 
     Choose it by ``-mg_levels_pc_type none -mg_levels_ksp_type python``,
     ``-mg_levels_ksp_python_type app.multigrid.smoothers.NoSmoothing``.

@@ -38,7 +38,7 @@ class SolverCache:
                 self.solver(number, level)
 
     def solver(self, number, operator):
-        """Get or make the solver of a level or window. Collective."""
+        """Get or make a level's or window's solver. Collective."""
         if self._is_of_target(operator):
             return self._target
         if operator not in self._solvers:
@@ -46,7 +46,7 @@ class SolverCache:
         return self._solvers[operator]
 
     def release_solver(self, operator):
-        """Free an operator's solver if its grid is large. Collective.
+        """Free an operator's solver if large. Collective.
 
         The target's solver only frees its large work arrays.
         """

@@ -56,7 +56,7 @@ class Transfer:
 
     @cached_property
     def _fetch_overlapping(self):
-        """`Fetch` of fine rows that overlap this rank's periodic coarse rows."""
+        """`Fetch` of fine rows overlapping this rank's coarse rows."""
         first, last = self._made.bounds(self._ranks)
         low, high = self.fy * first - 1, self.fy * (last - 1) + 3
         return Fetch(self.fine.slabs, [(low, np.where(last > first, high, low))], self._comm)
@@ -173,12 +173,12 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
-        """Copy the values of coarse cells to their children. Collective."""
+        """Copy coarse cells' values to their children. Collective."""
         _copy(self._fetch_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
-        """Interpolate a coarse field bilinearly to the fine grid. Collective.
+        """Interpolate a coarse field bilinearly. Collective.
 
         At the boundary of a patch or window the field is extrapolated.
         """
@@ -210,11 +210,11 @@ class Transfer:
 
     @property
     def _halved(self):
-        """True if each coarse column consists of exactly two fine columns."""
+        """True if each coarse column has two fine columns."""
         return self.fx == 2 and not (self.coarse.grid.periodic and self.fine.grid.nx % 2)
 
     def restriction_mat(self, comm):
-        """Make the Mat of the restriction between contact sets. Collective.
+        """Make the Mat of the restriction. Collective.
 
         The Mat has the transposed size (fine x coarse) if this release of PETSc restricts by a transposed product.
         """
@@ -253,7 +253,7 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add the values of fine cells to their coarse cells.
+    """Add fine cells' values to their coarse cells.
 
     The first fine row and column must be first children.
     """
@@ -278,7 +278,7 @@ def _copy_row(coarse, fine, fx):
 
 @njit()
 def _copy(coarse, fine, skipped, fy, fx):
-    """Copy the values of coarse cells to their children.
+    """Copy coarse cells' values to their children.
 
     `skipped` is the number of fine rows that `fine` lacks of the first coarse row.
     """
@@ -307,7 +307,7 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Mat context of the restriction from fine to coarse contact set.
+    """Mat context of the restriction between contact sets.
 
     The result is the mean over the children of each cell of the coarse set, and zero elsewhere. Children outside the
     fine set count as zero.

@@ -1,1 +1,1 @@
-"""Tables of options, and a solver's options in PETSc's database."""
+"""Tables of options, and options in PETSc's database."""

@@ -44,7 +44,7 @@ _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 
 @dataclass(frozen=True)
 class MethodOption(Option):
-    """An option of the method, and where it has an effect.
+    """A method's option, and where it has an effect.
 
     The option has an effect with the listed `strategies`; if `only_nested` is true, only with nested iteration.
     """
@@ -60,7 +60,7 @@ def _option(kind, default, meaning, strategies=_STRATEGIES, only_nested=False):
 # fmt: off
 @dataclass(frozen=True)
 class Settings:
-    """Values of the options ``-lcp_NAME``, and the texts of all options."""
+    """Values of ``-lcp_NAME``, and texts of all options."""
 
     type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
     nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
@@ -95,7 +95,7 @@ class Settings:
 
     @property
     def single(self):
-        """True if the products of the iteration are in single precision."""
+        """True if the iteration's products are in single precision."""
         return self.precision == "single"
 # fmt: on
 
@@ -128,21 +128,21 @@ _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # preconditioners 
 
 
 def find_method_file(name):
-    """Return the path of a method file by its name."""
+    """Return the path of a method file."""
     if name not in {path.stem for path in FILES.glob("*.opts")}:
         raise InputError(f"method {name!r}: must be one of {', '.join(list_methods())}")
     return FILES / f"{name}.opts"
 
 
 def list_methods():
-    """Return the names of all method files, sorted by name."""
+    """Return the names of all method files, sorted."""
     return sorted(
         path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
     )
 
 
 def read_method_file(name):
-    """Return the options of a method file: name -> text."""
+    """Return a method file's options: name -> text."""
     from app.options.solver_options import read_option_file  # loads PETSc
 
     return read_option_file(find_method_file(name))
@@ -223,7 +223,7 @@ def _drop_overridden_methods(files, typed):
 
 
 def _find_replaceable(files, typed):
-    """Return the options of method files that may have no effect.
+    """Return method files' options that may have no effect.
 
     A later option has chosen another solver, so these options need not be used. The arguments are those of
     `_drop_overridden_methods`.

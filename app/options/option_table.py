@@ -1,4 +1,4 @@
-"""Tables of options, and a reader of the options' values.
+"""Tables of options, and a reader of values.
 
 The texts of options come from files, environment and command line (`app.cli.option_sources`), or from a dict in a
 program. Options of linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) belong to PETSc and are in no table.
@@ -48,7 +48,7 @@ def find_option_file(path):
 
 
 def list_named_files(text):
-    """Return the names of files that an option's text may mean.
+    """Return the files that an option's text may mean.
 
     The names are the text itself, the text without ``:/DATASET``, and the file of a Python module.
 
@@ -77,7 +77,7 @@ class Option:
 
     @property
     def described(self):
-        """Meaning of the option, and the words allowed as its value."""
+        """Meaning of the option, and the allowed words."""
         names = getattr(self.kind, "names", ())
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
@@ -112,7 +112,7 @@ def format_value(value):
 
 
 class OptionReader:
-    """Reader of the values of the options of a table.
+    """Reader of the values of a table's options.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class OptionReader:
         return list(self._table)
 
     def given(self, *names):
-        """Return whether at least one of the named options is set."""
+        """Return whether any of the named options is set."""
         return any(name.lower() in self._texts for name in names)
 
     def __getitem__(self, name):
@@ -172,12 +172,12 @@ class OptionReader:
             raise InputError(f"{wrong}: must be {error}{unit}") from None
 
     def unused(self):
-        """Return the names of set options that were not read."""
+        """Return the names of options set but not read."""
         return sorted(self._table.keys() & self._texts.keys() - self.asked)
 
 
 def to_texts(options, what="options"):
-    """Convert option values to texts, and names to lower case.
+    """Convert option values to texts, names to lower case.
 
     Raises
     ------
@@ -258,7 +258,7 @@ def describe_unknown_options(names, known, what="unknown"):
 
 
 def number(text, kind=float, allowed="a number"):
-    """Convert a text to a number of the Python type `kind`.
+    """Convert a text to a number of type `kind`.
 
     Raises
     ------
@@ -306,7 +306,7 @@ _integer = partial(number, kind=int)
 
 
 def integer(lowest, allowed, highest=np.inf):
-    """Return a parser of an integer from `lowest` to `highest`."""
+    """Return a parser of integers from `lowest` to `highest`."""
     return lambda text: _several(text, _integer, [1], allowed, lambda n: lowest <= n <= highest)[0]
 
 
@@ -381,7 +381,7 @@ def series(text):
 
 
 def choice(*names):
-    """Return a parser that accepts one of the words `names`."""
+    """Return a parser that accepts a word of `names`."""
 
     def parse(text):
         if text not in names:

@@ -113,7 +113,7 @@ class SolverOptions:
         self._judged.difference_update(names)
 
     def unused(self, comm, late=False):
-        """Return the names of options that no rank has used.
+        """Return the options that no rank has used.
 
         Collective over the mpi4py communicator `comm`. Options that PETSc reads during a solve, not in set-up, are
         included only if `late` is true.
@@ -159,7 +159,7 @@ def temporary_options(prefix, defaults, forced):
 
 
 def read_option_file(path, flag="-options_file"):
-    """Return the options of a file, as PETSc reads them.
+    """Return a file's options, as PETSc reads them.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def check_viewer(name, text):
 
 
 def check_output(name, text, file):
-    """Check that PETSc can write the output file of an option."""
+    """Check that PETSc can write an option's output file."""
     folder = Path(file).parent
     if not folder.is_dir():
         raise InputError(f"-{name} {text}: there is no folder {folder}")

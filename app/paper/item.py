@@ -21,7 +21,7 @@ class Limits:
     seeds: int = 10
 
     def sizes(self, *sizes):
-        """Return the given grid sizes that are within the limit."""
+        """Return the given sizes within the limit."""
         return [n for n in sizes if n <= self.largest]
 
 

@@ -39,7 +39,7 @@ class Entry:
         )
 
     def difference(self):
-        """Difference of this program's value from the paper's, as text."""
+        """Difference of the two values, as text."""
         if self.paper is None or self.ours is None:
             return "" if self.paper is self.ours else "one diverged"
         if not isinstance(self.paper, list):
@@ -59,7 +59,7 @@ def format_entry(value):
 
 
 def pair_entries(name, ours):
-    """Return the entries of a table, with pairs of values.
+    """Return a table's entries, with pairs of values.
 
     `name` is the name of the table; `ours` maps grid sizes to rows of this program's values.
     """
@@ -212,7 +212,7 @@ def study_section(item, data):
 
 
 def format_page(items, tables, studies, pictures, checks, facts):
-    """Format all items with results as one page in Markdown.
+    """Format all items' results as one Markdown page.
 
     Parameters
     ----------

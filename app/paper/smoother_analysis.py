@@ -89,7 +89,7 @@ class Modes:
     vectors: np.ndarray
 
     def coefficients(self, error):
-        """Return the coefficients c_j of errors in the eigenvectors v^j.
+        """Return coefficients c_j of errors in eigenvectors v^j.
 
         ``error = sum_j c_j v^j``. `error` and result have shape (n,), or (k, n) for k errors.
         """
@@ -185,7 +185,7 @@ def modes(iteration_matrix):
 
 
 def paper_mode_index(number, n):
-    """Return the index in `Modes` of a mode of the paper.
+    """Return the index in `Modes` of the paper's mode.
 
     The paper's `number` is from 1 to n.
     """

@@ -117,7 +117,7 @@ def _plan_table8(limits, scratch):
 
 
 def inexact_counts(outcome, k):
-    """Return active set iterations and work units, for Table 8.
+    """Return active set iterations and work units (Table 8).
 
     An active set iteration costs k CG iterations, the defect and the displacement: k + 2 work units.
     """

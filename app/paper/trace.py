@@ -24,7 +24,7 @@ from app.contact.history import Listener
 
 
 class Recorder(Listener):
-    """Recorder of the iterations and of the last linear solve.
+    """Recorder of iterations and of the last linear solve.
 
     Only the target grid is recorded.
     """
@@ -38,7 +38,7 @@ class Recorder(Listener):
         self._keep(state)
 
     def iteration(self, entry, state):
-        """Store pressure and contact set after an active set iteration."""
+        """Store pressure and contact set after an iteration."""
         self._keep(state)
 
     def monitor(self, ksp, iteration, norm):
@@ -56,7 +56,7 @@ class Recorder(Listener):
 
 
 def main(given):
-    """Solve, write the trace file, and return the exit status."""
+    """Solve, write the trace file, return the exit status."""
     # After the start of the session: importing PETSc starts it.
     from app.api.solver import ContactSolver
     from app.base.errors import InputError, call_collectively
@@ -104,7 +104,7 @@ def collect_cycles(path):
 
 
 def collect_errors(path):
-    """Return the errors of a trace's pressures for Table 4.
+    """Return a trace's pressure errors for Table 4.
 
     An error is the root mean square over the last contact set.
 

@@ -26,7 +26,7 @@ class Traffic:
     small_collectives: int = 0  # reductions, broadcasts, gathers
 
     def since(self, before):
-        """Return the counts minus those of an earlier copy `before`."""
+        """Return these counts minus those of `before`."""
         return Traffic(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
 
     def copy(self):
@@ -149,7 +149,7 @@ for _name in ("Allreduce", "Allgatherv", "Gatherv", "allreduce", "allgather", "b
 
 
 class _Failure:
-    """Error of rank 0 in a form that can be broadcast."""
+    """Error of rank 0, in a broadcastable form."""
 
     def __init__(self, error):
         error = to_input_error(error)

@@ -40,7 +40,7 @@ class Fetch:
         self.unchanged |= not (self.rows or have.local)
 
     def _plan(self, first, last):
-        """Plan the messages by which each rank gets its wanted rows.
+        """Plan the messages that bring ranks their wanted rows.
 
         Rank r wants the rows ``first[r] <= j < last[r]``.
         """

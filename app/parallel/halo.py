@@ -10,7 +10,7 @@ from app.parallel.fetch import Fetch
 
 
 class _GhostRows:
-    """Exchange of the ghost rows before and after a slab.
+    """Exchange of ghost rows before and after a slab.
 
     `before` and `after` are pairs (first, end) of integer arrays with an entry for each rank: the rank gets the rows
     with numbers from `first` to `end` - 1, as in `Fetch`.

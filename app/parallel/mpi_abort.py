@@ -47,7 +47,7 @@ def barrier_with_timeout(comm):
 
 
 def abort_all(status):
-    """Abort all ranks with an exit status, if there are several."""
+    """Abort all ranks, if several, with an exit status."""
     flush()
     if MPI.COMM_WORLD.size > 1:
         time.sleep(0.2)  # Open MPI 5 drops output that it has not forwarded yet.

@@ -11,7 +11,7 @@ from app.parallel.slabs import Slabs
 
 
 class RankGroups:
-    """Ranks of a solver, and the ranks that share each grid.
+    """Ranks of a solver, and ranks of each grid.
 
     If several ranks share a grid, each has at least `cells` cells; the target grid is an exception.
     """
@@ -22,11 +22,11 @@ class RankGroups:
         self._subcomms = {}
 
     def count_for(self, grid):
-        """Return the number of ranks that should share a grid."""
+        """Return how many ranks should share a grid."""
         return count_ranks(grid, self.size, self.cells)
 
     def slabs(self, grid, size=None):
-        """Return the `Slabs` of a grid on the first `size` ranks.
+        """Return a grid's `Slabs` on the first `size` ranks.
 
         The default of `size` is ``count_for(grid)``.
         """

@@ -27,7 +27,7 @@ def _add_tuples(sums, more):
 
 @njit_reassoc
 def add_row(a, scale, b):
-    """Compute a += scale b for the cells of a row."""
+    """Compute a += scale b for a row."""
     for i in range(a.size):
         a[i] += scale * b[i]
 
@@ -55,7 +55,7 @@ def scale_row(row, factor, out):
 
 @njit_reassoc
 def add_masked(row, mask, out):
-    """Compute out += row in the cells of the mask."""
+    """Compute out += row inside the mask."""
     zero = row.dtype.type(0)
     for i in range(row.size):
         out[i] += row[i] if mask[i] else zero
@@ -63,7 +63,7 @@ def add_masked(row, mask, out):
 
 @njit_reassoc
 def stencil_sum(above, here, below, i, x, y, diagonal):
-    """Return the weighted sum of the eight neighbours of cell i.
+    """Return the weighted sum of cell i's eight neighbours.
 
     `above`, `here` and `below` are three rows with a ghost cell at each end. `x`, `y` and `diagonal` are the weights of
     the neighbours in x, in y and across corners.
@@ -92,14 +92,14 @@ def copy_slab_row(t, field, before, after, out):
 
 @njit()
 def wrap_ends(row, nx, width):
-    """Fill `width` ghost cells at each end of a periodic row."""
+    """Fill `width` ghost cells at a periodic row's ends."""
     for i in range(width):  # from inside: with nx < width, ghost cells are copied on
         row[width - 1 - i], row[width + nx + i] = row[width - 1 - i + nx], row[width + i]
 
 
 @njit()
 def nonzero_span(row):
-    """Return first index and end index of a row's nonzero cells."""
+    """Return first and end index of a row's nonzeros."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1
@@ -110,7 +110,7 @@ def nonzero_span(row):
 
 @njit()
 def any_nonzero(block):
-    """Return whether any entry of an array is not zero."""
+    """Return whether any entry of an array is nonzero."""
     for j in range(block.shape[0]):
         nonzero = False
         for i in range(block.shape[1]):
@@ -121,7 +121,7 @@ def any_nonzero(block):
 
 
 def sum_over(comm, values):
-    """Return the sum over all ranks of each value. Collective."""
+    """Return each value's sum over all ranks. Collective."""
     if comm is None:
         return values
     result = np.array(values, dtype=float)
@@ -130,7 +130,7 @@ def sum_over(comm, values):
 
 
 def minimum_over(comm, values):
-    """Return the minimum over all ranks of each value. Collective.
+    """Return each value's minimum over all ranks. Collective.
 
     NaN counts as the smallest number. With MPI.MIN the result would depend on which rank has the NaN.
     """
@@ -140,7 +140,7 @@ def minimum_over(comm, values):
 
 
 def sums_and_minima(comm, sums, lowest):
-    """Return sums of `sums` and minima of `lowest` over all ranks.
+    """Return sums and minima over all ranks.
 
     One reduction computes both. Collective.
     """

@@ -1,15 +1,15 @@
-"""Distribution of the rows of a grid over MPI ranks."""
+"""Distribution of a grid's rows over MPI ranks."""
 
 import numpy as np
 
 
 def none_if_single(comm):
-    """Return `comm`, or None if it has a single rank."""
+    """Return `comm`, or None for a single rank."""
     return comm if comm is not None and comm.size > 1 else None
 
 
 class Slabs:
-    """Slabs of consecutive rows of a grid, one for each rank.
+    """Slabs of consecutive rows, one for each rank.
 
     The first `size` ranks share `ny` rows; `rank` is the number of this rank. Ranks from `size` on have no rows; some
     of the first ranks may have none either. Slabs begin at multiples of `block` rows; the last slab has the remaining
@@ -59,7 +59,7 @@ class Slabs:
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """Return first rows and end rows of the first `ranks` ranks."""
+        """Return first and end rows of `ranks` ranks."""
         edges = np.full(ranks + 1, self.ny)
         shared = min(ranks, self.size) + 1
         edges[:shared] = self.starts[:shared]

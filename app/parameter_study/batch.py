@@ -92,7 +92,7 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
 
 
 def make_rows(runs, outcomes):
-    """Return the table's rows, with labels and outcomes of runs.
+    """Return table rows with runs' labels and outcomes.
 
     A run with a load path has a row for each step. Only the row of the last step has numbers of the whole run, such as
     its work. If NAME is a varied option, a result of the same name has the column ``result_NAME``. Quantities that load

@@ -22,7 +22,7 @@ _KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 
 
 def run_command(command, timeout=None, stop=None):
-    """Run a command; return its exit status and standard error.
+    """Run a command; return exit status and standard error.
 
     The process has a process group of its own. It is ended after `timeout` [s], and then TimeoutExpired is raised. It
     is also ended when the event `stop` is set, and then InterruptedError is raised. If a signal ended the process, the

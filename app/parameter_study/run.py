@@ -89,7 +89,7 @@ class Run:
         return words
 
     def inputs(self):
-        """Return the names of files that the run may read.
+        """Return the files that the run may read.
 
         The run may read the files that its options name, PETSc's start files, and the files that these or PETSc's
         environment variables name. Some may not exist.
@@ -100,7 +100,7 @@ class Run:
         return [*files, *values, *_find_named_files(files, _petsc_variables())]
 
     def key(self, ranks=1):
-        """Return a hash that identifies the run in a journal.
+        """Return a hash that identifies the run.
 
         The hash depends on options, contents of input files, program and number of ranks.
         """
@@ -115,7 +115,7 @@ def _petsc_variables():
 
 
 def _find_named_files(option_files, texts):
-    """Return the existing files that option files and texts name."""
+    """Return existing files named in option files and texts."""
     named, texts, unread = [], list(texts), list(option_files)
     while texts or unread:
         if not texts:

@@ -105,7 +105,7 @@ def _is_smooth(surface, grid):
 
 @with_style
 def spectrum_figure(result):
-    """Draw the spectrum of the roughness, with roll-off and cut-off.
+    """Draw the roughness spectrum, with roll-off and cut-off.
 
     If the patch is not periodic, the best paraboloid is subtracted and a Hann window applied. Return None for smooth
     bodies.

@@ -153,7 +153,7 @@ def summary_figure(result, reference=None):
 
 
 def hottest_cell(result):
-    """Return row and column of the cell of highest pressure.
+    """Return row and column of the highest pressure.
 
     If several cells have the highest pressure, up to rounding, return the one in their middle.
     """
@@ -163,7 +163,7 @@ def hottest_cell(result):
 
 
 def draw_section(axes, result, along, row, column, reference):
-    """Draw the pressure along a row or column of cells.
+    """Draw the pressure along a row or column.
 
     The gap is drawn, too, or instead the pressure of a `reference` solution. Return the ends of the axis [mm].
     """

@@ -1,4 +1,4 @@
-"""Figure of a measured surface with numbers of ISO 25178."""
+"""Figure of a measured surface, with ISO 25178 numbers."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,13 +74,13 @@ def _draw_map(axes, canvas, shown, limits, extend, unit):
 
 
 def draw_heights(axes, surface):
-    """Draw a map of a surface's heights on given axes."""
+    """Draw a surface's map of heights on axes."""
     _draw_map(axes, *_prepare(surface))
 
 
 @with_style
 def heights_figure(surface):
-    """Return a figure with a map of a surface's heights."""
+    """Return a figure with a surface's heights."""
     canvas, *shown = _prepare(surface)
     figure = new_figure(*canvas.size)
     _draw_map(figure.subplots(), canvas, *shown)
@@ -88,7 +88,7 @@ def heights_figure(surface):
 
 
 def _title(surface, grid):
-    """Return a title: file, numbers of points and cells, and roughness."""
+    """Return a title: file, points, cells and roughness."""
     name = Path(surface.file.partition(":/")[0]).name
     unit = choose_length_unit(max(grid.dx, grid.dy))
     cell = " × ".join(f"{side * unit.per_mm:.4g}" for side in (grid.dx, grid.dy))
@@ -119,7 +119,7 @@ def _find_limits(heights):
 
 
 def _draw_profile(axes, canvas, heights, along, unit):
-    """Draw the heights along the middle row or column of cells."""
+    """Draw the heights along the middle row or column."""
     x, y = canvas.grid.x() * canvas.unit.per_mm, canvas.grid.y() * canvas.unit.per_mm
     if along == "x":
         s, profile, across = x, heights[y.size // 2], f"y = {y[y.size // 2]:.3g}"
@@ -134,7 +134,7 @@ def _draw_profile(axes, canvas, heights, along, unit):
 
 
 def _draw_distribution(axes, values, limits, unit):
-    """Draw the probability density of heights, and its normal fit."""
+    """Draw the heights' probability density and normal fit."""
     axes.set(xlabel=f"height z  [{unit.name}]", ylabel=f"probability density  [1/{unit.name}]")
     sq = values.std()
     if not sq > 0:

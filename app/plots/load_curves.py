@@ -40,7 +40,7 @@ _ERRORS = {
 
 
 class Path(NamedTuple):
-    """Load path to draw: its columns, name and pressure scale.
+    """Load path to draw: columns, name, pressure scale.
 
     `scale` is E* times the rms slope of nominally flat bodies [N/mm2]; NaN for other bodies.
     """
@@ -50,7 +50,7 @@ class Path(NamedTuple):
     scale: float = np.nan
 
     def select(self, *names, above=0.0):
-        """Return columns at those steps where all of them exceed `above`.
+        """Return columns at steps where all exceed `above`.
 
         Return None if a column is missing, or if there is no such step.
         """
@@ -289,7 +289,7 @@ def _draw_stiffness(rough, axes, paths):
 
 
 def _select_all(paths, name):
-    """Return a column of all paths, one after the other."""
+    """Return all paths' values of a column."""
     columns = [path.select(name, above=-np.inf) for path in paths]
     return np.concatenate([column[0] for column in columns if column is not None] or [[1.0]])
 

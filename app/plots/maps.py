@@ -131,7 +131,7 @@ class Canvas:
     def draw_field(
         self, axes, field, colours, label, extend="neither", hide_zero=False, ticks=None, **options
     ):
-        """Draw a field of the cells, with a colour bar.
+        """Draw a field with a colour bar.
 
         With `hide_zero` zero is white. `ticks` are the ticks of the colour bar, if given.
         """
@@ -151,7 +151,7 @@ class Canvas:
         bar.outline.set_linewidth(0.8)
 
     def draw_contact(self, axes):
-        """Draw the contact area with a colour for each contact spot.
+        """Draw the contact area, with colours for spots.
 
         With a hardness there are two colours, of elastic and of plastic cells.
         """
@@ -170,7 +170,7 @@ class Canvas:
         self._draw_patch(axes)
 
     def _draw_elastic_and_plastic(self, axes, possible):
-        """Draw elastic and plastic contact; return the entries of the legend.
+        """Draw elastic and plastic contact; return legend entries.
 
         `possible` is the number of admissible cells.
         """
@@ -189,7 +189,7 @@ class Canvas:
         }
 
     def _draw_spots(self, axes):
-        """Draw the contact spots; return the entries of the legend."""
+        """Draw the contact spots; return legend entries."""
         result = self.result
         patches = result.patches()
         cells = patches.cells
@@ -230,7 +230,7 @@ class Canvas:
         self._draw_patch(axes)
 
     def draw_length(self, axes, field, colours, label):
-        """Draw a field of lengths [mm] in a suitable unit.
+        """Draw a field of lengths in a suitable unit.
 
         The name of the unit replaces ``{}`` in the label.
         """
@@ -260,7 +260,7 @@ class Canvas:
         self._draw_patch(axes)
 
     def draw_gap(self, axes):
-        """Draw a map of the gap e, white in contact."""
+        """Draw the gap e, white in contact."""
         gap = np.where(self.result.contact == 1, np.nan, self.result.gap)
         self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]  (white: contact)")
 
@@ -271,13 +271,13 @@ def format_number(value):
 
 
 def cell_edges(grid, along):
-    """Return the edges of the cells along "x" or "y" [mm]."""
+    """Return cell edges along "x" or "y" [mm]."""
     start, cell, n = (grid.x0, grid.dx, grid.nx) if along == "x" else (grid.y0, grid.dy, grid.ny)
     return start + cell * np.arange(n + 1)
 
 
 def estimate_rounding(result):
-    """Estimate the rounding error of a result's distances and gaps [mm]."""
+    """Estimate the rounding error of a result's gaps [mm]."""
     values, grid = result.attributes, result.grid
     size, modulus = max(grid.nx * grid.dx, grid.ny * grid.dy), values.get("contact_modulus") or np.inf
     displacement = finite_pressure(result.pressure).max() / modulus * size

@@ -1,4 +1,4 @@
-"""Choice of the figures of a result by their names."""
+"""Choice of a result's figures by name."""
 
 import math
 import sys
@@ -76,7 +76,7 @@ PICTURES = {
 
 
 def pictures_of(result, names):
-    """Yield name and figure of each picture that a result has.
+    """Yield name and figure of a result's pictures.
 
     `names` are the names of the pictures asked for.
     """
@@ -141,7 +141,7 @@ def plot(result, name="summary", axes=None):
 
 
 def on_axes(axes):
-    """Return the `Drawing` of a picture on the user's axes.
+    """Return the `Drawing` on the user's axes.
 
     Room is made for the labels of the picture.
     """

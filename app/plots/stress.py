@@ -104,7 +104,7 @@ def draw_section_stress(axes, result, along, row, column, ends):
 
 
 def _peak(depths, values, k):
-    """Return the depth of the largest value, between the given depths.
+    """Return the interpolated depth of the largest value.
 
     It is the peak of the parabola through the value with number k and its neighbours.
     """
@@ -115,7 +115,7 @@ def _peak(depths, values, k):
 
 
 def _find_ends(grid, along, mises):
-    """Return the ends of the shown part of a section [mm]."""
+    """Return the ends of a section's shown part [mm]."""
     sides, largest = cell_edges(grid, along), mises.max(axis=0)
     shown = np.flatnonzero(largest >= _SHOWN_SHARE * largest.max())
     return sides[shown[0]], sides[shown[-1] + 1]
@@ -129,7 +129,7 @@ def _widen(low, high, length):
 
 @with_style
 def stress_figure(grid, stresses, heading):
-    """Draw stresses on two vertical sections and a vertical line.
+    """Draw stresses on vertical sections and a line.
 
     `stresses` are those of `app.api.subsurface.survey`. Both sections have the same scales of depth and colour; x and y
     have the same scale, too, unless one section is much longer.

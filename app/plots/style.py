@@ -98,7 +98,7 @@ def use_style(name):
 
 
 def interactive():
-    """Return a context manager in which pyplot manages new figures.
+    """Return a context in which pyplot manages new figures.
 
     So notebooks and `pyplot.show` show them.
     """
@@ -106,7 +106,7 @@ def interactive():
 
 
 def with_style(draw):
-    """Decorate a function so that it draws in the current style."""
+    """Decorate a function to draw in the current style."""
 
     @wraps(draw)
     def wrapper(*args, **kwargs):
@@ -122,7 +122,7 @@ def column_width():
 
 
 def new_figure(width, height, title=None):
-    """Return an empty figure of a width and height [inch].
+    """Return an empty figure of a size [inch].
 
     The title is left out in a style of one column, where a caption replaces it.
     """
@@ -141,7 +141,7 @@ def new_figure(width, height, title=None):
 
 
 def new_mosaic(rows, widths, heights, title=None):
-    """Return a figure, and a dict of its panels by name.
+    """Return a figure, and its panels by name.
 
     `rows` are the names of the panels, as in `subplot_mosaic`; `widths` and `heights` are those of columns and rows
     [inch].
@@ -213,7 +213,7 @@ def set_log_axes(axes, names="xy"):
 
 
 def annotate_empty(axes, reason):
-    """Write into an empty panel why there is nothing to draw."""
+    """Write into an empty panel why it is empty."""
     axes.text(0.5, 0.5, reason, ha="center", va="center", transform=axes.transAxes)
     axes.set(xticks=[], yticks=[])
 
@@ -233,7 +233,7 @@ def panel_boxes(figure):
 
 
 def save_figure(figure, path, dpi=200):
-    """Write a figure atomically, in the format of the path's suffix."""
+    """Write a figure atomically, in the suffix's format."""
     with atomic_file(path) as temporary:
         write_figure(figure, temporary, path.suffix.lstrip("."), dpi)
 

@@ -51,13 +51,13 @@ _MAX_TICK_LABEL = 24  # characters
 
 
 def find_unit(option):
-    """Return the unit of the numbers of an option, or None."""
+    """Return the unit of an option's numbers, or None."""
     return next((unit for unit, names in _UNITS if re.fullmatch(names, option)), None)
 
 
 @with_style
 def sweep_figure(columns, heading="", x=None, y=()):
-    """Draw columns `y` of a study or load path against `x`.
+    """Draw columns `y` of a table against `x`.
 
     `columns` are from `read_csv`. For load paths, `x` is by default the load. For other tables it is the option with
     the most different numbers, or, if all options are names, with the most names. Names become ticks; points above

@@ -1,4 +1,4 @@
-"""The contact problem: a base shape, and rough surfaces on it."""
+"""Contact problem: a base shape with rough surfaces."""
 
 from dataclasses import InitVar, dataclass, replace
 from itertools import chain, count
@@ -17,7 +17,7 @@ from app.problems.shapes import Plane
 
 
 class _SampledOrFunction:
-    """Gap or surface, given as an array or a function."""
+    """Gap or surface given as array or function."""
 
     name = "given"
 
@@ -176,7 +176,7 @@ class ContactProblem(Problem):
 
     @property
     def refinable(self):
-        """True if gap and surfaces are defined on finer grids, too."""
+        """True if gap and surfaces exist on finer grids."""
         parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
         return parts and np.ndim(self.hardness) == 0
 
@@ -201,7 +201,7 @@ class ContactProblem(Problem):
         return distance
 
     def reference(self, approach):
-        """Return the analytic solution at an approach, None if unknown.
+        """Return the analytic solution, None if unknown.
 
         The analytic solution is known for some smooth shapes, if the patch is not periodic.
         """
@@ -211,7 +211,7 @@ class ContactProblem(Problem):
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 
     def describe(self):
-        """Return data of gap, material and surfaces for the result file."""
+        """Return data on gap, material, surfaces for result files."""
         own = self.shape.describe()
         if isinstance(self.shape, Problem):  # its material and patch are not used
             own = {name: value for name, value in own.items() if name not in Problem.describe(self.shape)}

@@ -14,7 +14,7 @@ END_MARGIN = (
 
 
 def default_patch(shape, contact_modulus, approach=None, load=None, hardness=None):
-    """Return a patch around the contact of a smooth shape.
+    """Return a patch around a smooth shape's contact.
 
     The patch (x0, x1, y0, y1) [mm] has its centre at the origin.
 

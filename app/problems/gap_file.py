@@ -8,7 +8,7 @@ from app.problems.surfaces.text_heads import read_gwyddion_head
 
 
 class FieldFile(StoredArray):
-    """Array from a file with a number for each cell.
+    """Array from a file, one number per cell.
 
     Subclasses have a `label`, and the `quantity` and `unit` of the numbers.
     """
@@ -28,7 +28,7 @@ class FieldFile(StoredArray):
             )
 
     def check_grid(self, grid):
-        """Raise if a grid has another shape than the file's array."""
+        """Raise if a grid's shape is not the array's."""
         if self.shape != grid.shape:
             raise InputError(
                 f"{self.label} {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
@@ -58,7 +58,7 @@ class GapFile(FieldFile):
         check_size(f"gap file {self.file}", self.rows(rows), rows.start or 0)
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return some rows of the array, for its own grid only."""
+        """Return rows of the array, on its grid only."""
         if grid.shape != self.shape:
             raise ValueError("a sampled gap is known on its own grid only")
         return self.rows(rows)

@@ -34,7 +34,7 @@ class Problem:
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance in some rows of a grid.
+        """Return the undeformed distance in some rows.
 
         The array of shape (rows, nx) has the distance in cell centres at zero approach [mm], NaN where contact is
         impossible.
@@ -42,7 +42,7 @@ class Problem:
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
     def fits(self, other):
-        """Return whether another problem has the same grid and material."""
+        """Return whether a problem has equal grid and material."""
         return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
 
     @property
@@ -52,17 +52,17 @@ class Problem:
 
     @property
     def refinable(self):
-        """True if the shape is defined on finer grids, too."""
+        """True if the shape exists on finer grids."""
         return not self.sampled and np.ndim(self.hardness) == 0
 
     def on(self, grid):
-        """Return the same problem on another grid of its patch."""
+        """Return this problem on another grid."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other
 
     def reference(self, approach):
-        """Return the analytic solution at an approach, None if unknown."""
+        """Return the analytic solution, None if unknown."""
         return None
 
     def describe(self):

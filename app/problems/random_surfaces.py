@@ -114,7 +114,7 @@ class WavySurface(_Function):
 
     @cached_property
     def coefficients(self):
-        """Amplitudes a [mm] and phases phi, theta, each (M, N)."""
+        """Amplitudes a [mm], phases phi, theta, each (M, N)."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
@@ -128,7 +128,7 @@ class WavySurface(_Function):
         return [2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)]
 
     def describe(self):
-        """Return the parameters by option names, for the result file."""
+        """Return the parameters by option names, for result files."""
         numbers = {f"surface_{name}": getattr(self, name) for name in ("seed", "sigma", "decay")}
         return {**numbers, "surface_modes": list(self.modes)}
 
@@ -140,7 +140,7 @@ class WavySurface(_Function):
 
     @property
     def rms_slope(self):
-        """Root mean square of the gradient's length over the patch."""
+        """Rms length of the gradient over the patch."""
         qx, qy = self._wave_numbers
         a = self.coefficients[0]
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
@@ -164,7 +164,7 @@ class WavySurface(_Function):
 
 
 def _samples_per_period(coordinates, period):
-    """Return the number of equal steps of coordinates per period.
+    """Return the number of equal steps per period.
 
     None if the coordinates do not have equal steps that divide the period.
     """
@@ -304,7 +304,7 @@ class SelfAffineSurface(_Function):
         self._check_span(grid.x(), grid.y())
 
     def describe(self):
-        """Return the parameters by option names, for the result file."""
+        """Return the parameters by option names, for result files."""
         return {
             "surface_hurst": self.hurst,
             "surface_rolloff": self.rolloff_wavelength,

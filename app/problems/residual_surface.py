@@ -1,4 +1,4 @@
-"""Permanent indentation of a solution with a hardness, as a surface."""
+"""Permanent indentation of a solution, as a surface."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class ResidualSurface:
         return f"<ResidualSurface: {nx} x {ny} cells, depth up to {self.depth.max():.4g} mm>"
 
     def check_grid(self, grid):
-        """Raise if a grid has another shape than the indentation."""
+        """Raise if a grid's shape is not the indentation's."""
         if self.depth.shape != grid.shape:
             raise InputError(
                 f"residual surface: has shape {self.depth.shape}; the grid needs (ny, nx) = {grid.shape}"

@@ -16,7 +16,7 @@ CROWNS = ("none", "log", "arc")
 
 @dataclass(frozen=True)
 class Roller(Shape):
-    """A roller parallel to y, with its middle at the origin.
+    """Roller parallel to y, with middle at the origin.
 
     Contact is impossible on the chamfers and past the ends. The crown is the profile along the roller, between the
     chamfers: the drop z of the surface from its highest line.
@@ -100,7 +100,7 @@ class Roller(Shape):
         return self.length / 2 - self.end_chamfer
 
     def line_contact(self, contact_modulus, approach=None, load=None):
-        """Return the contact of the roller without crown, a `LineContact`."""
+        """Return the roller's `LineContact`, without crown."""
         numbers = self.radius, 2 * self.half_length, contact_modulus
         return LineContact.from_approach(*numbers, approach) if load is None else LineContact(*numbers, load)
 
@@ -136,7 +136,7 @@ class Roller(Shape):
             )
 
     def describe(self):
-        """Return sizes and crown by option names, for the result file."""
+        """Return sizes and crown by name, for result files."""
         facts = {"roller_radius": self.radius, "roller_length": self.length}
         table = not (isinstance(self.crown, str) or callable(self.crown))
         facts["roller_crown"] = self.crown if isinstance(self.crown, str) else "profile"
@@ -147,7 +147,7 @@ class Roller(Shape):
 
 
 def read_profile(path):
-    """Read the table of a crown from a text file.
+    """Read a crown's table from a text file.
 
     The table has two columns: y, and the drop z of the surface [mm].
     """

@@ -1,4 +1,4 @@
-"""Base shapes: smooth bodies with their apex at the origin.
+"""Base shapes: smooth bodies, apex at the origin.
 
 A shape has `name`, `sampled`, `shape_on` and `describe`, as `app.problems.problem.Problem` has. A shape may have a
 method `check_grid`, which raises InputError for a grid that does not fit.
@@ -41,7 +41,7 @@ class Shape:
         return kind.from_load(*parameters, contact_modulus, load)
 
     def describe(self):
-        """Return the finite sizes by option names, for the result file."""
+        """Return finite sizes by option names, for result files."""
         sizes = {f"{self.name}_{f.name}": getattr(self, f.name) for f in fields(self)}
         return {name: size for name, size in sizes.items() if math.isfinite(size)}
 
@@ -60,7 +60,7 @@ class Plane(Shape):
 @usage("Paraboloid(10, 20), radii of curvature [mm], of a ball Sphere(10)")
 @dataclass(frozen=True)
 class Paraboloid(Shape):
-    """A paraboloid of relative radii of curvature rx, ry [mm].
+    """Paraboloid of relative radii rx, ry [mm].
 
     The undeformed distance is x^2/(2 rx) + y^2/(2 ry), as in Sec. 5.1 of the paper. The contact area is Hertz's
     ellipse.
@@ -131,7 +131,7 @@ class Paraboloid(Shape):
         return reference.EllipticHertz, self.rx, self.ry
 
     def describe(self):
-        """Return the relative radii, and those of the bodies if known.
+        """Return relative radii, and the bodies' if known.
 
         The result file contains them.
         """
@@ -145,7 +145,7 @@ class Paraboloid(Shape):
 
 @usage("Sphere(10), radius [mm]")
 class Sphere(Paraboloid):
-    """A sphere of (relative) radius R [mm], approximated by a paraboloid.
+    """Sphere of radius R [mm], approximated by a paraboloid.
 
     The error is of the order of the terms that the half-space approximation neglects.
     """
@@ -237,7 +237,7 @@ class FlatPunch(Shape):
         return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
 
     def check_grid(self, grid):
-        """Raise if no cell of the patch lies under the punch."""
+        """Raise if no cell is under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {format_exact(self.diameter)}: no cell centre of the patch lies under the punch"

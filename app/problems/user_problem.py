@@ -1,4 +1,4 @@
-"""User-defined problems: a class or a function in a Python module.
+"""User-defined problems: a Python class or function.
 
 A function is the `gap` of an `app.problems.contact_problem.ContactProblem`: it takes arrays x and y of cell centres
 [mm] and returns the undeformed distance [mm], NaN where contact is impossible::

@@ -15,7 +15,7 @@ from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
-    """Contact of bodies of revolution, in a circle of radius a.
+    """Contact of bodies of revolution, in a circle.
 
     Subclasses define the undeformed distance `_shape(r)` at a distance r from the axis, and the displacement
     `_outer_displacement(r)` for r >= a > 0.
@@ -28,7 +28,7 @@ class AxisymmetricContact(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm]."""
+        """Stiffness d load / d approach [N/mm]."""
         return 2 * self.e_star * self.a
 
     def undeformed_distance(self, x, y):
@@ -105,7 +105,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
     @property
     def max_pressure(self):
-        """Infinite, at the edge of the punch; 0 without contact."""
+        """Infinite, at the punch's edge; 0 without contact."""
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
@@ -145,7 +145,7 @@ class Cone(AxisymmetricContact):
 
     @property
     def max_pressure(self):
-        """Infinite, at the tip of the cone; 0 without contact."""
+        """Infinite, at the cone's tip; 0 without contact."""
         return math.inf if self.a else 0.0
 
     def pressure(self, x, y):

@@ -90,7 +90,7 @@ class NormalContact(ABC):
         return cls(**values, approach=1.0).at_load(load)
 
     def at_load(self, load):
-        """Return the contact of the same bodies under a load [N]."""
+        """Return these bodies' contact under a load [N]."""
         if not 0 <= load < math.inf:
             raise InputError(f"load {format_exact(load)}: must be finite and not negative")
         unit = replace(self, approach=1.0)

@@ -31,7 +31,7 @@ _LEAST_LOG = -650.0  # of 1 - (c/a)^2; next to the smallest double
 
 @dataclass(frozen=True)
 class CappedLineContact:
-    """Contact of a long cylinder with a hardness, in plane strain.
+    """Plane contact of a long cylinder with a hardness.
 
     The undeformed distance is the parabola x^2/(2 radius). All numbers are known in closed form.
 
@@ -198,7 +198,7 @@ class CappedWestergaard(Westergaard):
 
     @cached_property
     def _edges(self):
-        """`_Parts` with the edges and pressure of the three parts."""
+        """`_Parts` with the three parts' edges and pressure."""
         target, share = self.hardness / self.full_contact_at, self.mean_pressure / self.full_contact_at
 
         def parts(c2):
@@ -238,7 +238,7 @@ class CappedWestergaard(Westergaard):
 
     @property
     def mean_gap(self):
-        """Mean of the gap, which is at least 0 everywhere [mm]."""
+        """Mean of the nonnegative gap [mm]."""
         return self.mirrored.mean_plastic_depth if self.is_plastic else super().mean_gap
 
     @property
@@ -324,7 +324,7 @@ class _Parts:
         return (1 + self.a2 + self.c2 - 2 * sine2) * sine2 + self._constant
 
     def _plastic(self, start):
-        """Return nodes and weights of an integral from `start` to K.
+        """Return integration nodes and weights from `start` to K.
 
         The nodes are dense at K, along the last axis.
         """

@@ -29,7 +29,7 @@ MAX_LOG_RATIO = 300.0  # of rx / ry; larger squares overflow
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
-    """Return the ratio b/a of the semi-axes of the contact ellipse.
+    """Return the contact ellipse's ratio of semi-axes b/a.
 
     `rx` and `ry` are the relative radii of curvature.
     """
@@ -95,7 +95,7 @@ class EllipticHertz(NormalContact):
 
     @property
     def stiffness(self):
-        """Derivative of the load with respect to the approach [N/mm]."""
+        """Stiffness d load / d approach [N/mm]."""
         return math.pi * self.e_star * self.a / self._rf
 
     def undeformed_distance(self, x, y):

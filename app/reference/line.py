@@ -24,7 +24,7 @@ _STEPS = 60  # of the fixed-point iteration for the half-width
 
 @dataclass(frozen=True)
 class LineContact:
-    """Contact of a cylinder with a uniform load along its length.
+    """Contact of a cylinder, uniformly loaded along its length.
 
     `radius` R and `length` L are in mm, `e_star` is E* [N/mm2], and `load` is W [N].
 
@@ -69,7 +69,7 @@ class LineContact:
 
     @property
     def approach(self):
-        """Approach of the bodies in the middle of the cylinder [mm]."""
+        """Approach in the middle of the cylinder [mm]."""
         return self.compliance * (1 + 2 * math.log(2 * self.length / self.a))
 
     def crown(self, y):

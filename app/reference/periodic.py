@@ -37,7 +37,7 @@ def full_contact_pressure(distance, dx, dy, e_star, mean_pressure=0.0):
 
 @dataclass(frozen=True)
 class WavyContact(ABC):
-    """Periodic contact of waves, with a summit at the origin.
+    """Periodic contact of waves, summit at the origin.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class WavyContact(ABC):
 
     @abstractmethod
     def _wave(self, x, y):
-        """Return the wave: height divided by amplitude, 1 at summits."""
+        """Return the height divided by amplitude, 1 at summits."""
 
     @property
     @abstractmethod
@@ -92,7 +92,7 @@ class WavyContact(ABC):
 
 @dataclass(frozen=True)
 class Westergaard(WavyContact):
-    """Waves in x: distance ``a (1 - cos(2 pi x/L))``.
+    """Waves in x: ``a (1 - cos(2 pi x/L))``.
 
     Contact is at ``|x| < b``. Let ``psi = pi x / L`` and ``s = sin(pi b / L)``. Then ``s^2`` is the mean pressure
     divided by p*, the mean pressure of full contact. Pressure p and gap e are::

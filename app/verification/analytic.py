@@ -137,7 +137,7 @@ _AMPLITUDE, _LENGTH = 0.02, 1.7
 
 
 def _waves(contact, nx, ny, symbol):
-    """Return the problem of a wavy surface on one period.
+    """Return a wavy surface's problem on one period.
 
     `symbol` is the kind of the periodic patch, "spectral" or "love".
     """

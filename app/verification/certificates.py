@@ -1,4 +1,4 @@
-"""Checks that the error bound (certificate) holds and is sharp."""
+"""Checks that the error bound holds and is sharp."""
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def errors_of_answers(quick):
 
 
 def of_answers(quick):
-    """Compare the error bounds of solutions with their true errors.
+    """Compare solutions' error bounds with true errors.
 
     The exact solutions come from pivoting in extended precision.
     """

@@ -78,7 +78,7 @@ class Check:
 
 
 def fit_order(sizes, errors):
-    """Return the order of convergence of errors in the cell size.
+    """Return the errors' order of convergence.
 
     `sizes` are the numbers of cells in a direction.
     """

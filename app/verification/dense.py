@@ -87,7 +87,7 @@ def solve_by_lemke(matrix, h, hardness=None):
 
 
 def long_matrix(grid, kernel):
-    """Return the influence matrix in extended precision, shape (n, n).
+    """Return A in extended precision, shape (n, n).
 
     Coefficients of a periodic patch are not rounded to doubles. The smallest eigenvalues would lose digits,
     because the coefficients of long cells are much larger.
@@ -140,7 +140,7 @@ class DenseProblem:
         return float(self.grid.cell_area * self._upper.sum())
 
     def at(self, approach):
-        """Return the pressure at an approach, shape (ny, nx) [N/mm2].
+        """Return pressure at an approach, (ny, nx) [N/mm2].
 
         Of full contact the pressure is the smallest one.
         """
@@ -225,7 +225,7 @@ class DenseProblem:
         return whole.reshape(self.grid.shape)
 
     def _full(self):
-        """Return the pressure of full contact whose minimum is 0.
+        """Return full contact's pressure with minimum 0.
 
         The equation A p = mean(h) - h determines p up to a constant.
         """

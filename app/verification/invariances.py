@@ -29,7 +29,7 @@ def _problem(periodic, grid=_GRID, gap=None, material=UNIT):
 
 
 def _each(change):
-    """Return a check of an invariance, made from a function `change`.
+    """Return a check of an invariance, from `change`.
 
     ``change(problem, before)`` yields other problems, their loadings and expected pressures; `before` is the solution
     of `problem`.

@@ -33,7 +33,7 @@ _WAYS = {
 
 
 def _problems(quick, periodic):
-    """Return problems and their mean pressures [N/mm2], by their names."""
+    """Return problems and mean pressures [N/mm2], by name."""
     n = 40 if quick else 96
     grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
     surface = SelfAffineSurface(0.8, 0.25, 1 / 16, (1.0, 1.0), 3, rms_slope=0.1)

@@ -62,7 +62,7 @@ def main(argv):
 
 
 def _run_check(check, quick):
-    """Run a check, and print the figures outside their limits."""
+    """Run a check; print figures outside their limits."""
     from app.verification.document import Result
 
     started = time.perf_counter()

@@ -42,7 +42,7 @@ def execute(typing_context, function, plan):
 
 @cache
 def _load_library(dtype):
-    """Return FFTW's library for a precision, and its functions' prefix.
+    """Return FFTW's library and prefix for a precision.
 
     The prefix is ``fftw`` or ``fftwf``.
     """
@@ -54,7 +54,7 @@ def _load_library(dtype):
 
 
 def aligned(shape, dtype):
-    """Return an array of zeros that starts at a cache line."""
+    """Return zeros that start at a cache line."""
     count = int(np.prod(shape)) * np.dtype(dtype).itemsize
     data = np.zeros(count + _CACHE_LINE, np.uint8)
     start = -data.ctypes.data % _CACHE_LINE
@@ -72,7 +72,7 @@ class FFTW:
         self.execute = ctypes.addressof(ctypes.c_char.in_dll(self._library, f"{self._prefix}_execute"))
 
     def plans(self, cells, spectrum, length):
-        """Return plans of transforms from `cells` to `spectrum` and back.
+        """Return FFTW plans from `cells` to `spectrum` and back.
 
         Each row of `cells`, real or complex, is a sequence of `length` entries; its transform is a row of `spectrum`.
         FFTW estimates the plans and does not measure them, so they are the same in every process.

@@ -29,7 +29,7 @@ def fast_length(n, even=False):
 
 
 def transform_length(n):
-    """Return a fast even length for the convolution of n cells.
+    """Return a fast even length to convolve n cells.
 
     The length is at least 2 n - 1, so that the periodic convolution does not wrap around.
     """

@@ -45,7 +45,7 @@ _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
 
 class _Sequences:
-    """Work arrays for complex sequences and their transforms, with FFTW plans.
+    """Work arrays for complex sequences and transforms, with plans.
 
     The starts of neighbouring sequences are an odd number of cache lines apart. Otherwise entries with equal index in
     all sequences would compete for a few places of the cache, if the length is a multiple of a large power of two.
@@ -62,7 +62,7 @@ class _Sequences:
         self.execute = self._fftw.execute
 
     def plans(self, few):
-        """Return forward and backward plans for two numbers of sequences.
+        """Return forward and backward plans for two batches.
 
         The first two plans are for all sequences. The other two are for the first `few` sequences, or for all if `few`
         is 0.
@@ -160,7 +160,7 @@ class EvenMultiplier:
         self._scratch = _scratch((2 * _in_strip(pairs) * columns,), complex_type)
 
     def load_or_make(self, key, make):
-        """Load the spectrum from the cache, or make it. Collective.
+        """Load or make the spectrum. Collective.
 
         `key` distinguishes the spectra of multipliers with the same type, periods and layout. The function `make` calls
         `set_kernel` or `set_spectrum`.
@@ -174,7 +174,7 @@ class EvenMultiplier:
             self._spectra[key] = self._spectrum
 
     def set_kernel(self, kernel_rows, rows, columns):
-        """Set the spectrum to the transform of an even kernel. Collective.
+        """Transform an even kernel to the spectrum. Collective.
 
         The function ``kernel_rows(slice)`` returns rows of the kernel at non-negative offsets. The kernel is zero at
         offsets of `rows` and more in y, and of `columns` and more in x. Both numbers are at most half a period plus
@@ -282,7 +282,7 @@ class EvenMultiplier:
         self.apply(p, out, scale=self._inverse_scale)
 
     def apply(self, p, out, mask=None, rows=None, scale=0.0):
-        """Multiply a field by A, or by C A C. Collective.
+        """Multiply by A, or by C A C. Collective.
 
         A is the convolution of this multiplier, and C the restriction to the mask.
 

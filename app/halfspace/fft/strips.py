@@ -69,7 +69,7 @@ def _unpair_masked_row(row, mask_a, mask_b, a, b):
 
 @njit()
 def _unpair(pairs, mask, out):
-    """Split complex rows into pairs of real rows of `out`.
+    """Split complex rows into pairs of real rows.
 
     This function is the inverse of `_pair`. With a mask (not of size 0), `out` is zero outside of it.
     """
@@ -101,7 +101,7 @@ def _split(both, first, a, b):
 
 @njit()
 def _unite(both, first, a, b):
-    """Unite the transforms of two rows into that of their pair.
+    """Unite the transforms of a pair of rows.
 
     This function is the inverse of `_split`, and has the same arguments.
     """
@@ -122,7 +122,7 @@ def _copy_strip(source, i, target, k):
 
 @njit()
 def copy_rows(rows, strips, height, start, store):
-    """Copy rows to strips if `store` is true, else from strips.
+    """Copy rows to strips, or if not `store`, back.
 
     The strips have `height` rows; the copied rows are those from row `start` on.
     """
@@ -164,7 +164,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
 
 @njit()
 def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Load rows from strips, and unite the transforms of pairs.
+    """Load rows from strips; unite transforms of pairs.
 
     This function is the inverse of `_store_pairs`.
     """
@@ -305,7 +305,7 @@ def convolve_columns(
     own, received, places, heights, rank, length, columns, transforms, parts, spectrum, scale,
     fftw, forward, backward, few_forward, few_backward,
 ):  # fmt: skip
-    """Convolve columns in y, in place, one strip at a time.
+    """Convolve columns in y in place, by strips.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class ColumnGroup:
         self.to_receive = int(received.sum())
 
     def part(self, transformed):
-        """Return this group's part of an array with all groups."""
+        """Return this group's part of all groups' array."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):
@@ -88,7 +88,7 @@ class ColumnGroup:
         ]
 
     def fetch(self, comm, part, received):
-        """Receive the columns of this rank from the others. Collective."""
+        """Receive this rank's columns from the others. Collective."""
         with events.alltoall:
             comm.Alltoallv([part, self._by_column], [received, self._by_row])
 

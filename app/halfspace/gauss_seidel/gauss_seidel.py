@@ -72,7 +72,7 @@ class GaussSeidel:
 
     @property
     def products_per_sweep(self):
-        """Mean work of the sweeps so far, in products with A.
+        """Mean work of past sweeps, in products with A.
 
         The operations are counted by a model: 2.5 N log2 N for a real transform of length N, twice as many for a
         complex transform, and 2 for a multiplication with addition. Within its row, each contact cell is multiplied
@@ -130,7 +130,7 @@ class GaussSeidel:
             d[:, columns] = correction
 
     def _prepare(self, mask):
-        """Make the tables if necessary; describe the contact set. Collective.
+        """Make tables if necessary; describe contact. Collective.
 
         `mask` is the contact set on this rank's rows. Return which rows of the grid have contact, the number of contact
         cells, and the columns to sweep over.
@@ -160,7 +160,7 @@ class GaussSeidel:
         return occupied, int(cells), slice(start, start + prepared)
 
     def _gather(self, mask):
-        """Gather the contact set on rank 0, which solves. Collective."""
+        """Gather the contact set on rank 0. Collective."""
         whole = np.empty((self.shape[0], mask.shape[1]) if self._solves else 0, bool)
         sizes = [count * mask.shape[1] for count in self.slabs.counts]
         self.comm.Gatherv(np.ascontiguousarray(mask), [whole, sizes] if self._solves else None)
@@ -204,7 +204,7 @@ class GaussSeidel:
             messages.send_back(m, d)
 
     def _transfer(self, m, leaves, affected):
-        """Add the effects of leaves before leaf m on later leaves.
+        """Add effects of leaves before m on later leaves.
 
         A leaf is a block of rows. The module docstring says which leaves take part.
         """
@@ -229,7 +229,7 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Return the number of operations of a sweep, without transfers.
+        """Count the operations of a sweep without transfers.
 
         Counted are operations within rows, and between rows of the same leaf or of neighbouring leaves. A leaf is a
         block of rows. Effects between leaves further apart (transfers) are counted by `_transfer`.

@@ -14,7 +14,7 @@ _BLOCK_ROWS = 32
 
 
 class KernelInX:
-    """Transforms in x of the rows of an even kernel.
+    """Transforms in x of an even kernel's rows.
 
     The kernel K[|dy|, |dx|] has the influence coefficients at offsets dy and dx. Its rows are made periodic with the
     length Nx and transformed. The transforms are real, and multiplied by -1 / Nx: the sign, because a sweep subtracts
@@ -80,7 +80,7 @@ class KernelInX:
         return transformed / -self.length
 
     def columns(self, edges):
-        """Return the kernel by frequency in x and by lag. Collective.
+        """Return the kernel by frequency and lag. Collective.
 
         A lag is an offset in y, in rows; all ny lags are returned. This rank gets the frequencies `first` to `last` -
         1, with ``first, last = edges[rank]``. The shape is (last - first, ny). Call this only once, because it frees

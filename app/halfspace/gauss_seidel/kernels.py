@@ -66,7 +66,7 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
 
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
-    """Convolve ``rows.work`` in place with one of the stored kernels.
+    """Convolve ``rows.work`` in place with a stored kernel.
 
     `number` is the number of the kernel's spectrum.
     """
@@ -79,7 +79,7 @@ def _convolve(rows, number):
 
 @njit()
 def _solve_run(rows, first, count):
-    """Solve a row whose contact has no holes, by one convolution.
+    """Solve a row without holes by one convolution.
 
     The contact cells are the `count` cells from `first` on. Return False, without a solution, if `solve_row` is faster.
     """
@@ -179,7 +179,7 @@ def _multiply_add(y, kernel, x):
 
 @njit()
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
-    """Add the effect of earlier tiles on a tile y.
+    """Add earlier tiles' effect on a tile y.
 
     A tile is a group of TILE rows. The earlier tiles are those at distances (lags) from `least` to `most` rows. At lag
     0 the array of rows `flat` has the index `source`, and the kernel `near` the index `start`. `filled` marks the tiles
@@ -202,7 +202,7 @@ def _count(row):
 
 @njit()
 def find_contact_extent(mask, occupied):
-    """Return first and end column of contact, and its cell count.
+    """Return first and end contact column, and cell count.
 
     ``occupied[j]`` is set to true if row j has contact cells.
     """
@@ -284,7 +284,7 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
 
 @njit()
 def _solve_tile(rows, r, mask, d, weight):
-    """Solve the rows of a tile one after the other.
+    """Solve a tile's rows one after the other.
 
     A tile is a group of TILE rows. On entry ``rows.tile`` is the effect of earlier tiles on these rows. On return it
     has these rows, solved and transformed.

@@ -23,7 +23,7 @@ _DEFECT, _CORRECTION, _EFFECT, _SOLVED = range(1, 5)  # tags
 
 
 def deal_chunks(weights, ranks):
-    """Deal chunks of frequencies to ranks, with about equal work.
+    """Deal chunks of frequencies to ranks for equal work.
 
     `weights` are the work of each chunk, `ranks` the number of ranks. Return a pair for each rank: its first and its
     end chunk. Rank 0 gets no chunks if there are several ranks.
@@ -91,7 +91,7 @@ class SweepMessages:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Send the correction d on leaf m to the rows' owners.
+        """Send leaf m's correction d to its rows' owners.
 
         The rows are those of the leaf; their owners are the ranks that store them.
         """
@@ -105,7 +105,7 @@ class SweepMessages:
                 self._d[rows] = part
 
     def collect(self, block):
-        """Receive the effects of earlier leaves on a leaf into `block`.
+        """Receive earlier leaves' effects on a leaf into `block`.
 
         Each rank sends the chunks of frequencies that it computes.
         """
@@ -114,7 +114,7 @@ class SweepMessages:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send each other rank its frequencies of a solved leaf.
+        """Send other ranks their frequencies of a solved leaf.
 
         `block` has the rows of the leaf, transformed in x, by chunks of frequencies. Wait until the messages are sent,
         because MPI may progress messages only inside of its calls.
@@ -125,7 +125,7 @@ class SweepMessages:
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send rank 0 the effects of earlier leaves on leaf m.
+        """Send rank 0 earlier leaves' effects on leaf m.
 
         `block` has these effects for the frequencies of this rank.
         """

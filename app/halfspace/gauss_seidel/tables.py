@@ -77,7 +77,7 @@ class SweepTables:
 
     @staticmethod
     def _with_spectrum(length):
-        """Return a real array for transforms in place, and its spectrum.
+        """Return an array for in-place transforms, and its spectrum.
 
         Both have the same memory.
         """

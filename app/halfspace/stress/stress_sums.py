@@ -1,4 +1,4 @@
-"""Sums of stresses below a pressure, over waves or cells.
+"""Sums of stresses over waves or cells.
 
 - Periodic patch: with q = (qx, qy), n = q / |q|, depth z and s = |q| z, the pressure wave p exp(i q x) makes the
   stress components
@@ -51,7 +51,7 @@ class PeriodicStress:
                      np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
 
     def _waves(self, depth):
-        """Yield the Fourier transform of each stress component at a depth."""
+        """Yield the transform of each stress component."""
         s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
         p = self._transform * np.exp(-s)
         two_nu = 2 * self.nu
@@ -66,7 +66,7 @@ class PeriodicStress:
         yield 1j * p * ny * s * odd_y
 
     def plane(self, depth):
-        """Return stress components on a horizontal plane, shape (6, ny, nx)."""
+        """Return stress on a horizontal plane, (6, ny, nx)."""
         return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
 
     def _phase_y(self, y):
@@ -75,7 +75,7 @@ class PeriodicStress:
         return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth wave has a real phase
 
     def row(self, depth, y):
-        """Return stress components on a line along x, shape (6, nx)."""
+        """Return stress on a line along x, (6, nx)."""
         phase, nx = self._phase_y(y), self.grid.nx
         return np.stack([scipy.fft.irfft(phase @ w, nx, norm="forward") for w in self._waves(depth)])
 
@@ -104,7 +104,7 @@ class FreeStress:
         self.extent = nx * grid.dx, ny * grid.dy
 
     def plane(self, depth):
-        """Return stress components on a horizontal plane, shape (6, ny, nx)."""
+        """Return stress on a horizontal plane, (6, ny, nx)."""
         grid, (rows, columns) = self.grid, self._loaded.shape
         # Offsets of the cells of the patch from the loaded cells.
         lengths = grid.ny + rows - 1, grid.nx + columns - 1
@@ -124,7 +124,7 @@ class FreeStress:
         return out
 
     def row(self, depth, y):
-        """Return stress components on a line along x, shape (6, nx)."""
+        """Return stress on a line along x, (6, nx)."""
         grid, loaded = self.grid, self._loaded.shape[1]
         count = grid.nx + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
@@ -172,11 +172,11 @@ class _Mirror:
         self.edges = int(self._index.max()) + 1
 
     def edge(self, step):
-        """Return the positive edges of cells of side `step` [mm]."""
+        """Return positive cell edges for side `step` [mm]."""
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):
-        """Return the differences of values between both edges of each cell.
+        """Return each cell's difference between its two edges.
 
         A difference is the value at the upper edge minus that at the lower edge. `corners` are values at the positive
         edges, along `axis`. They are integrals of a stress component. `odd` is true if the component is odd in this
@@ -191,7 +191,7 @@ class _Mirror:
 
 @njit()
 def _corner(x, y, z, nu):
-    """Return the part of one corner in a rectangle's stress.
+    """Return one corner's part of a rectangle's stress.
 
     The returned stress is multiplied by 2 pi. (x, y, z) is the point seen from the corner. The stress below a rectangle
     under unit pressure is the sum of the parts of its four corners, with alternating signs.

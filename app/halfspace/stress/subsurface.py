@@ -125,7 +125,7 @@ class SubsurfaceStress:
         return self._sums.plane(_checked(depth))
 
     def section(self, depths, x=None, y=None):
-        """Return the stress on a vertical plane at x or y.
+        """Return the stress on a vertical plane.
 
         Give either x or y of the plane [mm]. The result has the shape (6, depths, ny or nx) [N/mm2], below the cell
         centres. The depths are in mm.
@@ -160,7 +160,7 @@ class SubsurfaceStress:
         return self._search(von_mises)[0]
 
     def maxima(self):
-        """Return the largest von Mises stress and the largest shear stress.
+        """Return the largest von Mises and shear stress.
 
         Both are a `StressMaximum`.
         """
@@ -238,7 +238,7 @@ def _find_peaks(field):
 
 
 def coarsen(pressure, grid):
-    """Return pressure and grid with cells of twice the size.
+    """Return pressure and grid with cells twice as large.
 
     A direction with an odd number of cells keeps its cells. Return None if both directions keep their cells.
     """

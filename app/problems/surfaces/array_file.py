@@ -34,7 +34,7 @@ class UnknownFormat(InputError):
 
 
 class StoredArray:
-    """2-D array of real numbers; its rows may be read later."""
+    """2-D array whose rows may be read later."""
 
     label = "array"  # for messages
 
@@ -47,7 +47,7 @@ class StoredArray:
             )
 
     def __getstate__(self):
-        """Return the state, with an HDF5 dataset read into an array."""
+        """Return the state, with HDF5 read into an array."""
         return {**self.__dict__, "_array": np.asarray(self._array)}
 
     @property

@@ -1,4 +1,4 @@
-"""Warnings about wrong units and spikes of a measured surface."""
+"""Warnings about a measured surface's units and spikes."""
 
 from app.base.units import format_lengths
 

@@ -55,7 +55,7 @@ def _is_wave(columns, slope):
 
 
 def _solve_laplace(heights, missing, around):
-    """Return the missing heights, each the mean of its four neighbours."""
+    """Return missing heights, means of their four neighbours."""
     rows, columns = np.nonzero(missing)
     number = np.full(heights.shape, -1)
     number[rows, columns] = np.arange(len(rows))

@@ -117,7 +117,7 @@ def _low_pass(heights, index, cell, periodic):
     for start in range(0, nx, width):
 
         def moment(rows, i, j, columns=slice(start, start + width)):
-            """Return weighted sums of x^i y^j, distances from each point."""
+            """Return weighted sums of distances x^i y^j."""
             values = rows[i][:, columns]
             return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
 
@@ -152,7 +152,7 @@ def _fit(moment, weights, sums, periodic):
 
 
 def _smooth(values, axis, cells, periodic, power=0):
-    """Convolve values in place along an axis with a filter's weights.
+    """Convolve values along an axis with filter weights.
 
     `cells` is the nesting index in cells. The weights are multiplied by a `power` of the signed distance, divided by
     the width alpha c of the filter.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 
 class Format(NamedTuple):
-    """A file format, recognised by its suffixes or first bytes.
+    """File format, recognised by suffixes or first bytes.
 
     A file of `kind` "instrument" is read by `app.convert` with SurfaceTopography. A file of kind "other" cannot be
     read. The `description` says in a message what the file is.

@@ -1,4 +1,4 @@
-"""Height maps: arrays of heights with unit, spacing and orientation."""
+"""Height maps with unit, spacing and orientation."""
 
 import os
 from itertools import islice
@@ -69,7 +69,7 @@ class HeightMap(StoredArray):
             self._array = turn(self.rows(), orient)
 
     def check_crop(self, crop):
-        """Return a checked crop i0, i1, j0, j1; None means all."""
+        """Return a checked crop; None means all."""
         ny, nx = self.shape
         try:
             i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
@@ -84,7 +84,7 @@ class HeightMap(StoredArray):
         return crop
 
     def cropped_rows(self, crop, start, stop):
-        """Return some rows of a crop, in the source's unit.
+        """Return rows of a crop in the source's unit.
 
         The rows are `start` to `stop` - 1 of the crop.
         """
@@ -92,7 +92,7 @@ class HeightMap(StoredArray):
         return np.ascontiguousarray(self.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
 
     def crop(self, crop):
-        """Crop the map in place; `crop` is that of `read_surface`."""
+        """Crop the map in place, as in `read_surface`."""
         i0, i1, j0, j1 = self.check_crop(crop)
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
@@ -233,7 +233,7 @@ def _read_stated(where, content):
 
 
 def _positive_pair(values):
-    """Return two positive numbers as floats, None if they are not."""
+    """Return two positive numbers as floats, or None."""
     try:
         one, other = map(float, values)
     except (TypeError, ValueError):

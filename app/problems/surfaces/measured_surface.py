@@ -176,7 +176,7 @@ class Surface:
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
     def understood(self, grid=None):
-        """Return a line that states how the file was read."""
+        """Return a line on how the file was read."""
         grid = grid or self.grid()
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
         turned = f" after {','.join(self.orient)}" if self.orient else ""
@@ -231,7 +231,7 @@ class Surface:
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None), around=None):
-        """Return the heights of some rows, shape (rows, nx) [mm].
+        """Return heights of some rows, (rows, nx) [mm].
 
         Peaks are positive, missing points are NaN. `around` has two values, true if missing points are filled as on a
         surface periodic in x, and in y. By default both are as the surface was read.
@@ -296,7 +296,7 @@ class Surface:
         return {name: value for name, value in facts.items() if value is not None}
 
     def _levelled(self, start, stop, around):
-        """Return rows of the crop, levelled, filled and filtered [mm].
+        """Return crop rows, levelled, filled, filtered [mm].
 
         The heights are those of the file's points, before averaging.
         """
@@ -314,7 +314,7 @@ class Surface:
         return heights
 
     def _read(self, start, stop):
-        """Return rows of the crop from the file, levelled [mm]."""
+        """Return crop rows from the file, levelled [mm]."""
         heights = self._source.cropped_rows(self.crop, start, stop)
         heights *= UNITS[self.unit]
         return add_polynomial(heights, self._level, start, self.crop[3] - self.crop[2], sign=-1)

@@ -18,7 +18,7 @@ MIN_DEPTH = 2.0  # of an unmeasured row, in rms heights below the best plane of 
 
 
 def cell_centres(n):
-    """Return the centres of n equal cells between -1 and 1."""
+    """Return n cell centres between -1 and 1."""
     return (2 * np.arange(n) + 1) / n - 1
 
 
@@ -222,7 +222,7 @@ def _add_extremes(extremes, z, known, axis):
 
 
 def _find_spike(z, run):
-    """Find the point that stands out most above its four neighbours.
+    """Find the point highest above its four neighbours.
 
     Only points in the rows `run` (a slice) of z count. Return its height above the highest neighbour, or 0 if no point
     stands out, its row within `run`, and its column.

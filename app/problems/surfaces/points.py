@@ -73,7 +73,7 @@ def arrange(points):
 
 
 def _merge_clusters(values):
-    """Return sorted values, with the mean in place of each cluster.
+    """Return sorted values, clusters replaced by their means.
 
     A cluster consists of values that are close to each other.
     """

@@ -53,7 +53,7 @@ class ResampledSurface:
         return self.surface.grid(None if self.spacing else extent, grid.periodic)
 
     def check_grid(self, grid):
-        """Raise if a grid's patch is larger than the surface."""
+        """Raise if a patch is larger than the surface."""
         sides, own = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, self.own_grid(grid)))
         if np.any(sides > own * (1 + ROUNDING)):
             raise InputError(
@@ -74,7 +74,7 @@ class ResampledSurface:
         return self.surface.rms_slope(self.own_grid(grid))
 
     def understood(self, grid):
-        """Return a line that states how the file was read."""
+        """Return a line on how the file was read."""
         line = self.surface.understood(self.own_grid(grid))
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
@@ -109,7 +109,7 @@ class ResampledSurface:
 
 
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
-    """Return a grid on the patch that all surfaces cover.
+    """Return a grid on the surfaces' common patch.
 
     `cells` is (nx, ny); by default cells are as large as those of the first surface. `domain`, x0, x1, y0, y1 [mm], is
     needed if a file does not state its spacing.
@@ -141,7 +141,7 @@ def _edges(own, grid, rows):
 
 
 def _means(values, edges, degree, around=False):
-    """Return the means of each row of values over other cells.
+    """Return each row's means over other cells.
 
     A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` are those of the other
     cells, in units of these n cells, from 0 to n. If `around` is true, rows are periodic.

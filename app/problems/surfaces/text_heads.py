@@ -30,7 +30,7 @@ def _gwyddion_entry(line):
 
 
 def select_channel(lines, wanted, advice):
-    """Return the lines of one channel, with all other lines empty.
+    """Return one channel's lines; all others are empty.
 
     A line of a Gwyddion head after data begins the next channel; if no more data follow, it is a footer. `wanted` is
     the name of a channel, or its number from 0; an empty text means the only channel. Raises ValueError, with a list of

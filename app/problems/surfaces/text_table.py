@@ -62,7 +62,7 @@ def is_row(line):
 
 
 def read_table(lines, skip=0, heights=False):
-    """Return the numbers of a table as a 2-D array.
+    """Return a table's numbers as a 2-D array.
 
     The first `skip` lines are left out. If `heights` is true, missing points are NaN: entries like ``***``, empty
     entries, and the number in a skipped line ``NODATA_value``. Raises UnknownText if only the head has words. Raises
@@ -170,7 +170,7 @@ def _unquote(lines):
 
 
 def _first_word(line, heights):
-    """Return the first entry that is no number in any layout.
+    """Return the first entry that is never a number.
 
     None if there is no such entry.
     """
@@ -211,7 +211,7 @@ def _find_layout(lines):
 
 
 def _check_commas_separate(lines):
-    """Raise if commas may be decimal commas instead of separators."""
+    """Raise if separators may be decimal commas."""
     rows = [line.rstrip(",").split(",") for line in lines]
     if any(len(row) % 2 for row in rows):
         return
