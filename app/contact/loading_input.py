@@ -55,7 +55,7 @@ def make_loading(grid, distance, **given):
     if not grid.periodic:
         return PrescribedApproach(value)
     if value - full > rounding and not holes:
-        if distance.bounds.capped:  # plastic cells overlap
+        if distance.max_depth == np.inf:  # plastic cells overlap
             return PrescribedApproach(value)
         raise InputError(
             f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "

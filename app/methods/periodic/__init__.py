@@ -26,6 +26,8 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
   the changes are negligible. One product A p in double precision and the certificate decide.
 - *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
   the Lagrange multiplier.
+- *Hardness.* Plastic cells are free cells, too: there p must be H in place of 0, which only changes the right-hand side
+  (`capped_state`).
 - *Safeguard.* If the iteration makes no progress, `app.methods.safeguard` continues with the pressures as unknowns.
 
 `app.contact.full_contact` tests for full contact before these stages if it is likely, otherwise after them if no cell

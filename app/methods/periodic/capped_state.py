@@ -10,6 +10,7 @@ import zlib
 import numpy as np
 
 from app.contact import full_plasticity, prescribed_load
+from app.contact.bounds import PressureBounds
 from app.contact.loading import PrescribedApproach
 from app.methods.periodic.state import PrimalState
 from app.parallel.reductions import sums_and_minima
@@ -53,7 +54,7 @@ class CappedPrimalState(PrimalState):
         before = coarse.state.bounds.plastic(coarse.state.p) & ~coarse.state.contact
         transfer.copy(before.astype(float), copied)
         self.plastic = bounds.admissible & (copied > 0) & np.isfinite(bounds.upper)
-        if not self.loading.approach_is_known and mean != self.mean_pressure:
+        if not self.loading.approach_is_known and coarse.loading is not self.loading:  # the load was reduced
             self.add_mean_pressure(mean - self.mean_pressure)
 
     def start(self, solver):
@@ -183,9 +184,13 @@ class CappedPrimalState(PrimalState):
 
     def project(self, p):
         """Store p within its bounds, and at a bound outside C; see `PrimalState.project`."""
-        state = self.state
-        np.copyto(p, state.p)
-        return float(state.sum([state.bounds.project_sets(p, state.contact, self.plastic)])[0])
+        state, upper = self.state, self.state.bounds.upper
+        total = PressureBounds.project(state.p, state.contact, p)  # to the last bit as without a hardness
+        limited = self.plastic | (p > upper)
+        if limited.any():
+            np.copyto(p, upper, where=limited)
+            total = p.sum()
+        return float(state.sum([total])[0])
 
     def meet_load(self, p, total):
         """Bring p to the load by a constant on C; see `PrimalState.meet_load`.
@@ -224,17 +229,13 @@ def _feasible(loading, state):
 
     Coarse cells may have less area, and are elastic if one of their children is.
     """
-    bounds, full_depth = state.bounds, state.distance.full_depth
+    distance, largest = state.distance, state.bounds.largest_load
     if loading.load is not None:
-        possible = loading.load < (1 - full_plasticity.LOAD_ROUNDING) * bounds.largest_load
-        reduced = (1 - 0.5 / state.grid.n) * bounds.largest_load
-        return loading if possible else prescribed_load.PrescribedLoad(reduced)
-    if (
-        loading.depth_on(state.distance) <= full_depth
-        or state.minimum([bounds.upper.min(initial=np.inf)])[0] < np.inf
-    ):
+        possible = loading.load < (1 - full_plasticity.LOAD_ROUNDING) * largest
+        return loading if possible else prescribed_load.PrescribedLoad((1 - 0.5 / state.grid.n) * largest)
+    if loading.depth_on(distance) <= distance.max_depth:
         return loading
-    return PrescribedApproach(state.distance.approach_at(full_depth), full_depth)
+    return PrescribedApproach(distance.approach_at(distance.max_depth), distance.max_depth)
 
 
 def _fill(gap, upper, total, comm):

@@ -11,8 +11,8 @@ from app.contact.loading import PrescribedApproach
 from app.contact.periodic_state import contact_state
 from app.contact.prescribed_load import PrescribedLoad
 from app.halfspace.grid import Grid
+from app.methods.periodic.capped_state import primal_state
 from app.methods.periodic.solver import PrimalSolver
-from app.methods.periodic.state import PrimalState
 from app.multigrid.hierarchy import Hierarchy
 from app.options.method import read_method_file
 from app.options.solver_options import SolverOptions
@@ -42,13 +42,14 @@ def steps(make):
     """Make a PrimalState under a loading, and its solver."""
     states = []
 
-    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
+    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64, hardness=None):
         problem = periodic.rough(nx, ny, 3, holes)
         grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
         solver = make(grid, dtype=dtype)
         operator = solver.inverse.influence
-        state = contact_state(operator, UndeformedDistance(operator, problem.gap))
-        states.append(PrimalState(state, solver.inverse, loading))
+        upper = None if hardness is None else np.full(grid.shape, hardness)
+        state = contact_state(operator, UndeformedDistance(operator, problem.gap, hardness=upper))
+        states.append(primal_state(state, solver.inverse, loading))
         states[-1].w[...] = 0
         solver.begin(state, loading)
         return states[-1], solver

@@ -1,0 +1,285 @@
+"""Primal form with a hardness."""
+
+from dataclasses import replace
+
+import numpy as np
+import periodic
+import pytest
+from operators import random_field
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact.capped_kernels import exchange
+from app.contact.loading import PrescribedApproach
+from app.contact.prescribed_load import PrescribedLoad
+from app.methods.periodic.capped_state import _fill
+from app.verification.dense import DenseProblem
+
+MATERIAL = Material.from_contact_modulus(1000)
+
+
+def random_problem(seed):
+    """Make a problem of few cells, its dense problem, and a loading."""
+    rng = np.random.default_rng(seed)
+    nx, ny = rng.choice([3, 4, 7, 8, 12, 16], 2)
+    grid, (x, y) = (
+        Grid(nx, ny, rng.choice([0.1, 0.03]), 0.1),
+        (2 * np.pi * np.arange(n) / n for n in (nx, ny)),
+    )
+    shapes = (
+        rng.normal(size=grid.shape),
+        np.cos(x) + np.cos(2 * y + 1)[:, None] + 0.1 * rng.normal(size=grid.shape),
+        np.minimum((x - 3) ** 2 + (y - 3)[:, None] ** 2, 2),
+    )
+    size = 10.0 ** rng.uniform(-4, -2)
+    gap = size * shapes[seed % 3]
+    if seed % 4 == 0:
+        gap[rng.random(grid.shape) < 0.15] = np.nan
+    hardness = size * 1000 * np.pi / max(nx * grid.dx, ny * grid.dy) * 10 ** rng.uniform(-2, 0.5)
+    where = rng.random(grid.shape) < 0.5
+    fields = hardness, hardness * np.exp(rng.normal(size=grid.shape)), np.where(where, hardness, np.inf)
+    problem = ContactProblem(
+        grid, MATERIAL, gap - np.nanmin(gap), periodic=True, hardness=fields[seed // 3 % 3]
+    )
+    dense = DenseProblem(problem)
+    largest = min(dense.largest_load, grid.area * 3 * hardness)
+    share = rng.uniform(0.05, 1.0)
+    loadings = (
+        {"load": share * largest},
+        {"approach": 2 * share * np.nanmean(problem.gap)},
+        {"load": 0.999 * largest},
+    )
+    return problem, dense, loadings[seed // 2 % 3]
+
+
+def pressure_by_pivoting(dense, loading, approach):
+    return (dense.under(loading["load"], approach)[0] if "load" in loading else dense.at(approach)).astype(
+        float
+    )
+
+
+def energy(dense, pressure):
+    """Return the energy norm; constants do not count."""
+    return dense.energy(pressure - pressure.mean() if dense.inside.all() else pressure)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_pressure_is_that_by_pivoting(seed):
+    """Without the safeguard, and with an error below the bound."""
+    problem, dense, loading = random_problem(seed)
+    with ContactSolver(problem) as solver:
+        solution = solver.solve(**loading)
+    assert solution.converged and not solution.fallbacks, solution.message
+    p = solution.pressure
+    assert ((p >= 0) & (p <= problem.hardness)).all()
+    assert solution.load == pytest.approx(loading.get("load", solution.load), rel=1e-12)
+    expected = pressure_by_pivoting(dense, loading, solution.approach)
+    rounding = 1e-13 * abs(expected).max() * np.sqrt(dense.matrix[0, 0])
+    assert energy(dense, p - expected) <= solution.error_bound * energy(dense, p) + rounding
+    # A plastic cell overlaps, an open one does not.
+    slack = 1e-4 * np.nanstd(problem.gap)
+    e = solution.gap if solution.plastic_depth is None else solution.gap - solution.plastic_depth
+    inside = ~np.isnan(problem.gap)
+    assert (e >= -slack)[inside & (p < problem.hardness)].all()
+    assert (e <= slack)[inside & (p > 0)].all()
+
+
+@pytest.mark.parametrize("shape", ["waves", "steps"])
+@pytest.mark.parametrize("missing", [1e-2, 1e-3, 1e-6, 1e-9])
+def test_loads_just_below_the_largest(shape, missing):
+    """Few cells are elastic; those of steps are all alike but for their places."""
+    n = 16
+    x = 2 * np.pi * np.arange(n) / n
+    gap = {
+        "waves": 0.05 * (1 - np.cos(x)[:, None] * np.cos(x)),
+        "steps": 0.01 * (np.random.default_rng(1).random((n, n)) < 0.5),
+    }[shape]
+    problem = ContactProblem(Grid(n, n, 0.1, 0.1), MATERIAL, gap, periodic=True, hardness=30.0)
+    load = (1 - missing) * 30 * problem.grid.area
+    with ContactSolver(problem) as solver:
+        solution = solver.solve(load=load)
+    assert solution.converged and not solution.fallbacks and solution.iterations <= 20
+    expected, approach = DenseProblem(problem).under(load, solution.approach)
+    np.testing.assert_allclose(
+        solution.pressure, expected.astype(float), rtol=0, atol=0.05 * missing * 30 * n**2
+    )
+    assert solution.approach == pytest.approx(approach, rel=1e-4)
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.05])
+@pytest.mark.parametrize("cells", [(24, 20), (15, 17)])
+def test_hardness_without_effect_changes_no_bit(cells, holes):
+    """A pressure well below the hardness is that without a hardness."""
+    problem = periodic.rough(*cells, 4, holes)
+    approach = 0.6 * np.nanmean(problem.gap)
+    with ContactSolver(problem) as solver:
+        elastic = solver.solve(approach=approach)
+        loaded = solver.solve(load=elastic.load)
+    with ContactSolver(replace(problem, hardness=10 * elastic.max_pressure)) as solver:
+        for expected, loading in ((elastic, {"approach": approach}), (loaded, {"load": elastic.load})):
+            solution = solver.solve(**loading)
+            np.testing.assert_array_equal(solution.pressure, expected.pressure)
+            assert solution.operator_applications == expected.operator_applications
+
+
+def test_all_cells_become_plastic_beyond_full_contact():
+    """From an approach on, all cells have p = H; the overlap grows with the approach."""
+    problem = replace(periodic.rough(12, 10, 2), hardness=0.02)
+    with ContactSolver(problem) as solver:
+        largest = solver.solve(load=0.02 * problem.grid.area)
+        for more in (1e-3, 1.0):
+            solution = solver.solve(approach=largest.approach + more)
+            assert solution.converged and (solution.pressure == 0.02).all() and solution.plastic.all()
+            assert solution.mean_gap == pytest.approx(0, abs=1e-15)
+            mean = problem.gap.mean()
+            assert solution.mean_plastic_depth == pytest.approx(solution.approach - mean, rel=1e-12)
+
+
+def test_a_start_keeps_plastic_cells():
+    problem = replace(periodic.rough(64, 64, 8), hardness=0.03)
+    with ContactSolver(problem) as solver:
+        first = solver.solve(load=0.3 * 0.03 * problem.grid.area)
+        again = solver.solve(load=first.load, start=first)
+    assert first.plastic.any() and again.converged
+    assert len(set(again.history["level"])) == 1 and again.iterations <= first.iterations
+    np.testing.assert_allclose(again.pressure, first.pressure, rtol=0, atol=2e-4 * 0.03)
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+def test_each_step_keeps_the_stored_pressure_and_the_loading(steps, holes, loading, pressure_of):
+    """p = B w + mean pressure is stored minus H in plastic cells."""
+    hardness = 3000.0
+    primal, solver = steps(loading, holes, hardness=hardness)
+    state = primal.state
+    primal.w[...] = random_field(state.grid, 8) * 0.01
+
+    def check(stored, w=None):
+        expected = pressure_of(primal, w) - hardness * primal.plastic
+        np.testing.assert_allclose(stored, expected, rtol=0, atol=1e-11 * max(hardness, abs(expected).max()))
+        assert not (state.contact & primal.plastic).any()
+        assert not ((state.contact | primal.plastic) & ~state.admissible).any()
+        assert (primal.inverse.mask == ~state.contact).all()
+
+    primal.start(solver)
+    primal.guess(solver)
+    check(state.p)
+    seen = 0
+    for _ in range(4):
+        before = np.linalg.norm(state.p[~state.contact])
+        solver.improve(primal, 0.0)
+        w = primal.w + solver.change
+        check(solver.carried, w)
+        assert np.linalg.norm(solver.carried[~state.contact]) < 0.9 * before
+        old, plastic, e = state.contact.copy(), primal.plastic.copy(), w - state.distance.b
+        p = solver.carried.copy()
+        update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
+        opened = ~old & ~plastic & state.admissible & (e < 0)
+        assert (primal.plastic == (plastic & (e <= 0)) | (old & (p > hardness))).all()
+        assert (state.contact == (old & (p >= 0) & (p <= hardness)) | opened | (plastic & (e > 0))).all()
+        assert update.cells == state.contact.sum()
+        seen += primal.plastic.sum()
+        primal.close_captured_gaps(solver)
+        check(state.p)
+        assert (primal.w == state.distance.b)[state.contact].all()
+    assert seen > 0
+
+
+def test_compiled_exchange_is_the_same_in_rows():
+    """Cells that become or cease to be plastic change both stored pressures."""
+    rng = np.random.default_rng(5)
+    shape = 5, 9
+    p, stored, w, change, b = rng.normal(size=(5, *shape))
+    upper, captured = 0.1 + rng.random(shape), np.zeros(shape, bool)
+    admissible = rng.random(shape) < 0.9
+    contact = admissible & (rng.random(shape) < 0.5)
+    plastic = admissible & ~contact & (rng.random(shape) < 0.5)
+    fields = [field.copy() for field in (p, stored, contact, plastic)]
+    e = w + change - b
+    hardens, softens = contact & (p > upper + 0.1), plastic & (e > 0.2)
+    opened, entered = contact & (p < -0.1), admissible & ~contact & ~plastic & (e < -0.2)
+    new_p, new_stored, new_contact, new_plastic = fields
+    limits = 0.1, -0.2, 0.5, np.inf, captured, np.empty(shape[1])
+    cells, added, removed, total, moves = exchange(
+        new_p, new_stored, upper, w, change, b, admissible, new_contact, new_plastic, *limits
+    )
+    np.testing.assert_array_equal(new_plastic, (plastic | hardens) & ~softens)
+    np.testing.assert_array_equal(new_contact, (contact & ~hardens & ~opened) | softens | entered)
+    np.testing.assert_array_equal(captured, softens | entered)
+    shift = upper * softens - upper * hardens
+    np.testing.assert_allclose(new_p, p + shift, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(new_stored, stored + shift, rtol=0, atol=1e-15)
+    assert (cells, added, removed) == (new_contact.sum(), captured.sum(), (hardens | opened).sum())
+    moved = e * captured + 0.5 * (p * opened + (p - upper) * hardens)
+    assert total == pytest.approx((w + change).sum()) and moves == pytest.approx((moved**2).sum())
+
+
+def test_only_the_worst_cell_changes_if_sets_come_back(steps):
+    primal, solver = steps(PrescribedLoad(1e2), hardness=300.0)
+    primal.start(solver)
+    contact, p = np.zeros(primal.w.shape, bool), np.zeros(primal.w.shape)
+    contact[3:6, 4:7], p[3, 4], p[4, 5] = True, -7.0, 301.0
+    solver.change[...] = 0.0
+    for cells in (2, 1):
+        primal.state.contact[...], primal.plastic[...], solver.carried[...] = contact, False, p
+        update = primal.exchange(solver, 0.5, -np.inf, np.inf, 0.0)
+        assert update.released == cells
+    assert not primal.state.contact[3, 4] and primal.state.contact[4, 5] and not primal.plastic.any()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.7, 0.999])
+def test_lowest_cells_carry_a_load_without_elastic_cells(share):
+    rng = np.random.default_rng(6)
+    gap, upper = rng.integers(0, 20, (6, 7)) * 1.0, rng.random((6, 7)) + 0.1
+    gap[0, 0] = np.inf
+    total = share * upper[gap < np.inf].sum()
+    level, rest = _fill(gap, upper, total, None)
+    assert upper[gap < level].sum() <= total < upper[gap <= level].sum()
+    assert rest == pytest.approx(total - upper[gap < level].sum(), rel=1e-12)
+
+
+def test_contact_is_not_empty_under_a_load(steps):
+    """If all cells leave contact, the lowest ones become plastic until they carry the load."""
+    primal, solver = steps(PrescribedLoad(1e2), hardness=300.0)
+    primal.start(solver)
+    primal.guess(solver)
+    solver.improve(primal, 0.0)
+    state = primal.state
+    solver.carried[state.contact] = 301.0
+    update = primal.exchange(solver, 0.0, -np.inf, np.inf, 0.0)
+    carried = 300.0 * np.count_nonzero(primal.plastic)
+    wanted = 1e2 / state.grid.cell_area
+    assert update.cells == np.count_nonzero(state.contact) > 0
+    assert carried <= wanted < carried + 300.0 * update.cells
+    e = primal.w + solver.change - state.distance.b
+    assert e[primal.plastic].max(initial=-np.inf) <= 1e-15 and abs(e[state.contact]).max() <= 1e-15
+
+
+@pytest.mark.parametrize("loading", [{"load": 0.9999}, {"approach": 1.2}])
+def test_coarse_grids_may_carry_less(loading):
+    """Coarse cells are elastic or without area where fine ones are not."""
+    problem = periodic.rough(26, 22, 3, 0.0 if "approach" in loading else 0.3)
+    hardness = np.full(problem.gap.shape, np.inf if "approach" in loading else 0.02)
+    hardness[::2, ::2] = 0.02
+    problem = replace(problem, hardness=hardness)
+    with ContactSolver(problem) as solver:
+        if "load" in loading:
+            cells = np.count_nonzero(~np.isnan(problem.gap))
+            solution = solver.solve(load=loading["load"] * 0.02 * cells * problem.grid.cell_area)
+        else:
+            solution = solver.solve(approach=loading["approach"] * problem.gap.mean())
+    assert solution.converged and not solution.fallbacks and solution.plastic.any()
+
+
+def test_approach_beyond_full_contact_needs_a_plastic_cell(steps):
+    """With all cells in contact, the one nearest to the hardness becomes plastic."""
+    depth = 1.01 * np.nanmean(periodic.rough(24, 16, 3).gap)
+    primal, solver = steps(PrescribedApproach(depth, depth), hardness=300.0)
+    primal.w[...] = primal.state.distance.b
+    primal.start(solver)
+    primal.state.contact[...], primal.inverse.mask[...] = True, False
+    solver.set_contact()
+    solver.carried[...], solver.change[...] = 100.0, 0.0
+    solver.carried[3, 4] = 200.0
+    primal.exchange(solver, 0.0, -np.inf, np.inf, 0.0)
+    assert np.argwhere(primal.plastic).tolist() == [[3, 4]] and not primal.state.contact[3, 4]
+    assert solver.carried[3, 4] == pytest.approx(0, abs=1e-12)
+    assert solver.carried[0, 0] == pytest.approx(200.0)
