@@ -133,9 +133,9 @@ class CappedBounds(PressureBounds):
         `plastic` cells get p = H, and leave C. Returns the sum of p.
         """
         contact &= ~plastic
-        self.project(p, contact | plastic, p)
+        total = self.project(p, contact | plastic, p)
         np.copyto(p, self.upper, where=plastic)
-        return p.sum()
+        return p.sum() if plastic.any() else total
 
     def not_plastic(self, p):
         """Return a mask of admissible cells with p < H."""

@@ -46,14 +46,16 @@ class PeriodicState(ContactState):
     def set_load(self, load, present_load):
         """Reach a load [N] by adding a constant to high pressures. Collective.
 
-        With an upper bound see `ContactState.set_load`. High pressures are those above twice the mean change of
-        pressure on C. If less than half of C has such pressures, p and u are scaled instead. Otherwise u is computed.
-        Near full contact a constant hardly changes u, but a factor does.
+        High pressures are those above twice the mean change of pressure on C. If less than half of C has such
+        pressures, p and u are scaled instead. Otherwise u is computed. Near full contact a constant hardly changes u,
+        but a factor does. If cells may reach the hardness see `ContactState.set_load`.
         """
-        if self.bounds.capped:
-            return super().set_load(load, present_load)
         cells = max(self.cells_in_contact(), 1)
         missing = (load - present_load) / self.grid.cell_area
+        if self.bounds.capped:
+            most = np.maximum(self._p * (load / present_load), self._p + 2 * abs(missing) / cells)
+            if self.sum([np.count_nonzero(self.bounds.plastic(most))])[0]:
+                return super().set_load(load, present_load)
         inside = self._p > 2 * abs(missing) / cells
         cells_inside = self.sum([np.count_nonzero(inside)])[0]
         if 2 * cells_inside < cells:

@@ -145,7 +145,7 @@ class PrescribedLoad(Loading):
             high = min(max(high, low + least), max_depth)
             while (short := -relative_error(high)) > 0 and high < max_depth:
                 # This step is enough if the load is proportional to the depth, or grows faster.
-                growth = max((1 if state.bounds.capped else 2 * short) * (high - touching), least)
+                growth = max((1 if state.plastic_cells() else 2 * short) * (high - touching), least)
                 low, high = high, min(high + growth, max_depth)
             while relative_error(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
