@@ -54,15 +54,15 @@ def make_loading(grid, distance, **given):
         return PrescribedMeanGap(distance, depth, value)
     if not grid.periodic:
         return PrescribedApproach(value)
+    size = max(abs(value), abs(reference))
+    if distance.max_depth == np.inf and not holes and value - full > _ROUNDING_ULPS * ulp(size):
+        return PrescribedApproach(value)  # plastic cells overlap
     if value - full > rounding and not holes:
-        if distance.max_depth == np.inf:  # plastic cells overlap
-            return PrescribedApproach(value)
         raise InputError(
             f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "
             f"it must be at most {full!r} mm, full contact"
         )
     value, mean = (value, np.inf) if holes else (min(value, full), mean)
-    size = max(abs(value), abs(reference))
     return PrescribedApproach(value, _without_rounding(value - reference, size, distance.touching, mean))
 
 

@@ -276,16 +276,15 @@ class PrescribedLoad(Loading):
         """
         load = state.load
         if load > 0:
-            capped = state.bounds.capped and state.plastic_cells()
-            if not (capped and isclose(load, self.load, rel_tol=LOAD_ROUNDING)):
+            if not (state.plastic_cells() and isclose(load, self.load, rel_tol=LOAD_ROUNDING)):
                 state.set_load(self.load, load)
-            if capped and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
-                self.update(state)  # C is empty, or all its cells are at a bound
-                return update._replace(added=1)
         elif update.cells:  # a load so small that p = 0 counts as solved
             state.distribute_load(self.load)
         else:
             return update._replace(added=1)  # continue: there must be contact
+        if state.bounds.capped and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
+            self.update(state)  # C is empty, or all its cells are at a bound
+            return update._replace(added=1)
         state.depth += state.on_contact_or_overlap().mean
         return state.activate_penetrating().after(update)
 

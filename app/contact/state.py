@@ -393,9 +393,10 @@ class ContactState:
         return missing
 
     def distribute_load(self, load):
-        """Distribute a load [N] evenly over C, and compute u. Collective."""
+        """Distribute a load [N] evenly over C, within the bounds of p, and compute u. Collective."""
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)
+        self.project()
         self.compute_displacement(exact=True)
 
     def destroy(self):
