@@ -356,7 +356,7 @@ class _Parts:
         return 2 / math.pi * (weights @ np.arcsin(np.sqrt(np.minimum(sine2, 1))))
 
     def pressure(self, sine):
-        """Return p / p*."""
+        """Return the pressure / p* where sin(pi x / L) is `sine`."""
         angle = _elastic_angle(sine**2, self.c2, self.a2)
         return self._elastic(ellipkinc(angle, self.rest))[1].sum(axis=-1)
 
@@ -371,7 +371,7 @@ class _Parts:
         return (weights * factor(np.arcsin(sine))).sum(axis=-1)
 
     def depth(self, sine):
-        """Return w over the amplitude."""
+        """Return the plastic depth / amplitude where sin(pi x / L) is `sine`."""
         c = math.sqrt(self.c2)
         angle = np.arcsin(np.minimum(sine / c, 1))
         start, x = ellipkinc(angle, self.inner), np.arcsin(np.minimum(sine, c))[..., None]

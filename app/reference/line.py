@@ -54,7 +54,7 @@ class LineContact:
 
     @property
     def compliance(self):
-        """Load over pi E* L, a factor of approach and crown [mm]."""
+        """Factor ``W / (pi E* L)`` of the approach and the crown [mm]."""
         return self.load / (math.pi * self.e_star * self.length)
 
     @property
