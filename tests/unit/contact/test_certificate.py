@@ -1,5 +1,7 @@
 """The certificate bounds the error of any pressure."""
 
+from dataclasses import replace
+
 import numpy as np
 import periodic
 import pytest
@@ -66,7 +68,8 @@ def certified(problem, approach, p):
 
 def pressed(problem, approach, p):
     operator = InfluenceOperator(problem.grid, problem.material.kernel)
-    state = contact_state(operator, UndeformedDistance(operator, problem.gap))
+    upper = None if problem.hardness is None else np.broadcast_to(problem.hardness, problem.gap.shape)
+    state = contact_state(operator, UndeformedDistance(operator, problem.gap, hardness=upper))
     state.approach = approach
     state.pressure.setArray(p.ravel())
     state.compute_displacement()
@@ -91,6 +94,33 @@ def test_error_bound_holds_on_periodic_patches(seed, holes):
             assert true * (1 - 1e-6) - 1e-7 <= found.error_bound < np.inf
             if size <= 1e-6:
                 assert found.error_bound <= 10 * true + 1e-6
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(6))
+def test_error_bound_holds_on_periodic_patches_with_a_hardness(seed, holes):
+    """Pressures differ in all cells or not at bounds, and have the load of the solution or not."""
+    rng, problem = np.random.default_rng(seed), periodic.rough(9, 8, seed, holes)
+    soft = 0.02 * np.exp(rng.normal(size=problem.gap.shape)) if seed % 2 else np.full(problem.gap.shape, 0.03)
+    soft[rng.random(soft.shape) < 0.3 * (seed > 3)] = np.inf
+    problem = replace(problem, hardness=soft)
+    dense, approach = DenseProblem(problem), (0.5, 0.9, 1.3)[seed % 3] * np.nanmean(problem.gap)
+    exact, inside = dense.at(approach).astype(float), ~np.isnan(problem.gap)
+    for size in (1e-9, 1e-6, 1e-3, 0.1, 10.0):
+        noise = size * exact.max() * rng.normal(size=exact.shape)
+        for moved in (inside, (exact > 0) & (exact < soft)):
+            p = np.clip(exact + noise * moved, 0, soft)
+            found, missing = [certified(problem, approach, p)], exact.sum() - p.sum()
+            same = p + missing * moved / max(np.count_nonzero(moved), 1)
+            pressures = [p]
+            if ((same >= 0) & (same <= soft)).all():
+                pressures.append(same)
+                found.append(certified(problem, approach, same))
+            for pressure, certificate in zip(pressures, found, strict=True):
+                error, norm = dense.energy(pressure - exact), dense.energy(pressure)
+                assert error * (1 - 1e-6) <= certificate.error_bound * norm + 1e-9 * norm
+                if size <= 1e-6 and moved is not inside:
+                    assert certificate.error_bound * norm <= 20 * error + 1e-6 * norm
 
 
 @pytest.mark.parametrize("seed", range(3))
