@@ -66,9 +66,10 @@ def projected_newton(state, solver, stop, history):
     for k in range(1, stop.max_it + 1):
         before, p, bounds = state.contact.copy(), state.p, state.bounds
         state.contact[...] = bounds.contact(p, gap, _excluded_pressure(state, gap))
+        to_bound = _leave_full_contact(state, gap)
         solver.set_contact()
         direction, its, failure = solver.solve(state.defect(), stop.allowed(state))
-        d = direction.getArray(readonly=True).reshape(gap.shape) + bounds.to_bound(p, state.contact)
+        d = direction.getArray(readonly=True).reshape(gap.shape) + to_bound
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
         if not math.isfinite(descent):
             _update_contact(state, gap, before)
@@ -115,6 +116,26 @@ def _compute_gap(state, p):
     u = np.empty(p.shape)
     state.operator.displacement(p, u)
     return u, u - (state.distance.b + state.depth)
+
+
+def _leave_full_contact(state, gap):
+    """Return the change that moves p outside C to its bounds [N/mm2]. Collective.
+
+    A is singular on all cells of a periodic patch. If C has all of them, the cell with the largest gap leaves it, or
+    beyond full contact the one with the deepest overlap that can become plastic. Either move lowers f.
+    """
+    p, bounds, distance = state.p, state.bounds, state.distance
+    if not np.isfinite(distance.full_depth) or state.elastic_cells() < state.grid.n:
+        return bounds.to_bound(p, state.contact)
+    beyond, bound = state.depth > distance.full_depth, np.broadcast_to(bounds.lower, p.shape)
+    order = -gap
+    if beyond and distance.max_depth == np.inf:
+        bound, order = bounds.upper, np.where(np.isfinite(bounds.upper), gap, np.inf)
+    leaves = order <= state.minimum([order.min(initial=np.inf)])[0]
+    np.logical_not(leaves, out=state.contact)
+    change = np.zeros_like(p)
+    np.subtract(bound, p, out=change, where=leaves)
+    return change
 
 
 def _excluded_pressure(state, gap):
