@@ -64,7 +64,7 @@ def solve(
     mean_pressure : float, optional
         Load over the area of the patch [N/mm2].
     mean_gap : float, optional
-        Mean gap of a periodic patch without holes [mm].
+        Mean gap of a periodic patch without holes [mm]; with a hardness the mean of e = h + u.
     method, options, comm : optional
         Those of `ContactSolver`.
     start : Solution, optional
