@@ -78,12 +78,13 @@ GEOMETRY_OPTIONS = [
     Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one, 1/R = 1/R1 + 1/R2 [mm]"),
     Option("cylinder_radius", positive, REQUIRED, "radius of a cylinder lying along y [mm]"),
     Option("cylinder_length", positive, None, "its length [mm] (default: beyond the patch)"),
-    Option("roller_radius", positive, REQUIRED, "radius in the middle of a roller lying along y [mm]"),
+    Option("roller_radius", positive, REQUIRED, "radius of a roller along y; on a raceway 1/(1/R1 + 1/R2) [mm]"),
     Option("roller_length", positive, REQUIRED, "its length over the chamfers [mm]"),
     Option("roller_end_chamfer", from_zero, 0.0, "axial length of its chamfers, where contact is impossible [mm]"),
     Option("roller_crown", choice("none", "log", "arc", "profile"), "none", "crown between the chamfers"),
     Option("roller_design_load", positive, None, "crown log: load with nearly uniform pressure (default: -load) [N]"),
-    Option("roller_crown_radius", positive, REQUIRED, "crown arc: its radius [mm]"),
+    Option("roller_crown_radius", positive, REQUIRED, "crown arc: its radius [mm], or else the next"),
+    Option("roller_crown_drop", positive, None, "crown arc: its drop where the chamfers begin [mm]"),
     Option("roller_profile", word, REQUIRED, "crown profile: text file of y and its drop z, one pair a line [mm]"),
     Option("cone_angle", slant, REQUIRED, "angle between its flank and the flat body [degrees]"),
     Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
@@ -113,9 +114,10 @@ GEOMETRY_OPTIONS = [
 ]  # fmt: skip
 MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
+CROWN_ARC = ("roller_crown_radius", "roller_crown_drop")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
 HARDNESS = ("hardness", "hardness_file")
-ALTERNATIVES = (MATERIAL, HARDNESS, ROUGHNESS, RADII)  # at most one of each
+ALTERNATIVES = (CROWN_ARC, MATERIAL, HARDNESS, ROUGHNESS, RADII)  # at most one of each
 SURFACE_FILES = ("surface_file", "surface_file2")
 FILES = ("gap_file", "hardness_file", "problem_type", "roller_profile", *SURFACE_FILES)
 _WAVY = ("surface_sigma", "surface_decay", "surface_modes")
@@ -259,7 +261,9 @@ def _make_roller(options, material):
     if crown == "profile":
         crown = read_profile(options["roller_profile"])
     elif crown == "arc":
-        numbers["crown_radius"] = options["roller_crown_radius"]
+        half = options["roller_length"] / 2 - options["roller_end_chamfer"]
+        drop = options["roller_crown_drop"]
+        numbers["crown_radius"] = half**2 / (2 * drop) if drop else options["roller_crown_radius"]
     elif crown == "log":
         load = options["roller_design_load"] or (options["load"] if options.given("load") else None)
         if not load:

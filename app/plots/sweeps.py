@@ -8,6 +8,7 @@ from app.base.errors import InputError
 from app.base.quantities import QUANTITIES, axis_label, scale_for_axis
 from app.base.units import choose_unit
 from app.plots.load_curves import parse_numbers
+from app.plots.maps import format_number
 from app.plots.style import add_legend, column_width, new_panels, series_style, set_log_axes, with_style
 
 _PHYSICS = "approach", "contact_fraction", "contact_area", "max_pressure", "mean_gap", "stiffness", "load"
@@ -26,7 +27,7 @@ _UNITS = (
     ("W/(m K)", "thermal_conductivity"),
     (
         "mm",
-        "domain|roller_(end_chamfer|profile)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
+        "domain|roller_(end_chamfer|profile|crown_drop)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
     ),
     ("mm", "surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )
@@ -122,6 +123,9 @@ def _choose_columns(columns, varied, x):
         varies = finite.size and np.ptp(finite) > _MIN_VARIATION * np.abs(finite).max()
         if varies and not any(_proportional(values, parse_numbers(columns[other])) for other in same):
             chosen[name] = column
+    if "contact_fraction" in chosen and "contact_area" in chosen:  # the patch varies, and these with it
+        chosen.pop("contact_fraction")
+        chosen.pop("mean_gap", None)
     physics = [column for name, column in chosen.items() if name in _PHYSICS]
     if "operator_applications" in chosen:
         chosen.pop("work_units", None)
@@ -197,5 +201,5 @@ def _draw(axes, x, y, groups, names):
         return
     points = np.unique(x[np.isfinite(x)])
     if len(points) <= _MAX_TICKS:
-        axes.set_xticks(points, [f"{value:.4g}" for value in points])
+        axes.set_xticks(points, [format_number(value) for value in points])
         axes.set_xticks([], minor=True)

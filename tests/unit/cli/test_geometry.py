@@ -102,6 +102,8 @@ def test_crowns_of_rollers_from_options(tmp_path):
     assert arc.shape == Roller(9, 12, "arc", 0.5, crown_radius=700)
     file = tmp_path / "crown.txt"
     file.write_text("0 0\n6 0.01\n")
+    drop = problem_from(**roller, roller_crown="arc", roller_crown_drop=5.5**2 / 1400, roller_end_chamfer=0.5)
+    assert drop.describe()["roller_crown_radius"] == pytest.approx(700)
     table = problem_from(**roller, roller_crown="profile", roller_profile=file)
     assert table.shape == Roller(9, 12, [(0, 0), (6, 0.01)])
 

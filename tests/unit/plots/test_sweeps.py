@@ -93,8 +93,8 @@ def test_loads_are_drawn_with_each_physical_quantity_once():
     assert {axes.get_xlabel() for axes in figure.axes} == {"load F  [N]"}
     approach = figure.axes[0]
     assert approach.get_ylabel().endswith("[µm]") and approach.lines[0].get_ydata()[0] == pytest.approx(1.0)
-    patches = loads_of_a_sweep(contact_area=list("123456"))  # of several sizes
-    assert "contact area" in panel_names(sweeps.sweep_figure(patches))
+    patches = loads_of_a_sweep(contact_area=list("123456"), mean_gap=list("654321"))  # of several sizes
+    assert panel_names(sweeps.sweep_figure(patches)) == ["approach δ", "contact area", "maximum pressure"]
 
 
 def test_solver_options_are_drawn_with_work():
