@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases import hertz, periodic_rough, self_affine
 
-from app import ContactProblem, ContactSolver, FlatPunch, Listener
+from app import ContactProblem, ContactSolver, FlatPunch, Grid, Listener, Material
 from app.api.load_path import _slopes
 from app.base.errors import InputError
 from app.problems.problem import Problem
@@ -188,3 +188,32 @@ def test_stiffness_by_differences_is_that_of_its_branch():
     approach = np.array([1.0, 2.0, 3.0, 2.8, 2.6, 2.8, 3.0, 4.0])
     slopes = _slopes({"load": load, "approach": approach, "plastic_volume": np.zeros(8)})
     assert slopes == pytest.approx([1, 1, 1, 5, 5, 5, 1, 1])
+
+
+def random_problem(seed):
+    """Rough body with holes, and a hardness that is infinite in some cells; free or periodic."""
+    rng = np.random.default_rng(seed)
+    grid = Grid.from_domain(*map(int, rng.integers(4, 16, 2)), (0, 1, 0, 1))
+    gap = 1e-2 * rng.random(grid.shape)
+    gap[rng.random(grid.shape) < 0.1] = np.nan
+    hardness = np.where(rng.random(grid.shape) < 0.2, np.inf, rng.uniform(2, 4, grid.shape))
+    material = Material.from_contact_modulus(1000.0)
+    return ContactProblem(grid, material, gap, periodic=bool(seed % 2), hardness=hardness)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_laws_of_unloading_hold_for_random_bodies(seed):
+    problem, loads = random_problem(seed), np.array([0.5, 1.0, 0.6, 0.2, 0.0, 0.8, 1.0, 1.3])
+    with ContactSolver(problem, options=TIGHT) as solver:
+        path = solver.path(load=loads)
+        steps = list(path)
+        solver.update(replace(problem, surfaces=[steps[1].residual_surface()]))
+        again = solver.solve(load=1.0)
+    tolerance = 1e-4 * steps[1].max_pressure
+    assert path.converged and steps[1].plastic.any()
+    assert again.pressure == pytest.approx(steps[1].pressure, abs=tolerance)
+    for step in steps[2:6]:
+        assert (step.pressure <= np.minimum(steps[1].pressure, problem.hardness) + tolerance).all()
+        np.testing.assert_array_equal(step.plastic_depth, steps[1].plastic_depth)
+    assert (np.diff(path.table["approach"][1:5]) < 0).all()
+    assert (steps[7].plastic_depth >= steps[1].plastic_depth - 1e-7).all()

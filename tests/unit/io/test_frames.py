@@ -28,3 +28,8 @@ def test_fields_have_axes_and_units_and_numbers_are_attributes():
         "contact": "1",
     }
     assert data.attrs == {"converged": 1, "load": 5.0}
+    depth = np.full((2, 3), 1e-3)
+    result.plastic, result.plastic_depth = depth > 0, depth
+    data = to_xarray(result)
+    assert (data["plastic"].units, data["plastic_depth"].units) == ("1", "mm")
+    np.testing.assert_array_equal(data["plastic_depth"], depth)
