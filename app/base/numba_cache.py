@@ -40,8 +40,8 @@ on_first_compile = announce_compilation  # is called once, before the first loop
 def njit(makes_arrays=False, **options):
     """Compile by ``numba.njit``, with the cache, without counting references.
 
-    Counting the references to each row took half of the time on small grids. It is not necessary, because the caller
-    holds the arrays during the call. A function that makes or returns an array must count: set `makes_arrays`.
+    Counting the references to each row took half of the time on small grids. Counting is not necessary, because the
+    caller holds the arrays during the call. A function that makes or returns an array must count: set `makes_arrays`.
     """
     if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
         options["_nrt"] = makes_arrays

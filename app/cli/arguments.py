@@ -76,9 +76,9 @@ def report_write_errors(output):
 def command(main):
     """Decorate the ``main(argv)`` of a command.
 
-    The decorated function prints an error of the user on one line, and returns 2. SIGTERM acts like Ctrl-C; after both
-    the status is
-    130. Exceptions other than InputError, OSError and MemoryError are bugs, and propagate.
+    If the user makes an error, the decorated function prints one line and returns the status 2. SIGTERM acts like
+    Ctrl-C: the status is 130 after either. Exceptions other than InputError, OSError and MemoryError are bugs, and
+    propagate.
     """
 
     @wraps(main)

@@ -21,7 +21,7 @@ class Limits:
     seeds: int = 10
 
     def sizes(self, *sizes):
-        """Return the given sizes within the limit."""
+        """Return those of the given grid sizes that are not too large."""
         return [n for n in sizes if n <= self.largest]
 
 

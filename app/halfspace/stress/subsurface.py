@@ -160,9 +160,9 @@ class SubsurfaceStress:
         return self._search(von_mises)[0]
 
     def maxima(self):
-        """Return the largest von Mises and shear stress.
+        """Return the largest von Mises and the largest shear stress.
 
-        Both are a `StressMaximum`.
+        Both results are a `StressMaximum`.
         """
         return self._search(von_mises, _shear_where_large)
 
