@@ -13,7 +13,13 @@ from jupyter_client.manager import AsyncKernelManager
 NOTEBOOK = ROOT / "docs" / "gallery" / "first_notebook.ipynb"
 PNG = b"\x89PNG\r\n\x1a\n"
 MIN_BYTES = 5_000  # of a picture that is not empty
-PICTURES = "solution.plot()", "below.plot()", "rough.plot()", 'solution.plot("section_x", ax=right)'
+PICTURES = (
+    "solution.plot()",
+    "below.plot()",
+    "rough.plot()",
+    'solution.plot("section_x", ax=right)',
+    'fields.pressure.sel(y=0, method="nearest").plot();',
+)
 TABLES = {  # last line of a cell -> pictures in its HTML, words of its table
     "solution": (1, "maximum pressure", "100 N"),
     "path": (1, "load [N]", "9 of 9 steps"),
@@ -78,6 +84,13 @@ def test_objects_are_tables_with_a_picture(cells, line):
     assert all(picture.startswith(PNG) and len(picture) > MIN_BYTES for picture in pictures)
     text = re.sub(r"<[^>]*>", "", html)
     assert all(word in text for word in words)
+
+
+def test_tables_of_pandas_are_shown(cells):
+    [html] = data(find(cells, 'frame[["load", "approach", "max_pressure", "contact_area"]]'), "text/html")
+    assert (
+        html.count("<tr") == 1 + 1 + 9 and "contact_area" in html
+    )  # heads of columns and of the index, steps
 
 
 def test_nothing_but_progress_is_written_to_standard_error(cells):
