@@ -82,7 +82,7 @@ class Gaps(NamedTuple):
 
 _NO_FIELD = np.zeros((0, 0))
 _PATIENCE_WITH_HARDNESS = 2  # iterations in which the number of changed cells may stagnate
-_MAX_LOAD_STEPS = 60  # steps of `ContactState.reach_load`, each of which brings a cell to a bound or ends
+_MAX_LOAD_STEPS = 60  # steps of `ContactState.reach_sum`, each of which brings a cell to a bound or ends
 _LOAD_ROUNDING = 1e-15  # relative rounding error of a sum of pressures
 
 
@@ -373,23 +373,22 @@ class ContactState:
 
         u becomes stale. Less is added if all cells of C reach a bound.
         """
-        wanted = load / self.grid.cell_area
-        for _ in range(2):  # a change of large pressures leaves a rounding error
-            missing = wanted - self.sum([self._p.sum()])[0]
-            if abs(missing) > _LOAD_ROUNDING * wanted:
-                self.add_constant(self.values, missing, _LOAD_ROUNDING * wanted)
+        self.reach_sum(self.values, load / self.grid.cell_area)
         self.displacement_status = Displacement.STALE
 
-    def add_constant(self, p, missing, least):
-        """Add a constant to a pressure on C within its bounds. Collective.
+    def reach_sum(self, p, total):
+        """Add a constant to a pressure on C, within its bounds, so that its sum is `total` [N/mm2].
 
-        The sum of p changes by `missing` [N/mm2], up to `least`. Returns what is still missing.
+        Collective. Returns what is still missing.
         """
-        for _ in range(_MAX_LOAD_STEPS):
-            free = self.sum([self.bounds.room(p, self.contact, missing)])[0]
-            if not free or abs(missing) <= least:
-                break
-            missing -= self.sum([self.bounds.add_constant(p, self.contact, missing / free)])[0]
+        least = _LOAD_ROUNDING * total
+        for _ in range(2):  # a change of large pressures leaves a rounding error
+            missing = total - self.sum([p.sum()])[0]
+            for _ in range(_MAX_LOAD_STEPS):
+                free = self.sum([self.bounds.room(p, self.contact, missing)])[0]
+                if not free or abs(missing) <= least:
+                    break
+                missing -= self.sum([self.bounds.add_constant(p, self.contact, missing / free)])[0]
         return missing
 
     def distribute_load(self, load):

@@ -205,7 +205,7 @@ class CappedPrimalState(PrimalState):
         beyond = np.count_nonzero(self.plastic) + np.count_nonzero(p * factor > state.bounds.upper)
         if not state.sum([beyond])[0]:
             return super().meet_load(p, total)
-        missing = state.add_constant(p, wanted - total, np.spacing(wanted))
+        missing = state.reach_sum(p, wanted)
         return abs(missing) <= prescribed_load.LOAD_ROUNDING * wanted
 
     def spread_load(self):
