@@ -30,6 +30,7 @@ from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
 from app.contact.measures import PLASTIC_NUMBERS
 from app.io.frames import to_dataframe
+from app.problems.arrays import check_hardness
 from app.problems.contact_problem import ContactProblem
 from app.problems.residual_surface import ResidualSurface
 
@@ -151,9 +152,8 @@ class LoadPath:
             solution = self._solve_counted(number)
             history.add(number, solution)
             return solution
-        if (
-            history.indented is None
-        ):  # an earlier run has solved for the largest load, if there is no solution
+        if history.indented is None:
+            # Without a solution, an earlier run has solved for the largest load.
             history.indent(history.solution or self._solve_counted(history.largest))
         with self._solver.replaced(history.indented):
             return self._solve_counted(number + history.mean_gap)
@@ -268,23 +268,27 @@ class _LoadHistory:
 
     def __init__(self, problem, kind):
         self._problem, self._by_gap = problem, kind == "mean_gap"
+        self._capped = check_hardness(problem.hardness, problem.grid) is not None
         self.largest = self.solution = self.indented = None
         self.mean_gap = 0.0
 
     def unloads(self, number):
         """Return whether a step unloads indented bodies."""
-        if self._problem.hardness is None or self.largest is None:
+        if not self._capped or self.largest is None:
             return False
         return number > self.largest if self._by_gap else number < self.largest
 
     def add(self, number, solution=None):
         """Record a step; it counts if its load is the largest one."""
-        if self._problem.hardness is not None and not self.unloads(number):
+        if self._capped and not self.unloads(number):
             self.largest, self.solution, self.indented = number, solution, None
 
     def indent(self, solution):
         """Make the problem of the indented bodies. Collective."""
         problem, surface, self.solution = self._problem, solution.residual_surface(), None
+        if not surface.depth.any():
+            self.indented = problem
+            return
         shape, surfaces = problem, ()
         if type(problem) is ContactProblem:
             shape = problem.shape

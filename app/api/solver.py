@@ -350,6 +350,9 @@ class ContactSolver(Derivatives):
     def replaced(self, problem):
         """Replace the problem like `update`, in a ``with`` block."""
         before = self.problem
+        if problem is before:
+            yield self
+            return
         self.update(problem)
         try:
             yield self

@@ -171,6 +171,18 @@ def test_own_problems_can_unload():
     assert own[1].max_pressure < 1000 and own[1].approach == pytest.approx(given[1].approach, rel=1e-4)
 
 
+@pytest.mark.parametrize("hardness", [1e6, np.inf])
+def test_bodies_without_indentation_unload_on_the_same_curve(hardness):
+    class Bowl(Problem):
+        def shape_on(self, grid, rows=slice(None)):
+            return hertz(32).shape_on(grid, rows)
+
+    Bowl.hardness = hardness
+    with ContactSolver(Bowl(hertz(32).grid, hertz(32).material)) as solver:
+        up, down = list(solver.path(load=[4e4, 9e4])), list(solver.path(load=[9e4, 4e4]))
+    np.testing.assert_array_equal(up[0].pressure, down[1].pressure)
+
+
 def test_inadmissible_cells_have_no_plastic_depth():
     grid = hertz(32).grid
     punch = ContactProblem(grid, hertz(32).material, FlatPunch(8.0), hardness=1000.0)
