@@ -151,8 +151,9 @@ class Derivatives:
         Returns
         -------
         Solution
-            A copy with `stiffness`, `unloading_stiffness` and `conductance_width`. It has `electrical_conductance` and
-            `thermal_conductance` if the problem's material has the constants, see `Material.conducting`.
+            A copy with `stiffness`, `unloading_stiffness` and `conductance_width`. The copy has
+            `electrical_conductance` and `thermal_conductance` if the problem's material has the constants, see
+            `Material.conducting`.
         """
         self._check_solution(solution)
         elastic = find_elastic_cells(solution)

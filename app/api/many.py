@@ -67,7 +67,8 @@ def solve_many(
     ----------
     problems : iterable of Problem, or of surfaces
         An iterator is read to its end first. Surfaces are pressed on a plane; they are heights [mm], peaks up, as
-        arrays (ny, nx), functions or surfaces, like ``surfaces`` of `ContactProblem`. They need `grid` and `material`.
+        arrays (ny, nx), functions or surfaces, like ``surfaces`` of `ContactProblem`. Surfaces need `grid` and
+        `material`.
     loads : float, or sequence
         Total forces [N]: a number for all problems; a sequence with a number for each problem; or a sequence with a
         sequence of numbers for each problem. ``[[10, 20]]`` are two loads for all problems.
@@ -362,8 +363,8 @@ def _work(connection, arguments):
 def _on_processes(jobs, count, arguments):
     """Yield an iterator over the results of all jobs, as they come.
 
-    The processes are spawned, because PETSc and MPI do not survive a fork. If the ``with`` block raises, they are
-    killed. ProcessPoolExecutor is not used, because before Python 3.12 it waits forever if a process ends while it
+    The processes are spawned, because PETSc and MPI do not survive a fork. If the ``with`` block raises, the processes
+    are killed. ProcessPoolExecutor is not used, because before Python 3.12 it waits forever if a process ends while it
     receives data.
     """
     size = max(1, min(MAX_CHUNK, len(jobs) // (CHUNKS_PER_PROCESS * count)))

@@ -154,8 +154,8 @@ class Strategy:
     def check_loading(self, loading, largest):
         """Raise InputError for a loading that the method cannot solve for.
 
-        `largest` is the largest influence coefficient [mm3/N]. In single precision it gives an estimate of the
-        pressures, which must be in range.
+        `largest` is the largest influence coefficient [mm3/N]. In single precision the pressures, estimated from
+        `largest`, must be in range.
         """
         if not (loading.approach_is_known or self.finds_approach):
             raise InputError(f"-lcp_type {self._settings.type}: works by approach only, not by load")

@@ -1,8 +1,8 @@
 """Compile loops by numba, and cache them on disk.
 
 One process at a time compiles and saves a function. numba's cache is in the folder ``NUMBA_CACHE_DIR`` if it is set.
-Otherwise it is in the folder of the source, or, if the source is read-only, in the user's cache folder. If none of
-these is writable, the cache is in a private folder for temporary files.
+Otherwise the cache is in the folder of the source, or, if the source is read-only, in the user's cache folder. If none
+of these folders is writable, the cache is in a private folder for temporary files.
 """
 
 import fcntl

@@ -176,7 +176,7 @@ def error_message(error):
 def _unwrapped(error):
     """Return the exception of a callback that PETSc.Error contains.
 
-    Newer releases of petsc4py wrap it so.
+    Newer releases of petsc4py wrap an exception of a callback in a PETSc.Error.
     """
     while isinstance(error, PETSc.Error) and error.__cause__ is not None:
         error = error.__cause__

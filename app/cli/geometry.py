@@ -381,7 +381,8 @@ def _make_default_patch(options, shape, material, periodic):
 def find_loading(options):
     """Return the approach or load that the options prescribe, by its name.
 
-    For a load path it is the largest value. The result is empty if neither is prescribed.
+    The result is a dict from the name to the value; for a load path, to the largest value. If neither is prescribed,
+    the dict is empty.
     """
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)

@@ -1,10 +1,10 @@
 """Print and draw the stress below a contact.
 
 ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]`` prints the largest von Mises and shear stresses. With -o
-it writes two files. DIR/subsurface.png shows the von Mises stress on vertical sections along x and y, and stresses on
-a vertical line, all through the largest one (or through ``--at``). DIR/subsurface.h5 has the six components, von Mises
-and largest shear stress on the sections, on the line and on the planes of ``--planes`` [N/mm2], compression negative.
-Exit status 0, or 2 after an error. Runs on one rank.
+the command writes two files. DIR/subsurface.png shows the von Mises stress on vertical sections along x and y, and
+stresses on a vertical line, all through the largest one (or through ``--at``). DIR/subsurface.h5 has the six
+components, von Mises and largest shear stress on the sections, on the line and on the planes of ``--planes`` [N/mm2],
+compression negative. Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 from pathlib import Path

@@ -51,7 +51,7 @@ def _taylor_series(dx, dy):
 def _edge(distance, i, length):
     """Return the integral of 1/rho along an edge.
 
-    rho is the distance from the origin. The edge has the given `length`. It lies on a line at `distance` from the
+    rho is the distance from the origin. The edge has the given `length`. The edge lies on a line at `distance` from the
     origin, from ``(i - 1/2) length`` to ``(i + 1/2) length``.
     """
     low, high = (i - 0.5) * length, (i + 0.5) * length

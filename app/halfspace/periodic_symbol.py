@@ -1,16 +1,17 @@
 """Influence matrix of periodic patches, diagonal in Fourier space.
 
 A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. The *symbol* is the function
-lambda(q) that gives the eigenvalues of the matrix. It depends on what the value of a cell means. ``Grid.periodic``
-chooses one of two symbols:
+lambda(q) that gives the eigenvalues of the matrix. The symbol depends on what the value of a cell means.
+``Grid.periodic`` chooses one of two symbols:
 
 - ``spectral``: the pressure is a sum of waves, with the given values at the cell centres (collocation, as in tamaas,
   ASPHER and ContactMechanics). ``lambda(q) = 2 / (E* |q|)`` for all waves on the grid.
 - ``love``: the pressure is constant on each cell of the patch and of its images, as in (2.4). If the patch is large
   compared with the contact, the matrix acts nearly as that of a free patch.
 
-The two symbols differ by O(cell size). Both have ``lambda(0) = 0``: displacements are relative to their mean, because a
-mean pressure would displace the half-space without bound. So the mean gap equals the mean undeformed distance exactly.
+The two symbols differ by O(cell size). Both symbols have ``lambda(0) = 0``: displacements are relative to their mean,
+because a mean pressure would displace the half-space without bound. So the mean gap equals the mean undeformed distance
+exactly.
 """
 
 from functools import lru_cache
@@ -40,9 +41,9 @@ def wave_numbers(grid, columns, rows):
 def influence_symbol(grid, compliance, columns, rows):
     """Return eigenvalues of the periodic influence matrix.
 
-    `columns` are frequencies in x, from 0 to nx // 2, and `rows` frequencies in y, from 0 to ny // 2. For ``love`` they
-    may also be fractions. `compliance` is (1 - nu) / (pi G) [mm2/N]. The shape is (columns, rows), the unit mm /
-    (N/mm2). The eigenvalue at frequency (0, 0) is zero.
+    `columns` are frequencies in x, from 0 to nx // 2, and `rows` frequencies in y, from 0 to ny // 2. For ``love`` the
+    frequencies may also be fractions. `compliance` is (1 - nu) / (pi G) [mm2/N]. The shape is (columns, rows), the unit
+    mm / (N/mm2). The eigenvalue at frequency (0, 0) is zero.
     """
     symbol = {"spectral": _spectral, "love": _love}[grid.periodic]
     with events.coeffs:
@@ -58,11 +59,11 @@ def _spectral(grid, columns, rows):
 def _love(grid, columns, rows):
     """Return the symbol ``love``, divided by 2 pi times the compliance.
 
-    The symbol is the Fourier transform of the displacement (2.4) by a cell and all its images. For each frequency it is
-    the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves q that have the same values at the cell centres
-    (aliases). ``1 / |q|`` is written as an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum
-    over aliases is a product of a sum in x and a sum in y. If s is more than two cells, only the longest wave matters,
-    and its integral is known in closed form.
+    The symbol is the Fourier transform of the displacement (2.4) by a cell and all its images. For each frequency the
+    symbol is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves q that have the same values at the
+    cell centres (aliases). ``1 / |q|`` is written as an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For
+    each s the sum over aliases is a product of a sum in x and a sum in y. If s is more than two cells, only the longest
+    wave matters, and its integral is known in closed form.
     """
     lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
     x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))

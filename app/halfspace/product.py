@@ -33,8 +33,8 @@ class Convolution(EvenMultiplier):
 
     Collective over the layout's ranks.
 
-    ``quadrant_rows(slice)`` returns rows of the influence coefficients K, shape (rows, nx). It is called for a few rows
-    at a time.
+    ``quadrant_rows(slice)`` returns rows of the influence coefficients K, shape (rows, nx). Each call is for a few
+    rows.
     """
 
     def __init__(self, quadrant_rows, shape, layout=SERIAL):

@@ -85,8 +85,8 @@ def _make_coarser(target, grids, sizes, ranks):
 def get_coarser_levels(operator):
     """Get or make the operators of coarser grids, finest first. Collective.
 
-    If `operator` has no hierarchy, new operators are made and stored in it. They are on all ranks of `operator`, or on
-    one rank if their grid is small.
+    If `operator` has no hierarchy, new operators are made and stored in it. The new operators are on all ranks of
+    `operator`, or on one rank if their grid is small.
     """
     if operator.coarser_levels is None:
         grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
@@ -98,8 +98,8 @@ def get_coarser_levels(operator):
 def make_transfers(operators, comm):
     """Return, for each level, the `Transfer` from the next coarser level.
 
-    The entry of the coarsest level is None. `comm` has all ranks with rows of the finest grid; it is None if there is
-    one.
+    The entry of the coarsest level is None. `comm` has all ranks with rows of the finest grid; `comm` is None if only
+    one rank has rows.
     """
     transfers = [None]
     for coarse, fine in pairwise(operators):

@@ -1,8 +1,8 @@
 """Interpolation to a finer grid: bilinear, or quintic if periodic.
 
 Values belong to the centres of cells. Bilinear interpolation is that of the paper, step 2 of Sec. 4.3. Quintic
-polynomials through six cells in x and y have an error of sixth order. Both take the same time, because access to memory
-determines it.
+polynomials through six cells in x and y have an error of sixth order. Both interpolations take the same time, because
+access to memory determines it.
 """
 
 from functools import lru_cache
@@ -98,9 +98,10 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
     this weight.
 
     The two coarse cells are the parent, which contains the fine cell, with weight 3/4, and the nearest neighbour of the
-    parent. At the boundary of the grid they are the parent, with weight 5/4, and the neighbour inside. On a periodic
-    grid they are the cells before and behind the centre of the fine cell; `place` is that of `Grid.places_in`. Returned
-    cell numbers are relative to `first`; if `first` is None, they are taken modulo `count`.
+    parent. At the boundary of the grid the two coarse cells are the parent, with weight 5/4, and the neighbour inside.
+    On a periodic grid the two coarse cells are the cells before and behind the centre of the fine cell; `place` is that
+    of `Grid.places_in`. Returned cell numbers are relative to `first`; if `first` is None, they are taken modulo
+    `count`.
     """
     index = np.arange(start, stop)
     one = other = index // factor

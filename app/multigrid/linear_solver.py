@@ -122,8 +122,8 @@ class LinearSolver:
         b : Vec
             Right-hand side [mm], zero outside C.
         allowed : float
-            Norm of the residual at which the solve may end [mm]. It is the absolute tolerance of Krylov methods that
-            monitor the true residual, unless -ksp_atol is given.
+            Norm of the residual at which the solve may end [mm]. This norm is the absolute tolerance of Krylov methods
+            that monitor the true residual, unless -ksp_atol is given.
 
         Returns
         -------

@@ -22,8 +22,8 @@ _hooks = []  # Exception hooks that this module has installed.
 def shutdown_comm(comm):
     """Return a communicator of the same ranks for `barrier_with_timeout`.
 
-    The communicator is separate from `comm`, so that its barrier cannot match other messages. It is freed together with
-    `comm`. Collective when first called for `comm`.
+    The communicator is separate from `comm`, so that its barrier cannot match other messages. The communicator is freed
+    together with `comm`. Collective when first called for `comm`.
     """
     if comm.size == 1:
         return MPI.COMM_SELF

@@ -69,8 +69,8 @@ class RankGroups:
 def count_ranks(grid, size, cells):
     """Return how many of `size` ranks share a grid.
 
-    The result is `size` or a power of two. If it is above 1, each rank has at least one row and at least `cells` cells.
-    A coarser grid never has more ranks than a finer one.
+    The result is `size` or a power of two. If the result is above 1, each rank has at least one row and at least
+    `cells` cells. A coarser grid never has more ranks than a finer one.
     """
     most = min(grid.n // cells, grid.ny)
     return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
@@ -79,9 +79,9 @@ def count_ranks(grid, size, cells):
 def slab_alignment(ny, size):
     """Return the number of rows to whose multiples slab starts are aligned.
 
-    The number is a power of two, so that most fine cells are on the rank of their coarse cell. It is the largest power
-    of two for which each rank has at least 16 multiples, so that the load is balanced. `ny` is the number of rows,
-    `size` that of ranks.
+    The number is a power of two, so that most fine cells are on the rank of their coarse cell. The returned number is
+    the largest power of two for which each rank has at least 16 multiples, so that the load is balanced. `ny` is the
+    number of rows, `size` that of ranks.
     """
     block = 1
     while 32 * block * size <= ny:

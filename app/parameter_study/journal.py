@@ -10,9 +10,9 @@ from app.base.errors import InputError
 class Journal:
     """Outcomes of runs or steps in a locked file of JSON lines.
 
-    `outcomes` maps keys to outcomes. If `resume` is true, it begins with the outcomes in the file. Otherwise these are
-    in `discarded`, and the first call of `add` removes them from the file. Raises InputError if the file cannot be
-    written or is locked.
+    `outcomes` maps keys to outcomes. If `resume` is true, `outcomes` begins with the outcomes in the file. Otherwise
+    the outcomes in the file are in `discarded`, and the first call of `add` removes these outcomes from the file.
+    Raises InputError if the file cannot be written or is locked.
     """
 
     def __init__(self, path, resume=False):

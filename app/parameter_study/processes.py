@@ -24,8 +24,8 @@ _KILL_DELAY = 3  # s, from SIGTERM to SIGKILL
 def run_command(command, timeout=None, stop=None):
     """Run a command; return exit status and standard error.
 
-    The process has a process group of its own. It is ended after `timeout` [s], and then TimeoutExpired is raised. It
-    is also ended when the event `stop` is set, and then InterruptedError is raised. If a signal ended the process, the
+    The process has a process group of its own. After `timeout` [s] the process is ended, and TimeoutExpired is raised.
+    If the event `stop` is set, the process is ended, and InterruptedError is raised. If a signal ended the process, the
     status is minus the number of the signal.
     """
     environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}

@@ -48,7 +48,7 @@ _PRESCRIBED = {
 def make_title(result, path=False):
     """Return the title of a figure.
 
-    The title is that of the user, or problem, grid and load. If `path` is true, it has the range of loads.
+    The title is that of the user, or problem, grid and load. If `path` is true, the title has the range of loads.
     """
     ny, nx = result.pressure.shape
     values = result.attributes

@@ -106,7 +106,7 @@ def draw_section_stress(axes, result, along, row, column, ends):
 def _peak(depths, values, k):
     """Return the interpolated depth of the largest value.
 
-    It is the peak of the parabola through the value with number k and its neighbours.
+    The depth is the peak of the parabola through the value with number k and its neighbours.
     """
     if not 0 < k < len(depths) - 1:
         return float(depths[k])

@@ -78,9 +78,9 @@ class ContactProblem(Problem):
     gap : array_like, shape (ny, nx), or callable, or shape, [mm]
         Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An array
         has all cells on every rank; its first row is at the smallest y, and coarser grids average it. A function
-        ``gap(x, y)`` is called with arrays that broadcast to the shape of some cells. It is also called for coarser
-        grids, whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem.
-        None means a plane.
+        ``gap(x, y)`` is called with arrays that broadcast to the shape of some cells. A function is also called for
+        coarser grids, whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another
+        problem. None means a plane.
     periodic : bool or str, optional
         True if the patch repeats without end in x and y. A name chooses a symbol of `app.halfspace.periodic_symbol`;
         True means "spectral". Default: as the grid. The attribute `periodic` is the name of the symbol, empty if the

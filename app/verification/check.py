@@ -68,7 +68,8 @@ class Check:
     law : str
         Law that is checked; the text of the section.
     measure : callable
-        Function ``measure(quick)`` that returns a sequence of Figure. If `quick` is true, it computes small cases only.
+        Function ``measure(quick)`` that returns a sequence of Figure. If `quick` is true, the function computes small
+        cases only.
     """
 
     name: str

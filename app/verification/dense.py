@@ -28,7 +28,7 @@ _OPEN, _ELASTIC, _PLASTIC = 0, 1, 2
 def solve_by_lemke(matrix, h, hardness=None):
     """Solve a linear complementarity problem by Lemke's pivoting, without rounding.
 
-    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``. With a hardness H it is ``h + A p + w >= 0``, and
+    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``. With a hardness H the problem is ``h + A p + w >= 0``, and
     ``H - p >= 0, w >= 0, w (H - p) = 0``, where w is the plastic depth.
 
     Parameters

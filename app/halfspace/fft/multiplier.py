@@ -10,7 +10,7 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
   transformed as one complex row.
 - *Blocked*: a few columns at a time are transformed, scaled and transformed back, inside the processor's cache.
   Transformed rows are stored as strips of a few columns (`strips`), so that rows and columns are accessed in order.
-- *Real even spectrum*: the kernel K is even in both directions, so its spectrum is real and even. It needs
+- *Real even spectrum*: the kernel K is even in both directions, so its spectrum is real and even. The spectrum needs
   (Nx/2+1)(Ny/2+1) doubles, about one per cell if the periods are twice the sides of the field. The rows transformed in
   x need two more doubles per cell, so a product needs three doubles per cell.
 - *Distributed*: each rank has a slab of rows. One all-to-all deals the columns to the ranks, and another one sends them
@@ -215,7 +215,7 @@ class EvenMultiplier:
         """Set the spectrum to a function of the frequencies.
 
         The function ``symbol(columns, rows)`` returns the spectrum at the frequencies `columns` in x and `rows` in y.
-        It is called with a few frequencies in x, and with all frequencies in y up to half the period.
+        Each call of `symbol` has a few frequencies in x, and with all frequencies in y up to half the period.
         """
         columns, rows = self._frequencies()
         spectrum = np.empty((columns.size, rows.size), self.dtype)

@@ -277,8 +277,8 @@ def strips_to_rows(
 def _copy_columns(own, received, places, heights, rank, count, first, last, columns, gather):
     """Copy a strip from all ranks' rows to `columns`, or back.
 
-    The strip has the columns `first` to `last` - 1. If `gather` is true, it is copied to the array `columns`, otherwise
-    from it. Return the number of rows of all ranks.
+    The strip has the columns `first` to `last` - 1. If `gather` is true, the strip is copied to the array `columns`,
+    otherwise from this array. Return the number of rows of all ranks.
     """
     start = 0
     for q in range(heights.size):

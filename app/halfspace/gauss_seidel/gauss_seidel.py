@@ -170,8 +170,8 @@ class GaussSeidel:
         """Cut the grid into leaves, blocks of rows in the sweep's order.
 
         Return a list and an array. The list has for each leaf the slice of its rows in the grid, or None for a leaf
-        without contact. The array marks the tiles (groups of TILE rows) with contact, leaf after leaf. It begins with
-        the tiles of an empty leaf, so that the first leaf also has one before it.
+        without contact. The array marks the tiles (groups of TILE rows) with contact, leaf after leaf. The array begins
+        with the tiles of an empty leaf, so that every leaf has a leaf before it.
         """
         ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
         ordered = np.zeros((number + 1) * rows, bool)
