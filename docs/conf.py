@@ -63,6 +63,7 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphin
 html_theme = "furo"
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]
+html_search_scorer = str(ROOT / "docs/scorer.js")  # guides before everything else
 html_title = project
 html_copy_source = False
 html_show_sourcelink = False
