@@ -132,6 +132,12 @@ CASES = {
         "there is no finer one",
     ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
+    "hardness zero": ([*HERTZ, "-hardness", "0"], "-hardness 0: must be a positive number; inf: elastic [N/mm2]"),
+    "two hardnesses": ([*HERTZ, "-hardness", "9", "-hardness_file", "a"], "both -hardness and -hardness_file are"),
+    "hardness of another grid": (
+        with_file("h.npy", np.ones((8, 9)), *HERTZ, "-grid", "8", "-hardness_file", "FILE"), "has shape (8, 9)"
+    ),
+    "load above all hardness": ([*HERTZ, "-hardness", "9", "-load", "1e9"], "it must be at most 2160 N"),
 }  # fmt: skip
 ON_RANKS = [
     "solver without bounds",
