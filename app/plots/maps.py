@@ -17,7 +17,7 @@ from app.plots.style import BLUE, DASHED, GREY, ORANGE, column_width
 from app.plots.zoom import draw_inset, find_view
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
-LEGEND_ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2}
+LEGEND_ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2, "frameon": False}
 MAX_PIXELS = 1024  # per side of an image; larger fields are averaged
 MAX_UPRIGHT = 1.8  # height over width of a map that need not lie
 MIN_ASPECT = 0.22  # short over long side of a map; narrower patches are stretched

@@ -96,7 +96,7 @@ def _draw_section(along):
 # Name -> function that draws one panel on given axes.
 PANELS = {
     "contact": lambda axes, result, _: Canvas(result, zoom=True).draw_contact(axes),
-    "pressure": lambda axes, result, reference: Canvas(result, zoom=True).draw_pressure(axes, reference),
+    "pressure": lambda axes, result, _: Canvas(result, zoom=True).draw_pressure(axes),
     "displacement": lambda axes, result, _: Canvas(result).draw_displacement(axes),
     "gap": lambda axes, result, _: Canvas(result).draw_gap(axes),
     "plastic_depth": lambda axes, result, _: Canvas(result, zoom=True).draw_plastic_depth(axes),
