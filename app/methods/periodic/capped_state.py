@@ -202,7 +202,7 @@ class CappedPrimalState(PrimalState):
             return True
         wanted = load / state.grid.cell_area
         factor = wanted / total if total > 0 else 1.0
-        beyond = np.count_nonzero(self.plastic) + np.count_nonzero(p * factor > state.bounds.upper)
+        beyond = np.count_nonzero(self.plastic) or np.count_nonzero(p * factor > state.bounds.upper)
         if not state.sum([beyond])[0]:
             return super().meet_load(p, total)
         missing = state.reach_sum(p, wanted)
