@@ -1,4 +1,4 @@
-"""Peak memory of set-up and solve over what is estimated: ``python tests/peak.py CELLS METHOD [PRESSURE]``.
+"""Peak memory of set-up and solve over what is estimated: ``python tests/peak.py CELLS METHOD [PRESSURE [HARDNESS]]``.
 
 On any ranks. A method is a name, or options ``a=1,b=2``; with ``periodic:`` before it, on a periodic patch. PRESSURE is
 the mean one: 50, the default, is 8% contact, 600 is 55%; ``ball:20000``: of a ball, in a window. Prints a line of JSON:
@@ -21,7 +21,7 @@ from app.base.memory import doubles_per_cell, set_malloc_option
 from app.multigrid import solver_cache
 
 
-def problem(n, periodic, ball=False):
+def problem(n, periodic, ball=False, hardness=None):
     """Waves, as many as asperities on a rough surface; or a ball."""
     rng = np.random.default_rng(1)
     waves = list(zip(*rng.integers(1, 20, (2, 40)), rng.uniform(0, 2 * np.pi, 40), strict=True))
@@ -31,22 +31,21 @@ def problem(n, periodic, ball=False):
             return (x**2 + y**2) / 2
         return sum(1e-3 * np.cos(np.pi * (k * x + m * y) + phase) / np.hypot(k, m) for k, m, phase in waves)
 
-    return ContactProblem(
-        Grid.from_domain(n, n, (-1, 1, -1, 1)), Material.combined(82000, 0.28), gap, periodic=periodic
-    )
+    grid, material = Grid.from_domain(n, n, (-1, 1, -1, 1)), Material.combined(82000, 0.28)
+    return ContactProblem(grid, material, gap, periodic=periodic, hardness=hardness)
 
 
-def solve(n, method, periodic, pressure):
+def solve(n, method, periodic, pressure, hardness):
     """Set up and solve once; return what is estimated."""
     ball, pressure = pressure.startswith("ball:"), float(pressure.removeprefix("ball:"))
     options = dict(pair.split("=") for pair in method.split(",")) if "=" in method else {}
     name = None if options or method == "default" else method
-    with ContactSolver(problem(n, periodic, ball), name, options) as solver:
+    with ContactSolver(problem(n, periodic, ball, hardness), name, options) as solver:
         if "lcp_type" in options:  # TAO, SNESVI
             solver.solve(approach=solver.touching + 0.002)
         else:
             solver.solve(mean_pressure=pressure)
-        return doubles_per_cell(solver.settings, periodic)
+        return doubles_per_cell(solver.settings, periodic, hardness is not None)
 
 
 def status(name):
@@ -62,12 +61,13 @@ if __name__ == "__main__":
         set_malloc_option(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
     pressure, solver_cache.MAX_CACHED_CELLS = more[0] if more else "50", 0
+    hardness = float(more[1]) if len(more) > 1 else None
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")
     for small in (32, 352):  # loads all there is to be loaded
-        solve(small, method, periodic, pressure)
+        solve(small, method, periodic, pressure, hardness)
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     before = status("VmRSS")
-    estimated = solve(n, method, periodic, pressure)
+    estimated = solve(n, method, periodic, pressure, hardness)
     taken = MPI.COMM_WORLD.allreduce(status("VmHWM") - before)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps({"method": word, "measured": taken / 8 / n**2, "estimated": estimated}))

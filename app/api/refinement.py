@@ -164,7 +164,7 @@ def _has_room(solver, grid):
     """Return whether a solver on the grid fits into memory. Collective."""
     try:
         check_cells(grid)
-        check_memory(solver.comm, grid, solver.settings)
+        check_memory(solver.comm, solver.problem, grid, solver.settings)
     except InputError:
         return False
     return True

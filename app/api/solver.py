@@ -152,7 +152,7 @@ class ContactSolver(Derivatives):
             arguments = grid.shape, grid.periodic, sizes, self.settings, prefix
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
             self.comm.shares_memory = self.settings.shared_memory
-            check_memory(self.comm, grid, self.settings)
+            check_memory(self.comm, problem, grid, self.settings)
             with self.options.inserted():
                 self._set_up()
             if unused := self.options.unused(self.comm):

@@ -18,6 +18,7 @@ DOUBLE_PRECISION = 2  # more doubles of the default methods without single preci
 CYCLES = (
     12  # more doubles of the active set with Gauss-Seidel, multigrid, or the root search of periodic patches
 )
+HARDNESS = 3  # more doubles with a hardness
 STRIP_DOUBLES = 64  # per cell of each of up to 4 rows and columns, for transforms
 EXCHANGE = 0.2  # share more on several ranks, for receive buffers
 MIN_DOUBLES = 9  # per cell, of any method on any problem
@@ -36,7 +37,7 @@ def set_malloc_option(option, value):
         ctypes.CDLL(None).mallopt(option, value)
 
 
-def doubles_per_cell(settings, periodic=False):
+def doubles_per_cell(settings, periodic=False, capped=False):
     """Return a method's peak memory in doubles per cell.
 
     Parameters
@@ -45,8 +46,10 @@ def doubles_per_cell(settings, periodic=False):
         Options of the method.
     periodic : bool or str
         As the attribute of `Grid`: true for a periodic patch.
+    capped : bool
+        Whether the problem has a hardness.
     """
-    doubles = DOUBLES[settings.type]
+    doubles = DOUBLES[settings.type] + HARDNESS * capped
     if settings.type in ("fast", "primal"):
         return doubles + DOUBLE_PRECISION * (not settings.single)
     if settings.type != "active_set":

@@ -27,14 +27,15 @@ MAX_DIRECT_CELLS = 1024  # largest number of cells of a grid whose matrix is sto
 _MIN_WINDOWED_CELLS = 64 * 64  # number of cells of a grid up to which windows save no time
 
 
-def check_memory(comm, grid, settings):
-    """Raise if a host lacks the memory for a target grid. Collective."""
+def check_memory(comm, problem, grid, settings):
+    """Raise if a host lacks the memory for a problem on a target grid. Collective."""
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.
     coarse = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(coarse)
-    doubles = cells * doubles_per_cell(settings, grid.periodic) + doubles_in_strips(grid)
+    per_cell = doubles_per_cell(settings, grid.periodic, problem.hardness is not None)
+    doubles = cells * per_cell + doubles_in_strips(grid)
     check_host_memory(ranks.comm, grid, doubles)
 
 

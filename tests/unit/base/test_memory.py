@@ -77,6 +77,13 @@ def test_default_methods_need_ten_doubles_per_cell(method, pressure):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("method", ["default", "periodic:default"])
+def test_estimate_includes_a_hardness(method):
+    measured, estimated = peak(1024, method, 50, 500)
+    assert 0.8 * estimated < measured <= estimated
+
+
+@pytest.mark.slow
 def test_ranks_of_one_host_share_its_memory():
     measured, estimated = peak(1024, "default", 50, ranks=2)
     assert measured < (1 + memory.EXCHANGE) * estimated
