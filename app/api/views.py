@@ -72,6 +72,7 @@ def plot_surface(surface, axes=None):
     On given axes only the heights are drawn.
     """
     if axes is not None:
+        pictures.check_axes(axes)
         heights.draw_heights(axes, surface)
         return pictures.on_axes(axes)
     return pictures.show(lambda: heights.surface_figure(surface), "surface")

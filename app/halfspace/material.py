@@ -45,12 +45,13 @@ class Material:
     resistivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
     thermal_conductivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
 
-    def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None):
-        if unnamed or shear_modulus is None or poisson_ratio is None:
-            numbers = ", ".join(map(str, unnamed))
-            young, combined = (numbers, numbers) if len(unnamed) == 2 else ("E, nu", "G, nu")
+    def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
+        if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
+            values = [*unnamed, *unknown.values()]
+            given = ", ".join([*map(str, unnamed), *(f"{name}={value}" for name, value in unknown.items())])
+            young, combined = [", ".join(map(str, values))] * 2 if len(values) == 2 else ("E, nu", "G, nu")
             raise InputError(
-                f"Material({numbers}): takes keywords only; two equal bodies with Young's modulus and Poisson's ratio: "
+                f"Material({given}): takes shear_modulus= and poisson_ratio= only; two equal bodies with Young's modulus and Poisson's ratio: "
                 f"Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
                 f"Material.combined({combined})"
             )

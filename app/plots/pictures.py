@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from app.base.errors import InputError
@@ -134,10 +135,19 @@ def plot(result, name="summary", axes=None):
         raise InputError(f"plot {name!r}: must be one of {', '.join(allowed)}{where}")
     reference = analytic_reference(result)
     if axes is not None:
+        check_axes(axes)
         PANELS[name](axes, result, reference)
         return on_axes(axes)
     draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
     return show(partial(draw, result, reference), name)
+
+
+def check_axes(axes):
+    """Raise InputError unless these are axes of matplotlib."""
+    if not isinstance(axes, Axes):
+        raise InputError(
+            f"ax: is {type(axes).__name__}; must be axes of matplotlib, as from pyplot.subplots()"
+        )
 
 
 def on_axes(axes):

@@ -86,6 +86,10 @@ class NormalContact(ABC):
         """
         names = [f.name for f in fields(cls) if f.name != "approach"]
         values = dict(zip([*names, "load"], parameters, strict=False)) | named
+        if missing := [name for name in (*names, "load") if name not in values]:
+            raise InputError(
+                f"{cls.__name__}.from_load: needs {', '.join(names)} and load; {', '.join(missing)} is missing"
+            )
         load = values.pop("load")
         return cls(**values, approach=1.0).at_load(load)
 

@@ -15,7 +15,7 @@ np.savetxt("plate.txt", 1e3 * ground.height(x, x) + 2 * x + 3 * x[:, None], fmt=
 
 # %% Read it, remove the tilt, and look before solving.
 surface = read_surface("plate.txt", "um", level="plane", spacing=(0.002, 0.002))
-found = roughness(surface.heights(), 0.002, 0.002)
+found = roughness(surface)
 print(f"rms height {1e3 * found.rms_height:.3f} um, rms slope {found.rms_slope:.4f}")
 
 # %% Press a ball on it. Its patch and cells are those of the file, about the origin.

@@ -84,13 +84,16 @@ def test_panels_get_room_for_their_labels(hertz_results):
     assert free.get_layout_engine() is None
 
 
-def test_pictures_are_named_in_the_error(hertz_results):
+def test_pictures_are_named_in_the_error(hertz_results, surface):
     with pytest.raises(
         InputError, match=r"plot 'stresses': must be one of contact, pressure, .*displacement"
     ):
         hertz_results["solution"].plot("stresses")
     with pytest.raises(InputError, match=r"must be one of contact.* with ax="):
         hertz_results["solution"].plot("summary", ax=pyplot.figure().subplots())
+    for shown in hertz_results["solution"], surface:
+        with pytest.raises(InputError, match="ax: is str; must be axes of matplotlib"):
+            shown.plot(ax="pressure")
     with pytest.raises(InputError, match="nothing of it"):
         hertz_results["solution"].plot("path")
 

@@ -105,12 +105,13 @@ def test_equal_bodies_halve_contact_modulus():
     ("numbers", "names", "call"),
     [
         ((210e3, 0.3), {}, r"Material.isotropic\(210000.0, 0.3\)"),
+        ((), {"E": 210e3, "nu": 0.3}, r"Material.isotropic\(210000.0, 0.3\)"),
         ((82e3,), {"poisson_ratio": 0.28}, r"Material.combined\(G, nu\)"),
         ((), {"shear_modulus": 82e3}, r"Material.combined\(G, nu\)"),
     ],
 )
 def test_material_requires_both_keywords(numbers, names, call):
-    with pytest.raises(InputError, match=f"takes keywords only.*{call}"):
+    with pytest.raises(InputError, match=f"takes shear_modulus= and poisson_ratio= only.*{call}"):
         Material(*numbers, **names)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
+from app import InputError, read_surface
 from app.halfspace.grid import Grid
 from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
@@ -32,6 +33,14 @@ def test_a_plane_has_its_slopes():
     assert (moments.rms_slope_x, moments.rms_slope_y, moments.rms_slope) == pytest.approx(
         (3, 4, 5), rel=1e-12
     )
+
+
+def test_roughness_of_a_surface_is_that_of_its_heights():
+    heights = np.random.default_rng(1).normal(size=(8, 9))
+    surface = read_surface(heights, "um", spacing=(0.02, 0.03))
+    assert roughness(surface) == roughness(surface.heights(), 0.02, 0.03)
+    with pytest.raises(InputError, match="dx None"):
+        roughness(read_surface(heights, "um"))
 
 
 def test_roughness_scales_and_reflects():

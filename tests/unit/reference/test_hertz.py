@@ -63,6 +63,8 @@ def test_radii_of_too_great_a_ratio_are_refused():
 def test_a_radius_that_is_no_number_is_refused():
     with pytest.raises(InputError, match="rx '10': must be a number"):
         EllipticHertz.from_load("10", 10, 1e5, 100)
+    with pytest.raises(InputError, match="needs rx, ry, e_star and load; load is missing"):
+        EllipticHertz.from_load(10, 1e5, 100)
 
 
 def test_names_of_analytic_solutions_are_listed():
