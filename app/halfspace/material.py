@@ -51,8 +51,8 @@ class Material:
             given = ", ".join([*map(str, unnamed), *(f"{name}={value}" for name, value in unknown.items())])
             young, combined = [", ".join(map(str, values))] * 2 if len(values) == 2 else ("E, nu", "G, nu")
             raise InputError(
-                f"Material({given}): takes shear_modulus= and poisson_ratio= only; two equal bodies with Young's modulus and Poisson's ratio: "
-                f"Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
+                f"Material({given}): takes shear_modulus= and poisson_ratio= only; two equal bodies with Young's "
+                f"modulus and Poisson's ratio: Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
                 f"Material.combined({combined})"
             )
         for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
