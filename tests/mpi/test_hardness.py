@@ -1,0 +1,63 @@
+"""Contact with a hardness on several ranks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app import ContactProblem
+from app.verification.dense import DenseProblem
+from app.verification.solving import random_problem, solved
+
+OPTIONS = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 8}
+
+
+def limited_problem(seed, periodic):
+    """A problem with a hardness of each cell, infinite in some, and holes in half of the problems."""
+    rng = np.random.default_rng(seed)
+    problem = random_problem(rng, *map(int, rng.integers(3, 13, 2)), periodic)
+    elastic = DenseProblem(problem).at(np.nanmean(problem.gap) - 1e-6)
+    hardness = float(elastic.max()) * (0.05 + rng.random(elastic.shape))
+    if seed % 3 == 0:
+        hardness[rng.random(elastic.shape) < 0.2] = np.inf
+    return ContactProblem(problem.grid, problem.material, problem.gap, periodic=periodic, hardness=hardness)
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("method", [None, "norm"])
+@pytest.mark.parametrize("periodic", ["", "spectral"])
+def test_plastic_contact_is_independent_of_ranks(comm, periodic, method):
+    for seed in range(2):
+        problem = limited_problem(seed, periodic)
+        dense, middle = DenseProblem(problem), 0.5 * (np.nanmin(problem.gap) + np.nanmean(problem.gap))
+        exact = dense.at(middle).astype(float)
+        loadings = [{"approach": middle}, {"load": problem.grid.cell_area * exact.sum()}]
+        if np.isfinite(dense.largest_load):
+            loadings += [{"load": dense.largest_load}, {"load": 0.97 * dense.largest_load}]
+        for loading in loadings:
+            several = solved(problem, method, comm, options=OPTIONS, **loading)
+            gathered, alone = (
+                several.gather(),
+                solved(problem, method, MPI.COMM_SELF, options=OPTIONS, **loading),
+            )
+            assert several.converged == alone.converged
+            assert several.plastic_area == alone.plastic_area or not alone.converged
+            assert several.plastic_volume == pytest.approx(alone.plastic_volume, rel=1e-5, abs=1e-12)
+            if comm.rank or not alone.converged:
+                continue
+            size = alone.pressure.max()
+            np.testing.assert_allclose(gathered.pressure, alone.pressure, rtol=0, atol=1e-6 * size)
+            if "approach" in loading:
+                np.testing.assert_allclose(gathered.pressure, exact, rtol=0, atol=1e-5 * size)
+
+
+@pytest.mark.mpi(2)
+def test_hardness_of_one_number_is_that_of_all_cells(comm):
+    problem = replace(limited_problem(1, ""), hardness=0.3)
+    field = replace(problem, hardness=np.full(problem.grid.shape, 0.3))
+    one, other = (
+        solved(p, None, comm, options=OPTIONS, approach=np.nanmean(p.gap)) for p in (problem, field)
+    )
+    np.testing.assert_array_equal(one.pressure, other.pressure)
+    assert one.plastic_area == other.plastic_area
