@@ -7,7 +7,7 @@ import numpy as np
 
 from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem, solve_by_lemke
-from app.verification.solving import PATCHES, difference, methods, random_problem, solved
+from app.verification.solving import PATCHES, difference, methods, random_problem, solved, with_hardness
 
 _TIGHT = {"lcp_rtol": 1e-12}
 
@@ -95,6 +95,42 @@ def every_method(quick):
     return figures
 
 
+def plastic_contact(quick):
+    """Compare with pivoting if the pressure has an upper bound in each cell, mostly another one."""
+    figures, rng = [], np.random.default_rng(7)
+    for periodic in PATCHES[: 2 if quick else 3]:
+        cases = []
+        for k in range(1 if quick else 6):
+            problem = random_problem(rng, 12, 9 - k % 2, periodic, holes=k % 2 == 1)
+            approach = _approach(problem, 0.8)
+            top = float(DenseProblem(problem).at(approach).max())
+            cases.append((with_hardness(rng, problem, top), approach))
+        for method in methods(bool(periodic)):
+            differences, ratios, solves = [], [], 0
+            for problem, approach in cases:
+                dense = DenseProblem(problem)
+                exact = dense.at(approach)
+                loadings = [{"approach": approach}, {"load": problem.grid.cell_area * float(exact.sum())}]
+                if np.isfinite(dense.largest_load):
+                    loadings += [{"load": share * dense.largest_load} for share in (0.9, 1 - 1e-6, 1.0)]
+                for loading in loadings:
+                    found = solved(problem, method, options={"lcp_rtol": 1e-9}, **loading)
+                    if "load" in loading:
+                        exact, _ = dense.under(loading["load"], found.approach)
+                    solves += 1
+                    if found.converged:
+                        differences.append(difference(found.pressure, exact))
+                        error = dense.energy(found.pressure - exact)
+                        ratios.append(error / (found.error_bound * dense.energy(found.pressure) or np.inf))
+            kind, worst = f"{periodic or 'free'}, {method}", max(differences, default=np.nan)
+            figures += [
+                Figure(f"difference of pressures, {kind}, {solves} solves", worst, most=1e-6),
+                Figure(f"largest error over its bound, {kind}", max(ratios, default=np.nan), most=1),
+                Figure(f"not solved, and said so, {kind}", solves - len(differences), most=0),
+            ]
+    return figures
+
+
 def larger_grids(quick):
     """Compare with NORM solved to 1e-10, on grids too large for a matrix."""
     figures, rng = [], np.random.default_rng(4)
@@ -114,5 +150,6 @@ CHECKS = (
     Check("tao", "PETSc's TAO", "Minimisation under bounds, with the same product.", _by_petsc("tao")),
     Check("snesvi", "PETSc's SNESVI", "Variational inequalities, with the same product.", _by_petsc("snesvi")),
     Check("methods", "Every method by every loading", every_method.__doc__, every_method),
+    Check("hardness", "Every method with a hardness", plastic_contact.__doc__, plastic_contact),
     Check("methods-larger", "Every method on larger grids", larger_grids.__doc__, larger_grids),
 )  # fmt: skip

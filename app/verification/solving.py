@@ -1,6 +1,7 @@
 """Solutions and random problems for the checks."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,6 +47,17 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
         gap[rng.random(gap.shape) < 0.1] = np.nan
     grid = Grid(nx, ny, 0.1, 0.1 * rng.choice([1.0, 0.7, 4.0]))
     return ContactProblem(grid, UNIT, gap, periodic=periodic)
+
+
+def with_hardness(rng, problem, largest):
+    """Return a problem with a random hardness of each cell, of some 5% to 105% of the `largest` pressure.
+
+    In a third of the problems a fifth of the cells is elastic.
+    """
+    hardness = largest * (0.05 + rng.random(problem.grid.shape))
+    if rng.random() < 1 / 3:
+        hardness[rng.random(hardness.shape) < 0.2] = np.inf
+    return replace(problem, hardness=hardness)
 
 
 def difference(found, expected):

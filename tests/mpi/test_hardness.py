@@ -6,22 +6,18 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app import ContactProblem
 from app.verification.dense import DenseProblem
-from app.verification.solving import random_problem, solved
+from app.verification.solving import random_problem, solved, with_hardness
 
 OPTIONS = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 8}
 
 
 def limited_problem(seed, periodic):
-    """A problem with a hardness of each cell, infinite in some, and holes in half of the problems."""
+    """A problem with a hardness of each cell, and holes in half of the problems."""
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, *map(int, rng.integers(3, 13, 2)), periodic)
     elastic = DenseProblem(problem).at(np.nanmean(problem.gap) - 1e-6)
-    hardness = float(elastic.max()) * (0.05 + rng.random(elastic.shape))
-    if seed % 3 == 0:
-        hardness[rng.random(elastic.shape) < 0.2] = np.inf
-    return ContactProblem(problem.grid, problem.material, problem.gap, periodic=periodic, hardness=hardness)
+    return with_hardness(rng, problem, float(elastic.max()))
 
 
 @pytest.mark.mpi(2, 3)
