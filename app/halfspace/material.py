@@ -52,8 +52,8 @@ class Material:
             young, combined = [", ".join(map(str, values))] * 2 if len(values) == 2 else ("E, nu", "G, nu")
             raise InputError(
                 f"Material({given}): takes shear_modulus= and poisson_ratio= only; two equal bodies with Young's "
-                f"modulus and Poisson's ratio: Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
-                f"Material.combined({combined})"
+                f"modulus and Poisson's ratio: Material.isotropic({young}); shear modulus and Poisson's ratio of "
+                f"the pair: Material.combined({combined})"
             )
         for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
             object.__setattr__(self, name, _real(name.replace("_", " "), value))
