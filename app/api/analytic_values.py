@@ -58,8 +58,11 @@ def theories(problem, mean_pressure, rms_slope):
     Returns
     -------
     dict
-        Empty unless the bodies are nominally flat, rough and not indented yet. Also empty if the hardness is an array.
+        Empty unless the bodies are nominally flat, rough and not indented yet. Also empty if the hardness is an array,
+        or a body is coated.
     """
+    if problem.material.coating is not None:
+        return {}
     scale, hardness = problem.material.contact_modulus * rms_slope, problem.hardness
     if problem.name != "rough" or not scale > 0 or np.ndim(hardness) or problem.indentation is not None:
         return {}

@@ -16,6 +16,11 @@ from app.options.solver_options import SolverOptions, options_with_prefix
 from app.options.viewers import check_viewers
 from app.problems.problem import Problem
 
+MIN_LOVE_THICKNESS = (
+    1e-3  # thickness of a layer over the side of the patch; the sums over images are long below
+)
+INCOMPRESSIBLE_POISSON = 0.495  # ratio above which cells wider than a layer are refused
+MAX_LAYER_CELL = 3.0  # largest cell of an incompressible layer, over its thickness
 _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
@@ -54,12 +59,41 @@ def parse_arguments(problem, method, options, prefix, listeners):
         texts = {name: in_database[name] for name in sorted(ignored)} | own
     check_compiler()
     check_cells(problem.grid)
+    _check_layer(problem.grid, problem.material)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
     settings = make_settings(method, texts, bool(problem.grid.periodic))
     check_viewers(settings.texts)
     _check_python_types(settings.texts)
     return settings, SolverOptions(prefix, settings.texts, ignored)
+
+
+def _check_layer(grid, material):
+    """Raise InputError for a coating or layer that this patch does not allow."""
+    coating = material.coating
+    if coating is None:
+        return
+    if not grid.periodic:
+        raise InputError(
+            "material: a coating or layer needs a periodic patch so far, periodic=True (-periodic)"
+        )
+    thinnest = MIN_LOVE_THICKNESS * max(grid.nx * grid.dx, grid.ny * grid.dy)
+    if grid.periodic == "love" and coating.thickness < thinnest:
+        raise InputError(
+            f"coating thickness {coating.thickness:g} mm: must be at least {thinnest:.3g} mm with uniform pressures on "
+            "the cells of this patch; or use periodic='spectral' (-periodic_symbol spectral)"
+        )
+    cell = max(grid.dx, grid.dy)
+    if (
+        grid.periodic == "love"
+        and coating.on_rigid_base
+        and coating.poisson[0] > INCOMPRESSIBLE_POISSON
+        and cell > MAX_LAYER_CELL * coating.thickness
+    ):
+        raise InputError(
+            f"cells of {cell:.3g} mm: an incompressible layer of {coating.thickness:g} mm needs cells of at most "
+            f"{MAX_LAYER_CELL:g} times its thickness"
+        )
 
 
 def _check_python_types(texts):

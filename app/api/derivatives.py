@@ -153,21 +153,18 @@ class Derivatives:
         Solution
             A copy with `stiffness`, `unloading_stiffness` and `conductance_width`. The copy has
             `electrical_conductance` and `thermal_conductance` if the problem's material has the constants, see
-            `Material.conducting`.
+            `Material.conducting`. With a coating only the stiffness is known.
         """
         self._check_solution(solution)
         elastic = find_elastic_cells(solution)
         unloading = stiffness = self._stiffness_of(solution.contact)
         if self._sum(elastic) < self._sum(solution.contact):
             stiffness = self._stiffness_of(elastic)
+        solution = replace(solution, stiffness=stiffness, unloading_stiffness=unloading)
+        if self.problem.material.coating is not None:  # Barber's theorem holds for half-spaces only
+            return solution
         width = unloading / self.problem.material.contact_modulus
-        return replace(
-            solution,
-            stiffness=stiffness,
-            unloading_stiffness=unloading,
-            conductance_width=width,
-            **conductances(self.problem.material, width),
-        )
+        return replace(solution, conductance_width=width, **conductances(self.problem.material, width))
 
     @synchronized
     def sensitivity(self, solution, of="load"):
@@ -201,6 +198,8 @@ class Derivatives:
         self._check_solution(solution)
         g, fixed = call_collectively(self.comm, _read_number, of, solution)
         check_equal_on_ranks(self.comm, (of if isinstance(of, str) else "", fixed), "sensitivity: of")
+        if fixed == "approach" and self._uniform_compliance:
+            raise InputError("sensitivity: not known at a fixed approach of a layer on a rigid base")
         cells, grid = find_elastic_cells(solution), self.hierarchy.target.grid
         count = self._sum(cells)
         if not count:
@@ -251,12 +250,17 @@ class Derivatives:
             yield solve
 
     def _stiffness_of(self, cells):
-        """Return dx dy sum(q) [N/mm], with A q = 1 on `cells`. Collective."""
+        """Return dx dy sum(q) [N/mm], with A q = 1 on `cells`. Collective.
+
+        The uniform displacement of a layer on a rigid base is a spring in series.
+        """
         grid, count = self.hierarchy.target.grid, self._sum(cells)
+        uniform = self._uniform_compliance / grid.area
         if not count or (grid.periodic and count == grid.n):
-            return np.inf if count else 0.0
+            return (1 / uniform if uniform else np.inf) if count else 0.0
         with self._system(cells, RTOL) as solve:
-            return float(grid.cell_area * self._sum(solve(1.0)))
+            stiffness = float(grid.cell_area * self._sum(solve(1.0)))
+        return stiffness / (1 + uniform * stiffness)
 
     def _sum(self, field):
         """Return a field's sum over all cells. Collective."""

@@ -16,6 +16,7 @@ DOUBTFUL_MODULI = 1.0, 1e3  # [N/mm2] of the stiffer body; they may be meant in 
 MIN_RUBBER_POISSON = 0.4  # rubbers with larger Poisson's ratios have such moduli
 MAX_ASPECT = 0.1  # rms height over the longer side of the patch; more with wrong units or steep slopes
 MAX_LOG_SQUARE = 0.2  # logarithm of the ratio of the sides of cells that may be meant to be square
+MAX_COMPRESSIBLE_POISSON = 0.45  # of a layer that cells wider than its thickness describe well
 MAX_SEAM = 3.0  # step where a periodic patch repeats, in neighbouring steps
 MAX_FILLED_SHARE = 0.01  # of the load, on filled points
 MIN_CONTACT_CELLS = 4  # across a contact; fewer do not show its shape
@@ -73,6 +74,8 @@ def notes_on(state, problem, contact, roughness):
             f"across the sides of the periodic patch distances step by {format_lengths(across)} (rms), between other "
             f"cells by {format_lengths(inside)}: {what} is not periodic, and touches at these steps"
         )
+    if problem.material.coating is not None:
+        notes += note_thin_layer(problem.material.coating, grid)
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"
@@ -110,6 +113,19 @@ def notes_on(state, problem, contact, roughness):
         what = "contact reaches" if contact.contact_cells else "the smallest distance is found at"
         notes.append(f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it")
     return notes
+
+
+def note_thin_layer(coating, grid):
+    """Return notes on a nearly incompressible layer that is thinner than cells are wide."""
+    cell = max(grid.dx, grid.dy)
+    if not coating.on_rigid_base or grid.periodic != "love" or cell <= coating.thickness:
+        return []
+    if coating.poisson[0] <= MAX_COMPRESSIBLE_POISSON:
+        return []
+    return [
+        f"the layer, {format_lengths(coating.thickness)} thick and nearly incompressible, is thinner than cells are "
+        "wide: uniform pressures on cells make it too soft"
+    ]
 
 
 def note_doubtful_moduli(material):

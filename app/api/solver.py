@@ -21,6 +21,7 @@ import numpy as np
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import parse_arguments
 from app.api.derivatives import Derivatives
+from app.api.layer_approach import add_uniform_displacement, search_load
 from app.api.load_path import LoadPath, check_one_kind
 from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
@@ -34,7 +35,6 @@ from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
 from app.contact.loading_input import make_loading
-from app.halfspace.influence import influence_quadrant
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
@@ -173,10 +173,10 @@ class ContactSolver(Derivatives):
     def _set_up(self):
         """Make grids, operators and solvers for the settings."""
         settings, grid, kernel = self.settings, self.problem.grid, self.problem.material.kernel
+        self._uniform_compliance = kernel.uniform_compliance
         self._largest = None  # influence coefficient [mm3/N], needed for single precision
         if settings.single:
-            alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
-            self._largest = float(influence_quadrant(alone, kernel, slice(0, 1), 1)[0, 0])
+            self._largest = kernel.self_displacement(grid)
             check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = Hierarchy(
             grid, kernel, self.comm, settings.coarsest, settings.cells_per_rank,
@@ -272,6 +272,14 @@ class ContactSolver(Derivatives):
         return replace(solution, notes=(*solution.notes, describe_unknown_options(unused, (), "unused")))
 
     def _solve(self, values, start):
+        approach, distance, uniform = values["approach"], self._distances[-1], self._uniform_compliance
+        if not uniform or approach is None or self._make_loading(values).misses_contact(distance):
+            return self._solve_loading(values, start)
+        solve = lambda load: self._solve_loading(dict.fromkeys(values) | {"load": load}, start)  # noqa: E731
+        tolerance = self.settings.rtol * max(approach - self.touching, distance.deviation)
+        return search_load(solve, approach, self.touching, tolerance, self.problem.grid.area / uniform)
+
+    def _solve_loading(self, values, start):
         started, traffic = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         if self._was_interrupted:  # maybe in an update
@@ -288,7 +296,9 @@ class ContactSolver(Derivatives):
             state, outcome = self._strategy.run(loading, history, start)
             self._was_interrupted = False
             try:
-                return self._solution(state, loading, outcome, history, started, products, traffic)
+                solution = self._solution(state, loading, outcome, history, started, products, traffic)
+                uniform = self._uniform_compliance
+                return add_uniform_displacement(solution, uniform) if uniform else solution
             finally:
                 state.destroy()
 
@@ -366,7 +376,7 @@ class ContactSolver(Derivatives):
             raise InputError("the solver is closed")
 
     def _make_loading(self, values):
-        loading = make_loading(self.problem.grid, self._distances[-1], **values)
+        loading = make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
         self._strategy.check_loading(loading, self._largest)
         return loading
 
@@ -398,8 +408,8 @@ class ContactSolver(Derivatives):
             indentation=depth - distance.zero_load_depth + before.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
-            inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
-            work_units=sum(entry["work_units"] for entry in history.entries),
+            inner_iterations=sum([e["inner_iterations"] for e in history.entries if e["level"] == last]),
+            work_units=sum([entry["work_units"] for entry in history.entries]),
             operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
             **outcome.grid_errors.with_contact_edge(measured)._asdict(),

@@ -47,6 +47,10 @@ def stress(solution, poisson_ratio=None, body=None):
             f"stress: is {type(solution).__name__}; needed: a Solution, or read_result(FILE) of a result file"
         )
     grid, facts = solution.grid, solution.attributes
+    if "coating_thickness" in facts:
+        raise InputError(
+            "stress: works for half-spaces; the stress below the surface of a coated body is not known"
+        )
     if poisson_ratio is None:
         poisson_ratio = find_poisson_ratio(facts, body)
     elif body is not None:

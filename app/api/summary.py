@@ -68,6 +68,12 @@ def _describe_random_surfaces(facts):
 
 
 def _describe_material(facts):
+    if "coating_thickness" in facts:
+        (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]
+        return (
+            f"coating of E {facts['coating_young']:g} N/mm2, nu {facts['coating_poisson']:g}, thickness "
+            f"{facts['coating_thickness']:.6g} mm on E {e1:g}, nu {nu1:g}; other body of E {e2:g}, nu {nu2:g}"
+        )
     text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
     if "young" in facts:
         (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]

@@ -58,6 +58,9 @@ MATERIAL_OPTIONS = [
     Option("poisson", ratios, REQUIRED, "nu1,nu2: their Poisson's ratios"),
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
     Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
+    Option("coating_young", positive, None, "Young's modulus of a coating on the first body of -young [N/mm2]"),
+    Option("coating_poisson", half, None, "its Poisson's ratio"),
+    Option("coating_thickness", positive, None, "its thickness [mm]"),
     Option("resistivity", resistivities, None, "rho1,rho2: with -stiffness, for the electrical conductance [ohm m]"),
     Option("thermal_conductivity", conductivities, None, "k1,k2: with -stiffness, for the thermal one [W/(m K)]"),
     Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),
@@ -112,6 +115,8 @@ GEOMETRY_OPTIONS = [
     Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
 ]  # fmt: skip
+_PAIR = "contact_modulus", "shear_modulus", "poisson_ratio"  # of both bodies together
+COATING = "coating_young", "coating_poisson", "coating_thickness"
 MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 CROWN_ARC = ("roller_crown_radius", "roller_crown_drop")
@@ -185,6 +190,17 @@ def _make_material(options):
 def _make_elastic_material(options):
     from app.halfspace.material import Material
 
+    if options.given(*COATING):
+        wrong = [f"-{name} does not suffice" for name in _PAIR if options.given(name)]
+        wrong += [f"-{name} is missing" for name in (*COATING, "young", "poisson") if not options.given(name)]
+        if wrong:
+            raise InputError(
+                f"{wrong[0]}: a coating needs {', '.join(f'-{name}' for name in COATING)}, and -young E1,E2 with "
+                "-poisson nu1,nu2 of its substrate and of the other body; inf: rigid"
+            )
+        (e1, e2), (nu1, nu2) = options["young"], options["poisson"]
+        coating, ratio, thickness = (options[name] for name in COATING)
+        return Material.coated((coating, e1), (ratio, nu1), thickness, other=(e2, nu2))
     if options.given("contact_modulus"):
         return Material.from_contact_modulus(options["contact_modulus"])
     if options.given("young", "poisson"):

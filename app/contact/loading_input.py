@@ -16,11 +16,12 @@ _FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of ful
 _ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
 
 
-def make_loading(grid, distance, **given):
+def make_loading(grid, distance, uniform_compliance=0.0, **given):
     """Make the `Loading` for one prescribed number.
 
     `grid` and `distance` are those of the target grid. In `given` exactly one of `LOADINGS` is not None:
-    approach or mean gap [mm], load [N], or mean pressure, which is load over area of the patch [N/mm2].
+    approach or mean gap [mm], load [N], or mean pressure, which is load over area of the patch [N/mm2]. With a
+    `uniform_compliance` of the bodies, approaches beyond full contact are allowed.
 
     Raises
     ------
@@ -52,7 +53,12 @@ def make_loading(grid, distance, **given):
         depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
         depth = _without_rounding(depth, mean, distance.touching, np.inf)
         return PrescribedMeanGap(distance, depth, value)
-    if not grid.periodic:
+    if uniform_compliance and distance.bounds.capped:
+        raise InputError(
+            f"approach {format_exact(value)}: not for a layer on a rigid base with a hardness; use load, mean_pressure "
+            "or mean_gap"
+        )
+    if not grid.periodic or uniform_compliance:
         return PrescribedApproach(value)
     size = max(abs(value), abs(reference))
     if distance.max_depth == np.inf and not holes and value - full > _ROUNDING_ULPS * ulp(size):

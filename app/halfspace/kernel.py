@@ -24,9 +24,12 @@ class HalfSpaceKernel:
     ----------
     scale_free : bool
         True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
+    uniform_compliance : float
+        Displacement of a periodic patch by a uniform pressure, over the pressure [mm / (N/mm2)]. That of half-spaces is
+        infinite; it is left out, and displacements are relative to their mean. Operators always leave it out.
     """
 
-    scale_free = True
+    scale_free, uniform_compliance = True, 0.0
 
     def __init__(self, compliance):
         self.compliance = float(compliance)
@@ -50,6 +53,10 @@ class HalfSpaceKernel:
         `rows` and `columns` are arrays of offsets in y and x, from 0 on. The shape is (rows, columns).
         """
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
+
+    def self_displacement(self, grid):
+        """Return the displacement of a cell of a free patch by a unit pressure on it [mm / (N/mm2)]."""
+        return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def smallest_eigenvalue(self, grid):
         """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].

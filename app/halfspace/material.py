@@ -10,6 +10,8 @@ import numpy as np
 from app.base.errors import InputError, format_exact
 from app.base.usage import usage
 from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.layer import Layer
+from app.halfspace.layered_kernel import LayeredKernel
 
 
 @dataclass(frozen=True, init=False)
@@ -32,6 +34,9 @@ class Material:
         alone; None if it was made from G and nu.
     resistivity, thermal_conductivity : tuple of float, or None
         Constants of the two bodies, see `conducting`.
+    coating : app.halfspace.layer.Layer or None
+        Layer on the first body, see `coated` and `layer`. Then all numbers above are those of the layer's
+        material and of the other body, which short waves see.
 
     Notes
     -----
@@ -44,6 +49,7 @@ class Material:
     bodies: Mapping | None = field(default=None, init=False, repr=False, compare=False)
     resistivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
     thermal_conductivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
+    coating: Layer | None = field(default=None, init=False, repr=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
         if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
@@ -137,6 +143,55 @@ class Material:
             raise InputError(f"contact modulus {format_exact(contact_modulus)}: must be positive and finite")
         return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._made_from()
 
+    @classmethod
+    @usage("Material.coated((E_coat, E_substrate), (nu_coat, nu_substrate), thickness, other=(E, nu))")
+    def coated(cls, young, poisson, thickness, other=None):
+        """Make the material of a coated body and of another one.
+
+        The coating is bonded to its substrate. So far it works on periodic patches only.
+
+        Parameters
+        ----------
+        young, poisson : two floats
+            E [N/mm2] and nu of the coating and of the substrate; E inf: a rigid substrate.
+        thickness : float
+            Thickness of the coating [mm].
+        other : two floats, optional
+            E [N/mm2] and nu of the other body; default: rigid.
+
+        Examples
+        --------
+        >>> tool = Material.coated((450e3, 210e3), (0.25, 0.3), thickness=2e-3, other=(210e3, 0.3))
+        >>> tool.describe()["coating_thickness"]
+        0.002
+        """
+        thickness = _real("thickness", thickness)
+        if not (np.isfinite(thickness) and thickness > 0):
+            raise InputError(f"thickness {format_exact(thickness)}: must be positive and finite [mm]")
+        moduli, ratios = _pair_of_reals(young, poisson, "coated")
+        (e3, nu3) = _pair_of_reals(other, (0, 0), "other")[0] if other is not None else (np.inf, 0.0)
+        if not np.isfinite(moduli[0]):
+            raise InputError(f"Young's modulus {format_exact(moduli[0])} of the coating: must be finite")
+        material = cls.pair((moduli[0], e3), (ratios[0], nu3))
+        cls.pair((moduli[0], moduli[1]), ratios)  # checks the substrate
+        material._made_from(young=(moduli[1], e3), poisson=(ratios[1], nu3))
+        object.__setattr__(material, "coating", Layer(thickness, moduli, ratios))
+        return material
+
+    @classmethod
+    @usage("Material.layer(E, nu, thickness, other=(E, nu))")
+    def layer(cls, young, poisson, thickness, other=None):
+        """Make the material of a layer on a rigid base and of another body.
+
+        `young` and `poisson` are those of the layer, for the rest see `coated`.
+
+        Examples
+        --------
+        >>> lining = Material.layer(5.0, 0.49, thickness=3.0)
+        """
+        young, poisson = _real("Young's modulus", young), _real("Poisson's ratio", poisson)
+        return cls.coated((young, np.inf), (poisson, 0.0), thickness, other)
+
     def _made_from(self, **bodies):
         object.__setattr__(self, "bodies", bodies)
         return self
@@ -157,6 +212,8 @@ class Material:
         >>> copper.resistivity
         (1.7e-08, 1.7e-08)
         """
+        if self.coating is not None and not (resistivity is None and thermal_conductivity is None):
+            raise InputError("conducting: the conductance of a coated body is not known")
         copied = copy(self)
         for name, values, wanted, is_allowed in (
             ("resistivity", resistivity, "at least 0, and one above 0 [ohm m]", _are_resistivities),
@@ -180,7 +237,17 @@ class Material:
         return copied
 
     def describe(self):
-        """Return E* and the constants given by the user."""
+        """Return E* and the constants given by the user.
+
+        A coated body has no E*; `young` and `poisson` are those of substrate and other body.
+        """
+        if self.coating is not None:
+            return {
+                **{name: list(values) for name, values in self.bodies.items()},
+                "coating_young": self.coating.young[0],
+                "coating_poisson": self.coating.poisson[0],
+                "coating_thickness": self.coating.thickness,
+            }
         pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}
@@ -202,11 +269,14 @@ class Material:
     @property
     def kernel(self):
         """Kernel of the bodies; see `app.halfspace.kernel`."""
-        return HalfSpaceKernel(self.compliance)
+        if self.coating is None:
+            return HalfSpaceKernel(self.compliance)
+        young, poisson = (values[1] for values in (self.bodies["young"], self.bodies["poisson"]))
+        return LayeredKernel(self.coating, (1 - poisson**2) / (np.pi * young))
 
     @property
     def contact_modulus(self):
-        """Contact modulus E* = G / (1 - nu) [N/mm2]."""
+        """Contact modulus E* = G / (1 - nu) [N/mm2]; with a coating, that of waves much shorter than it is thick."""
         return self.shear_modulus / (1 - self.poisson_ratio)
 
 
@@ -215,6 +285,20 @@ def _real(name, value):
         return float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} {value!r}: must be a number") from None
+
+
+def _pair_of_reals(first, second, what):
+    """Return two pairs of numbers as tuples of floats."""
+    try:
+        pairs = tuple(tuple(map(float, pair)) for pair in (first, second))
+    except (TypeError, ValueError):
+        pairs = ()
+    if [len(pair) for pair in pairs] != [2, 2]:
+        wanted = (
+            "E, nu of the other body" if what == "other" else "(E_coat, E_substrate), (nu_coat, nu_substrate)"
+        )
+        raise InputError(f"{what}: must be {wanted}")
+    return pairs
 
 
 def _are_resistivities(pair):

@@ -301,6 +301,8 @@ def find_poisson_ratio(facts, body=None):
     """Return a body's Poisson ratio from attributes of a result, or None."""
     if body not in (None, 1, 2):
         raise InputError(f"body {body!r}: allowed: 1, 2")
+    if "coating_thickness" in facts:  # stresses depend on more than one ratio
+        return None
     each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
     if len(each) == 2:
         if body is None:

@@ -176,8 +176,10 @@ def prepare(grid):
 def _stencils(grid, power, kernel=UNIT):
     """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
-    There are none for levels so small that an FFT is faster.
+    There are none for levels so small that an FFT is faster, and none if they would depend on the size of cells.
     """
+    if not kernel.scale_free:
+        return []
     smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []

@@ -159,9 +159,12 @@ class ContactProblem(Problem):
     def __repr__(self):
         grid, n = self.grid, len(self.surfaces)
         periodic = ", periodic" if grid.periodic else ""
+        coating, elastic = self.material.coating, f"E* {self.material.contact_modulus:g} N/mm2"
+        if coating is not None:
+            elastic = f"coated by {coating.thickness:g} mm of E {coating.young[0]:g} N/mm2"
         return (
             f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of "
-            f"{format_lengths(grid.dx, grid.dy)}{periodic}, E* {self.material.contact_modulus:g} N/mm2, "
+            f"{format_lengths(grid.dx, grid.dy)}{periodic}, {elastic}, "
             f"{n} surface{'s'[: n != 1]}>"
         )
 

@@ -66,6 +66,9 @@ class CappedPrimalState(PrimalState):
             self._subtract_hardness(self.state.values)
         super().start(solver)
 
+    def _start_fields(self):
+        return *super()._start_fields(), self.plastic
+
     def continue_from(self, solution):
         """Start from a Solution on this grid; see `PrimalState.continue_from`."""
         if solution.plastic is not None:

@@ -79,8 +79,20 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
+    """Solve on one grid, by the safeguard if the iteration stagnates; return the Outcome.
+
+    With a layer, the iteration is first repeated without extrapolation.
+    """
+    start, failed = None if primal.state.operator.kernel.scale_free else primal.copy_start(), None
     try:
-        return primal_active_set(primal, solver, stop, history)
+        if start is not None:
+            try:
+                return primal_active_set(primal, solver, stop, history)
+            except NeedsSafeguard as stagnation:
+                failed = stagnation.outcome
+            primal.restart(start)
+        outcome = primal_active_set(primal, solver, stop, history)
+        return outcome if failed is None else outcome.after(failed)
     except NeedsSafeguard as stagnation:
         primal.reset_for_safeguard()
         verify(primal, solver.scratch)

@@ -36,6 +36,9 @@ class PrimalState:
         copies them here.
     approximate : bool
         p contains the error of multilevel products.
+    extrapolates : bool
+        Projected sweeps guess contact sets, and captured cells take their neighbours along. This saves iterations, but
+        may cycle with layers.
     """
 
     def __init__(self, state, inverse, loading):
@@ -46,6 +49,7 @@ class PrimalState:
         grid = state.grid
         self.cells = grid.n
         self._has_pressure = self.pending = self.approximate = False
+        self.extrapolates = True
         # Prescribed, or the Lagrange multiplier of a prescribed approach
         self.mean_pressure = float(np.nan_to_num(loading.mean_pressure_on(grid), posinf=0.0))
 
@@ -157,6 +161,21 @@ class PrimalState:
         rows, work = solver.guess_halo(change), np.empty((3, self.w.shape[1] + 2))
         stencil.add_centre(change, *rows, solver.preconditioner.weights, work, state.values)
 
+    def _start_fields(self):
+        return self.w, self.state.values, self.state.contact
+
+    def copy_start(self):
+        """Return a copy of the fields that `primal_active_set` starts from."""
+        return [self.mean_pressure, self._has_pressure, *(field.copy() for field in self._start_fields())]
+
+    def restart(self, start):
+        """Restore the fields of `copy_start`, and no longer extrapolate."""
+        self.mean_pressure, self._has_pressure, *copies = start
+        for field, copied in zip(self._start_fields(), copies, strict=True):
+            field[...] = copied
+        self.state.depth, self.state.displacement_status = 0.0, Displacement.STALE
+        self.pending = self.approximate = self.extrapolates = False
+
     def continue_from(self, solution):
         """Start from a Solution on this grid."""
         state = self.state
@@ -177,7 +196,10 @@ class PrimalState:
         rows, work = solver.guess_halo, stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
         sources, bound = (force, *rows(force)), (lowest, *rows(lowest))
         above = tuple(field[:0] for field in bound) if room is None else (room, *rows(room))
-        stencil.sweep_projected(*sources, *bound, *above, weights, solver.guess_sweeps, x, work)
+        if self.extrapolates:
+            stencil.sweep_projected(*sources, *bound, *above, weights, solver.guess_sweeps, x, work)
+        else:
+            x[...] = 0
         self._apply_guess(x, lowest)
         if not (self.loading.allows_no_contact or state.elastic_cells()):
             self._touch()
@@ -267,11 +289,12 @@ class PrimalState:
     def close_captured_gaps(self, solver):
         """Close the gaps of captured cells, and recompute p by FFT.
 
-        A preconditioned step also corrects w in the other free cells.
+        A preconditioned step also corrects w in the other free cells, if `extrapolates`.
         """
-        state, z = self.state, solver.product
-        solver.preconditioner.smooth(solver.carried, z)
-        loops.close(self.w, state.distance.b, self._captured, z, -CLOSING_DAMPING, solver.change)
+        state, z, damping = self.state, solver.product, CLOSING_DAMPING if self.extrapolates else 0.0
+        if self.extrapolates:
+            solver.preconditioner.smooth(solver.carried, z)
+        loops.close(self.w, state.distance.b, self._captured, z, -damping, solver.change)
         self.restore_mean(solver, solver.change)
         self.inverse.pressure(solver.change, z)
         p = state.values

@@ -30,6 +30,10 @@ DAMPED_EIGENVALUES = 0.5, 1.4  # interval of eigenvalues of the centre of B, ove
 DAMPED_FRACTION = (
     0.9  # upper end over the largest eigenvalue, if that would be amplified: on few rows of long cells
 )
+MAX_NEIGHBOUR_SUM, SCALED_NEIGHBOUR_SUM = (
+    0.97,
+    0.9,
+)  # largest sum of the weights of the eight neighbours, and the sum they are scaled to if it is larger
 MIN_PRESWEPT_EIGENVALUE = 1.7  # largest eigenvalue above which sweeps also come first; 4:1 cells reach it
 ROW_TOLERANCE = 1e-6  # in coarse cells: a row this near to a coarse row also fetches the next one
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
@@ -88,10 +92,9 @@ class TwoGrid:
         self.weights = _weights(operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
         (low, high), (_, x, y, diagonal) = DAMPED_EIGENVALUES, self.weights
-        alternating = (x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y)
-        highest = 1 + 2 * float(
-            max(alternating)
-        )  # eigenvalue of the sweeps, of waves that alternate in x or y
+        # Largest eigenvalue of the sweeps, of constants and of waves that alternate in x, y or both.
+        waves = x + y + 2 * diagonal, x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y
+        highest = 1 + 2 * float(max(waves))
         if highest > low + high:
             high = DAMPED_FRACTION * highest
         self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
@@ -197,11 +200,15 @@ def _weights(centre, grid):
     B_00 is the diagonal entry of B. The weights are entries of the 3 x 3 `centre` of B over B_00: for the neighbours
     in x, in y and on the diagonal.
 
-    In a direction with two cells both neighbours are the same cell, and count half each.
+    In a direction with two cells both neighbours are the same cell, and count half each. If the neighbours outweigh the
+    diagonal, as with a stiff coating, sweeps would diverge; then their weights are scaled.
     """
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
     middle = float(centre[1, 1]) or 1.0  # B of a single cell is zero
+    total = 2 * (around[0] + around[1] + 2 * around[2]) / -middle
+    if total > MAX_NEIGHBOUR_SUM and min(grid.shape) > 2:
+        around = tuple(SCALED_NEIGHBOUR_SUM / total * value for value in around)
     return 1.0 / middle, *(np.float32(value / middle) for value in around)
 
 

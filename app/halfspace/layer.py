@@ -1,0 +1,107 @@
+"""Surface displacement of a layer that is bonded to a half-space or to a rigid base.
+
+A pressure wave of wave number q displaces the surface of a layer of shear modulus G1, Poisson's ratio nu1 and thickness
+t by ``u_q = (1 - nu1) / (G1 q) S(q t) p_q`` [1]_. With ``mu = G1 / G2``, x = q t and ``th = exp(-2 x)``,
+
+    S(x) = (1 + 4 x kappa th - lambda kappa th^2) / (1 - (lambda + kappa + 4 kappa x^2) th + lambda kappa th^2),
+    lambda = 1 - 4 (1 - nu1) / (1 + mu (3 - 4 nu2)),    kappa = (mu - 1) / (mu + 3 - 4 nu1).
+
+S tends to 1 for short waves, which see the layer alone. For long waves it tends to the ratio for the substrate; on a
+rigid base, where mu = 0, it tends to 0. Numerator and denominator cancel for small x, so there they are rewritten.
+
+References
+----------
+.. [1] T.C. O'Sullivan, R.B. King, Sliding contact stress field due to a spherical indenter on a layered elastic
+   half-space, J. Tribology 110 (1988) 235-240.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_SMALL = 1.0  # x below which the rewritten form is used
+_LARGEST = 350.0  # x above which th = 0
+_TERMS = 11  # of the power series; the next term is below rounding for x up to 1
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Layer of thickness t on a half-space, or on a rigid base.
+
+    Attributes
+    ----------
+    thickness : float
+        Thickness t [mm].
+    young, poisson : tuple of float
+        Young's modulus [N/mm2] and Poisson's ratio of the layer and of the substrate; an infinite modulus is a rigid
+        base.
+    """
+
+    thickness: float
+    young: tuple
+    poisson: tuple
+
+    @property
+    def on_rigid_base(self):
+        """True if the substrate is rigid."""
+        return np.isinf(self.young[1])
+
+    @property
+    def plane_compliance(self):
+        """(1 - nu1) / (2 pi G1) of the layer [mm2/N]."""
+        return (1 - self.poisson[0] ** 2) / (np.pi * self.young[0])
+
+    @property
+    def uniform_compliance(self):
+        """Displacement of a rigid base's layer by a uniform pressure, over the pressure [mm / (N/mm2)].
+
+        It is the thickness over the oedometric modulus. It is 0 on a half-space, whose displacement has no limit.
+        """
+        if not self.on_rigid_base:
+            return 0.0
+        nu = self.poisson[0]
+        return self.thickness * (1 + nu) * (1 - 2 * nu) / ((1 - nu) * self.young[0])
+
+    def ratio(self, q):
+        """Return S(q t) for an array of wave numbers q above 0 [1/mm]."""
+        nu1, nu2 = self.poisson
+        mu = (self.young[0] / (1 + nu1)) / (self.young[1] / (1 + nu2))
+        x = np.asarray(q, dtype=float) * self.thickness
+        values, small = np.empty(x.shape), x < _SMALL
+        values[small] = _ratio_of_long_waves(x[small], mu, nu1, nu2)
+        values[~small] = _ratio_of_short_waves(np.minimum(x[~small], _LARGEST), mu, nu1, nu2)
+        return values
+
+
+def _ratio_of_short_waves(x, mu, nu1, nu2):
+    a, b, th = 3 - 4 * nu1, 3 - 4 * nu2, np.exp(-2 * x)
+    lam, kappa = 1 - (1 + a) / (1 + mu * b), (mu - 1) / (mu + a)
+    both = lam * kappa * th**2
+    return (1 + 4 * x * kappa * th - both) / (1 - (lam + kappa + 4 * kappa * x**2) * th + both)
+
+
+def _ratio_of_long_waves(x, mu, nu1, nu2):
+    """Return S(x) for x below 1 by sums without cancellation.
+
+    They contain 1 - lambda, 1 - kappa, 1 + lambda and 1 - lambda kappa, which are products.
+    """
+    a, b, th = 3 - 4 * nu1, 3 - 4 * nu2, np.exp(-2 * x)
+    lam, kappa = 1 - (1 + a) / (1 + mu * b), (mu - 1) / (mu + a)
+    without_lam, without_kappa = (1 + a) / (1 + mu * b), (1 + a) / (mu + a)
+    with_lam = (2 * mu * b + 1 - a) / (1 + mu * b)
+    without_both = mu * (1 + a) * (1 + b) / ((mu + a) * (1 + mu * b))
+    odd, even = _series(x)
+    top = without_both + 2 * kappa * th * (with_lam * np.sinh(2 * x) - odd)
+    bottom = without_lam * without_kappa - np.expm1(-2 * x) * (lam * without_kappa + kappa * without_lam)
+    return top / (bottom + 4 * kappa * th * (even - without_lam * np.sinh(x) ** 2))
+
+
+def _series(x):
+    """Return sinh(2x) - 2x and sinh(x)^2 - x^2 by their power series."""
+    power, odd, even = 2 * x**2, np.zeros(x.shape), np.zeros(x.shape)  # (2x)^k / k!, k = 2
+    for k in range(3, 3 + 2 * _TERMS, 2):
+        power = power * (2 * x) / k
+        odd += power
+        power = power * (2 * x) / (k + 1)
+        even += power / 2
+    return odd, even

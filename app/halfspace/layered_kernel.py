@@ -1,0 +1,132 @@
+"""Kernel of a body with a layer on its surface, in contact with a half-space or a rigid body."""
+
+import numpy as np
+
+from app.halfspace.grid import row_blocks
+from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.periodic_symbol import wave_numbers
+
+_SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue are sought
+_LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
+_MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
+
+
+class LayeredKernel(HalfSpaceKernel):
+    """Kernel of a layer on a half-space or a rigid base, and of a half-space on top.
+
+    A wave of wave number q sees the compliance ``c1 S(q t) + c``, with c1 of the layer, c of the other body, and the
+    ratio S of `app.halfspace.layer`.
+
+    Parameters
+    ----------
+    layer : Layer
+    other : float
+        (1 - nu) / (2 pi G) of the other body [mm2/N]; 0: rigid.
+
+    Attributes
+    ----------
+    compliance : float
+        Compliance for waves much shorter than the layer is thick [mm2/N].
+    """
+
+    scale_free = False
+
+    def __init__(self, layer, other=0.0):
+        super().__init__(layer.plane_compliance + other)
+        self.layer, self.other = layer, float(other)
+
+    @property
+    def parameters(self):
+        """Numbers that define the kernel."""
+        layer = self.layer
+        return layer.thickness, *layer.young, *layer.poisson, self.other
+
+    @property
+    def uniform_compliance(self):
+        """Displacement by a uniform pressure, over the pressure [mm / (N/mm2)]."""
+        return self.layer.uniform_compliance
+
+    def wave_compliance(self, q):
+        """Return the compliance for waves of wave number q, an array above 0 [mm2/N]."""
+        return self.layer.plane_compliance * self.layer.ratio(q) + self.other
+
+    def eigenvalues(self, grid, columns, rows):
+        """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""
+        if grid.periodic == "love":
+            half_space = super().eigenvalues(grid, columns, rows)
+            return half_space + 2 * np.pi * self._alias_sums(grid, np.asarray(columns), np.asarray(rows))
+        qx, qy = wave_numbers(grid, columns, rows)
+        q = np.hypot(qx[:, None], qy)
+        waves = q > 0
+        values = np.zeros(q.shape)
+        values[waves] = 2 * np.pi * self.wave_compliance(q[waves]) / q[waves]
+        return values
+
+    def _alias_sums(self, grid, columns, rows):
+        """Return sums of ``c1 (S - 1) sinc sinc / |q|`` over aliased waves q.
+
+        It is the difference from the half-space of the layer, for uniform pressures on cells. Waves with large q t do
+        not count.
+        """
+        highest = _MAX_DECAY / self.layer.thickness
+        (x, in_x), (y, in_y) = (
+            _aliases(index, n, d, highest) for index, n, d in ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy))
+        )  # fmt: skip
+        total, qy, weights = np.zeros((columns.size, rows.size)), y.reshape(-1), in_y.reshape(-1)
+        for selected in row_blocks(columns.size, x.shape[0] * qy.size):
+            qx = x[:, selected].reshape(-1, 1)
+            q = np.hypot(qx, qy)
+            waves = (q > 0) & (q < highest)
+            terms = np.zeros(q.shape)
+            terms[waves] = (self.layer.ratio(q[waves]) - 1) / q[waves]
+            terms *= in_x[:, selected].reshape(-1, 1) * weights
+            total[selected] = terms.reshape(x.shape[0], -1, *y.shape).sum(axis=(0, 2))
+        total[np.ix_(columns == 0, rows == 0)] = 0.0
+        return self.layer.plane_compliance * total
+
+    def coefficients(self, grid, rows, columns):
+        """Return influence coefficients of a free patch; not available."""
+        raise NotImplementedError("influence coefficients of a layer on a free patch")
+
+    unit_coefficients = coefficients
+
+    def self_displacement(self, grid):
+        """Estimate the displacement of a cell by a unit pressure on it."""
+        cell = HalfSpaceKernel(self.compliance_at(max(grid.dx, grid.dy)) / np.pi)
+        return cell.self_displacement(grid)
+
+    def smallest_eigenvalue(self, grid):
+        """Return a lower bound of the eigenvalues of A on fields without mean [mm / (N/mm2)]."""
+        return (_LOVE_FACTORS[0] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).min())
+
+    def largest_eigenvalue(self, grid):
+        """Return an upper bound of the eigenvalues of A on a periodic patch [mm / (N/mm2)]."""
+        return (_LOVE_FACTORS[1] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).max())
+
+    def _spectrum(self, grid):
+        longest = max(grid.nx * grid.dx, grid.ny * grid.dy)
+        q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
+        return 2 * np.pi * self.wave_compliance(q) / q
+
+    def punch_stiffness(self, area):
+        """Return the stiffness of a round flat punch of an area [mm2] in N/mm.
+
+        It is exact for radii much smaller and, on a compressible layer, much larger than the thickness.
+        """
+        radius = np.sqrt(area / np.pi)
+        compliance = float(self.wave_compliance(np.array([4 / (np.pi * radius)]))[0])
+        return 2 / (np.pi * compliance) * radius
+
+    def compliance_at(self, length):
+        """Return 1 / E* of waves of a length [mm] in mm2/N."""
+        return np.pi * float(self.wave_compliance(np.array([2 * np.pi / length]))[0])
+
+
+def _aliases(index, n, d, highest):
+    """Return the wave numbers of aliased waves in a direction, and their sinc.
+
+    The shape is (aliases, index). `n` cells have the length `d`; waves beyond the wave number `highest` are left out.
+    """
+    count = int(highest * d / (2 * np.pi)) + 1
+    waves = index / n + np.arange(-count, count + 1)[:, None]
+    return 2 * np.pi * waves / d, np.sinc(waves)

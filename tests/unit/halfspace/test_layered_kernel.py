@@ -1,0 +1,63 @@
+"""The kernel of layered bodies."""
+
+import numpy as np
+import pytest
+
+from app import Grid, Material
+from app.halfspace.influence import dense_matrix
+
+STEEL = (210.0, 0.3)
+GRIDS = [
+    Grid(n, 10, 0.1, dy, periodic=kind) for kind in ("spectral", "love") for n, dy in ((12, 0.1), (9, 0.03))
+]
+
+
+def eigenvalues(material, grid):
+    return material.kernel.eigenvalues(grid, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=str)
+def test_limits_are_half_spaces(grid):
+    coated = ((450.0, 210.0), (0.25, 0.3))
+    alike = Material.coated((210.0, 210.0), (0.3, 0.3), 0.1, STEEL)
+    on_substrate, on_coat = (
+        Material.pair((e, STEEL[0]), (nu, STEEL[1])) for e, nu in ((210.0, 0.3), (450.0, 0.25))
+    )
+    for material, half_space, error in (
+        (alike, on_substrate, 1e-14),
+        (Material.coated(*coated, 1e3, STEEL), on_coat, 1e-14),
+        (Material.coated(*coated, 5e-3, STEEL), on_substrate, 0.1),
+    ):
+        np.testing.assert_allclose(eigenvalues(material, grid), eigenvalues(half_space, grid), rtol=error)
+
+
+def test_uniform_cells_sum_over_all_waves():
+    """The difference from a half-space, whose waves beyond 1 / thickness do not count, by a sum over waves."""
+    grid, material = Grid(6, 5, 0.1, 0.2, periodic="love"), Material.coated((1.0, 4.0), (0.3, 0.2), 0.1)
+    half_space = Material.pair((1.0, np.inf), (0.3, 0.0))
+    found = (eigenvalues(material, grid) - eigenvalues(half_space, grid))[2, 1]
+    kx, ky = 2 + 6 * np.arange(-9, 10)[:, None], 1 + 5 * np.arange(-19, 20)
+    q = 2 * np.pi * np.hypot(kx / 0.6, ky / 1.0)
+    terms = 2 * np.pi * (material.kernel.wave_compliance(q) - half_space.kernel.compliance) / q
+    assert found == pytest.approx((terms * np.sinc(kx / 6) * np.sinc(ky / 5)).sum(), rel=1e-12)
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=str)
+@pytest.mark.parametrize("moduli", [(1.0, 10.0), (10.0, 1.0), (1.0, np.inf)])
+@pytest.mark.parametrize("nu", [0.3, 0.5])
+@pytest.mark.parametrize("thickness", [0.03, 0.3])
+def test_eigenvalues_are_within_their_bounds(grid, moduli, nu, thickness):
+    kernel = Material.coated(moduli, (nu, 0.2), thickness).kernel
+    values = np.sort(np.linalg.eigvalsh(dense_matrix(grid, kernel)))
+    assert abs(values[0]) < 1e-12 * values[-1]  # of the constant
+    assert kernel.smallest_eigenvalue(grid) <= values[1] * (1 + 1e-12)
+    assert values[-1] <= kernel.largest_eigenvalue(grid) * (1 + 1e-3)  # sampled waves
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3])
+def test_wide_punch_on_a_thin_layer_compresses_it_uniformly(nu):
+    kernel, area = Material.layer(2.0, nu, 1e-4).kernel, 3.0
+    assert kernel.punch_stiffness(area) == pytest.approx(area / kernel.uniform_compliance, rel=1e-3)
+    assert Material.layer(2.0, nu, 1e4).kernel.punch_stiffness(area) == pytest.approx(
+        Material.pair((2.0, np.inf), (nu, 0.0)).kernel.punch_stiffness(area), rel=1e-3
+    )

@@ -1,0 +1,166 @@
+"""Coatings and layers on periodic patches, against theory, dense solutions and the limits."""
+
+import numpy as np
+import pytest
+from cases import periodic_rough
+from mpi4py import MPI
+
+from app import ContactProblem, ContactSolver, Grid, InputError, Material, Sphere, solve
+from app.api.subsurface import stress
+from app.verification.dense import DenseProblem
+from app.verification.solving import difference, random_problem
+
+RADIUS = 10.0
+
+
+def on_layer(nu, contact_radius, relative_thickness, n=128, young=3.0):
+    """A sphere that thin-layer theory presses on a layer to a contact radius, and the theory's load."""
+    thickness = relative_thickness * contact_radius
+    problem = ContactProblem(
+        Grid.from_domain(n, n, (-1, 1, -1, 1)),
+        Material.layer(young, nu, thickness),
+        Sphere(RADIUS),
+        periodic=True,
+    )
+    if nu == 0.5:
+        approach = contact_radius**2 / (4 * RADIUS)
+        return problem, approach, 2 * np.pi / 3 * young * RADIUS**2 * approach**3 / thickness**3
+    modulus = young * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    approach = contact_radius**2 / (2 * RADIUS)
+    return problem, approach, np.pi * modulus * RADIUS * approach**2 / thickness
+
+
+def test_thin_compressible_layer_is_a_bed_of_springs():
+    problem, approach, load = on_layer(0.3, 0.7, 0.05)
+    solution = solve(problem, approach=approach)
+    assert solution.converged and solution.approach == approach
+    assert solution.load == pytest.approx(load, rel=2e-3)
+    assert np.sqrt(solution.contact_area / np.pi) == pytest.approx(0.7, rel=1e-2)
+
+
+def test_thin_incompressible_layer_obeys_lubrication_theory():
+    errors = []
+    for relative_thickness in (0.108, 0.054):
+        problem, approach, load = on_layer(0.5, 0.7, relative_thickness)
+        solution = solve(problem, approach=approach)
+        errors.append(solution.load / load - 1)
+    assert errors[1] < 0.06
+    assert errors[0] > 3 * errors[1]
+
+
+@pytest.mark.parametrize("periodic", ["spectral", "love"])
+@pytest.mark.parametrize("thickness", [0.01, 0.1, 1.0, 30.0])
+@pytest.mark.parametrize("moduli", [(10.0, 1.0), (1.0, 10.0), (1.0, np.inf)])
+def test_full_contact_of_a_wave(periodic, thickness, moduli):
+    grid = Grid.from_domain(24, 20, (0, 1, 0, 1.5), periodic)
+    x, y = np.meshgrid(grid.x(), grid.y())
+    wave = 1e-3 * np.cos(2 * np.pi * (2 * x + y / 1.5))
+    material = Material.coated(moduli, (0.4, 0.3), thickness, other=(5.0, 0.1))
+    eigenvalue = material.kernel.eigenvalues(grid, np.array([2]), np.array([1]))[0, 0]
+    solution = solve(ContactProblem(grid, material, wave + 0.01), mean_pressure=1.0)
+    np.testing.assert_allclose(solution.pressure, 1 - wave / eigenvalue, rtol=1e-12)
+    mean_gap = 0.01 - solution.approach + material.kernel.uniform_compliance * 1.0
+    assert mean_gap == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_random_layers_equal_dense_solutions(seed):
+    rng = np.random.default_rng(seed)
+    nx, ny = rng.integers(4, 17, 2)
+    problem = random_problem(rng, nx, ny, ["spectral", "love"][seed % 2])
+    side, substrate = max(nx, ny) * 0.1, [0.1, 1.0, 10.0, np.inf][rng.integers(4)]
+    poisson = [0.0, 0.3, 0.45, 0.5][rng.integers(4)]
+    material = Material.coated((1.0, substrate), (poisson, 0.3), side * 10 ** rng.uniform(-1.5, 1))
+    problem = ContactProblem(problem.grid, material, problem.gap)
+    mean = np.nanmean(problem.gap)
+    approach = np.nanmin(problem.gap) + 0.7 * (mean - np.nanmin(problem.gap))
+    expected = DenseProblem(problem).at(approach).astype(float)
+    options = {"lcp_rtol": 1e-9, "lcp_precision": "double"}
+    solution = solve(problem, load=expected.sum() * problem.grid.cell_area, options=options)
+    assert solution.converged
+    assert difference(solution.pressure, expected) < 1e-5
+    uniform = material.kernel.uniform_compliance * expected.mean()
+    assert solution.approach == pytest.approx(approach + uniform, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", [None, "fmg_v11"])
+def test_all_loadings_lead_to_the_same_solution(method):
+    problem, approach, _ = on_layer(0.3, 0.6, 0.2, 48)
+    with ContactSolver(problem, method, {"lcp_rtol": 1e-7}) as solver:
+        first = solver.solve(load=1.0)
+        for loading in ("approach", "mean_pressure", "mean_gap"):
+            other = solver.solve(**{loading: getattr(first, loading)})
+            assert other.converged and other.prescribed.startswith(loading.replace("mean_pressure", "load"))
+            assert other.load == pytest.approx(1, rel=1e-4)
+            assert other.approach == pytest.approx(first.approach, rel=1e-5)
+            assert abs(other.gap - first.gap).max() < 1e-4 * first.approach
+        again = solver.solve(load=1.1, start=first)
+        assert again.approach == pytest.approx(solver.solve(load=1.1).approach, rel=1e-5)
+
+
+def test_approach_beyond_full_contact_compresses_a_layer():
+    problem, *_ = on_layer(0.3, 0.6, 0.2, 24)
+    shape = problem.shape_on(problem.grid)
+    solution = solve(problem, approach=0.5)
+    assert solution.contact.all()
+    expected = (0.5 - shape.mean()) / problem.material.kernel.uniform_compliance
+    assert solution.mean_pressure == pytest.approx(expected, rel=1e-5)
+
+
+def test_stiffness_includes_the_uniform_compression():
+    problem, approach, _ = on_layer(0.3, 0.6, 0.2, 32)
+    with ContactSolver(problem, None, {"lcp_rtol": 1e-8}) as solver:
+        solution = solver.with_stiffness(solver.solve(approach=approach))
+        step = 1e-4 * approach
+        low, high = (solver.solve(approach=approach + s).load for s in (-step, step))
+    assert solution.conductance_width is None
+    assert solution.stiffness == pytest.approx((high - low) / (2 * step), rel=0.05)  # cells enter contact
+
+
+@pytest.mark.parametrize("nu, cells", [(0.3, 1), (0.49, 1), (0.5, 1), (0.5, 4)])
+def test_rough_contact_of_thin_layers_is_solved(nu, cells):
+    n = 64
+    rough = periodic_rough(n)
+    problem = ContactProblem(rough.grid, Material.layer(1.0, nu, cells / n), surfaces=rough.surfaces)
+    with ContactSolver(problem) as solver:
+        for pressure in (0.01, 1.0):
+            solution = solver.solve(mean_pressure=pressure)
+            assert solution.converged and not solution.fallbacks
+
+
+@pytest.mark.mpi(2)
+def test_ranks_agree_on_layers(comm):
+    rough = periodic_rough(64)
+    for moduli, nu in (((10.0, 1.0), 0.3), ((1.0, np.inf), 0.5)):
+        material = Material.coated(moduli, (nu, 0.3), 1 / 64)
+        problem = ContactProblem(rough.grid, material, surfaces=rough.surfaces)
+        here, alone = (solve(problem, mean_pressure=0.1, comm=ranks) for ranks in (comm, MPI.COMM_SELF))
+        assert (here.contact == alone.contact[here.slabs.rows]).all()
+        assert here.approach == pytest.approx(alone.approach, rel=1e-6)
+
+
+def test_what_layers_do_not_allow_is_refused():
+    grid, layer = Grid.from_domain(16, 16, (-1, 1, -1, 1)), Material.layer(1.0, 0.3, 0.1)
+    for problem, text in (
+        (ContactProblem(grid, layer, Sphere(10)), "needs a periodic patch"),
+        (
+            ContactProblem(grid, Material.layer(1, 0.3, 1e-4), Sphere(10), periodic="love"),
+            "must be at least 0.002 mm",
+        ),
+        (
+            ContactProblem(grid, Material.layer(1, 0.5, 0.03), Sphere(10), periodic="love"),
+            "3 times its thickness",
+        ),
+    ):
+        with pytest.raises(InputError, match=text):
+            ContactSolver(problem)
+    with ContactSolver(ContactProblem(grid, layer, Sphere(10), periodic=True)) as solver:
+        solution = solver.solve(load=0.1)
+        with pytest.raises(InputError, match="fixed approach of a layer"):
+            solver.sensitivity(solution)
+        with pytest.raises(InputError, match="works for half-spaces"):
+            stress(solution)
+    hard = ContactProblem(grid, layer, Sphere(10), periodic=True, hardness=1.0)
+    with pytest.raises(InputError, match="rigid base with a hardness"):
+        solve(hard, approach=0.01)
+    assert solve(hard, load=0.1).converged
