@@ -28,6 +28,7 @@ CALLS = (
 # What `run/setup --dev` installs, by the names that are imported.
 INSTALLED = {*COMPILED, "jinja2", "llvmlite", "mpi4py", "numpy", "tabulate", "tqdm", "yaml"} | {
     "hypothesis",
+    "nbclient",
     "pytest",
     "setuptools",
 }
