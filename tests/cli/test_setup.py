@@ -3,9 +3,11 @@
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from processes import TESTS
 
@@ -41,3 +43,13 @@ def test_a_checkout_that_may_only_be_read_in_a_path_with_spaces_by_sh(folder):
         assert done.returncode == 0, done.stdout + done.stderr
     assert (home / "r.h5").is_file()
     assert not (clone / ".venv").exists()
+
+
+def test_pip_keeps_the_numpy_of_the_system():
+    """Debian's packages are compiled for it."""
+    constraints = Path(sys.prefix) / "constraints.txt"
+    if not constraints.is_file():
+        pytest.skip("not in the environment that run/setup makes")
+    assert f"numpy=={np.__version__}" in constraints.read_text().split()
+    listed = subprocess.run([sys.executable, "-m", "pip", "config", "list"], capture_output=True, text=True)
+    assert f"install.constraint='{constraints.resolve().as_uri()}'" in listed.stdout
