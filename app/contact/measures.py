@@ -94,11 +94,13 @@ def measure_contact(state):
     # The displacement of a periodic patch has no mean, which gives that of e without rounding.
     gap = mean - state.depth if periodic and admissible == grid.n else total / admissible
     plastic_depth = float(depths / admissible)
+    if plastic_depth:
+        gap = max(gap + plastic_depth, 0.0)  # rounding may leave less
     return ContactMeasures(
         load=load,
         max_pressure=-float(lowest),
         mean_pressure=load / grid.area,
-        mean_gap=float(gap) + plastic_depth,
+        mean_gap=float(gap),
         contact_cells=int(cells),
         contact_area=float(area),
         mean_contact_pressure=float(load / area) if cells else 0.0,
