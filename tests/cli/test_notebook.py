@@ -31,21 +31,23 @@ TABLES = {  # last line of a cell -> pictures in its HTML, words of its table
 }
 
 
-@pytest.fixture(scope="module")
-def cells(tmp_path_factory):
-    """Execute the notebook by the Python of the tests; return its cells of code."""
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
+def execute(notebook, folder, **options):
+    """Execute a notebook by the Python of the tests."""
     manager = AsyncKernelManager()
     command = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
     manager.kernel_spec.argv = command  # not Debian's python3, which is that of the installed kernel
-    folder = str(tmp_path_factory.mktemp("notebook"))
-    client = nbclient.NotebookClient(
-        notebook, km=manager, timeout=120, resources={"metadata": {"path": folder}}
-    )
+    options |= {"km": manager, "timeout": 120, "resources": {"metadata": {"path": folder}}}
     with pytest.MonkeyPatch.context() as patch:
         for variable in ("IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_RUNTIME_DIR"):  # not those of the user
             patch.setenv(variable, folder)
-        client.execute()
+        nbclient.NotebookClient(notebook, **options).execute()
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory):
+    """Execute the notebook; return its cells of code."""
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    execute(notebook, str(tmp_path_factory.mktemp("notebook")))
     return [cell for cell in notebook.cells if cell.cell_type == "code"]
 
 
@@ -98,3 +100,13 @@ def test_nothing_but_progress_is_written_to_standard_error(cells):
     lines = [line.strip() for output in streams for line in re.split(r"[\r\n]", output.text)]
     assert [line for line in lines if line and not re.match(r"(path|solve): |note: compiling", line)] == []
     assert any(line.startswith("path: 100%") for line in lines)
+
+
+def test_wrong_input_shows_the_line_of_the_user_and_the_message(tmp_path):
+    source = "from app import Sphere\n\ndef ball(radius):\n    return Sphere(radius)\n\nball(-1)"
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source)])
+    execute(notebook, str(tmp_path), allow_errors=True)
+    [error] = notebook.cells[0].outputs
+    text = re.sub(r"\x1b\[[\d;]*m", "", "\n".join(error.traceback))
+    assert "return Sphere(radius)" in text and text.splitlines()[-1].startswith("InputError: radius -1")
+    assert "app/" not in text and len(text.splitlines()) < 25
