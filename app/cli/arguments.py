@@ -62,6 +62,22 @@ def check_folder(folder):
         raise InputError(f"-o {folder}: cannot be written to")
 
 
+def add_picture_options(add):
+    """Add --title, --style and --format by a parser's method ``add_argument``."""
+    add(
+        "--title", metavar="TEXT", help="heading of the pictures; default: that of the result, or its problem"
+    )
+    look = "paper: 8.5 cm wide, letters of 8 pt, panels in one column, no heading; default: screen"
+    add("--style", choices=("screen", "paper"), default="screen", help=look)
+    add("--format", choices=("png", "pdf", "svg"), help="default: png; for paper both pdf and svg")
+
+
+def picture_kinds(arguments):
+    """Return the suffixes of the picture files that these options ask for."""
+    kinds = ("pdf", "svg") if arguments.style == "paper" else ("png",)
+    return (arguments.format,) if arguments.format else kinds
+
+
 @contextmanager
 def report_write_errors(output):
     """Turn an OSError of a ``with`` block into an InputError about -o."""

@@ -14,7 +14,15 @@ from pathlib import Path
 from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
-from app.cli.arguments import Parser, argument_type, check_folder, command, report_write_errors
+from app.cli.arguments import (
+    Parser,
+    add_picture_options,
+    argument_type,
+    check_folder,
+    command,
+    picture_kinds,
+    report_write_errors,
+)
 from app.io.result import has_heights, read_result
 from app.options.option_table import integer, pair_of_reals
 from app.plots import heights, load_curves, style, sweeps
@@ -115,12 +123,7 @@ def _arguments(argv):
     add("--y", action="append", default=[], metavar="NAME", help=column)
     add("--unit", type=a_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
     add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
-    add(
-        "--title", metavar="TEXT", help="heading of the pictures; default: that of the result, or its problem"
-    )
-    look = "paper: 8.5 cm wide, letters of 8 pt, panels in one column, no heading; default: screen"
-    add("--style", choices=style.STYLES, default="screen", help=look)
-    add("--format", choices=("png", "pdf", "svg"), help="default: png; for paper both pdf and svg")
+    add_picture_options(add)
     add("--dpi", type=argument_type(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
     first = arguments.files[0]
@@ -149,8 +152,7 @@ def _choose_names(files):
 
 def _draw_all(arguments):
     """Draw the pictures of all files; return the paths of the figures."""
-    kinds = ("pdf", "svg") if arguments.style == "paper" else ("png",)
-    how = (arguments.format,) if arguments.format else kinds, arguments.dpi, arguments.title
+    how = picture_kinds(arguments), arguments.dpi, arguments.title
     several = len(arguments.files) > 1
     for file in arguments.files[1:]:  # find errors before anything is written
         next(_pictures(file, _read(file, arguments), arguments))

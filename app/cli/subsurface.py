@@ -15,7 +15,16 @@ from app.api.subsurface import stress, survey
 from app.base.errors import InputError
 from app.base.units import choose_length_unit
 from app.cli import streams
-from app.cli.arguments import Parser, argument_type, check_folder, command, count, report_write_errors
+from app.cli.arguments import (
+    Parser,
+    add_picture_options,
+    argument_type,
+    check_folder,
+    command,
+    count,
+    picture_kinds,
+    report_write_errors,
+)
 from app.halfspace.stress.subsurface import COMPONENTS, max_shear, von_mises
 from app.io.files import atomic_hdf5, check_output_path
 from app.io.result import read_result
@@ -96,12 +105,12 @@ def _arguments(argv):
     add("--deepest", type=argument_type(_depth), metavar="Z", help=f"last depth [mm]; {default}")
     planes = "depths of horizontal planes [mm]"
     add("--planes", type=argument_type(_depths), default=(), metavar="Z1,Z2", help=planes)
-    add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    add_picture_options(add)
     arguments = parser.parse_args(argv)
     if arguments.output is not None:
         check_folder(arguments.output)
     else:
-        names = ("at", "depths", "deepest", "planes", "format")
+        names = ("at", "depths", "deepest", "planes", "title", "style", "format")
         unused = [f"--{name}" for name in names if getattr(arguments, name) != parser.get_default(name)]
         if unused:
             raise InputError(f"{', '.join(unused)}: no effect without -o DIR")
@@ -144,17 +153,20 @@ def main(argv):
     if arguments.output is None:
         streams.print_output("\n".join(summary(*below.maxima(), result, below.nu)))
         return 0
-    names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
+    names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", *picture_kinds(arguments))]
     if arguments.output.exists():
         for name in names:
             check_output_path(name, [arguments.result], "-o", (name.suffix,))
     stresses = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
-    figure = draw(result, stresses)
-    with report_write_errors(arguments.output):
+    with report_write_errors(arguments.output), style.use_style(arguments.style):
         arguments.output.mkdir(exist_ok=True)
         write(names[0], result, stresses, planes)
-        style.save_figure(figure, names[1])
+        figure = draw(result, stresses)
+        if arguments.title:
+            style.set_title(figure, arguments.title)
+        for name in names[1:]:
+            style.save_figure(figure, name)
     texts = summary(stresses.hottest, stresses.sheared, result, below.nu)
     streams.print_output("\n".join([*texts, *map(str, names)]))
     return 0

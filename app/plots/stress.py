@@ -16,6 +16,7 @@ from app.plots.style import (
     ORANGE,
     PURPLE,
     add_legend,
+    column_width,
     new_mosaic,
     with_style,
 )
@@ -41,7 +42,8 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark="
     unit = choose_length_unit(max(ends[1] - ends[0], depths[-1]))
     z_scale = shape * (ends[1] - ends[0]) / (depths[-1] or 1.0)
     same = np.isclose(z_scale, 1, rtol=0.02)
-    remark += "" if same else f"   (z: {z_scale:.3g} × the scale of {along})"
+    gap = "\n" if column_width() else "   "
+    remark += "" if same else f"{gap}(z: {z_scale:.3g} × the scale of {along})"
     z_unit = unit if same else choose_length_unit(depths[-1])
     z = depths * z_unit.per_mm
     bottom = z[-1] or 1.0

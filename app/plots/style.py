@@ -148,9 +148,10 @@ def new_mosaic(rows, widths, heights, title=None):
     """
     if column := column_width():
         stacked = {}
-        for row, height in zip(rows, heights, strict=True):
-            for name, width in zip(row, widths, strict=True):
-                stacked[name] = stacked.get(name, 0.0) + height * min(1.0, column / width)
+        for k, width in enumerate(widths):
+            for row, height in zip(rows, heights, strict=True):
+                taller = stacked.get(row[k], 0.0) + height * min(1.0, column / width)
+                stacked[row[k]] = min(taller, column)
         stacked.pop(".", None)
         rows, widths, heights = [[name] for name in stacked], [column], [*stacked.values()]
     figure = new_figure(sum(widths), sum(heights), title)
