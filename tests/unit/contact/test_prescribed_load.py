@@ -1,6 +1,9 @@
 """Prescribed loads: root search, Newton steps in the iteration, the exact end."""
 
+from dataclasses import replace
+
 import numpy as np
+import periodic
 import pytest
 from cases import hertz, punch, self_affine
 from mpi4py import MPI
@@ -276,3 +279,14 @@ def test_few_cells_of_an_odd_periodic_grid_carry_a_load(method):
         with ContactSolver(problem, method) as solver:
             found = solver.solve(load=1.0)
         assert found.converged and found.load == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("method", ["fmg_v11", "norm"])
+@pytest.mark.parametrize("share", [0.1, 0.7, 0.95])
+def test_plastic_contact_of_a_periodic_patch_needs_no_root_search(method, share):
+    problem = replace(periodic.rough(32, 32, 1), hardness=0.05)
+    solution = solve(problem, None, method, load=share * 0.05 * problem.grid.area)
+    assert solution.converged and not solution.fallbacks and solution.iterations <= 20
+    assert solution.plastic.any() and solution.load == pytest.approx(
+        share * 0.05 * problem.grid.area, rel=1e-12
+    )
