@@ -252,7 +252,7 @@ class Derivatives:
     def _stiffness_of(self, cells):
         """Return dx dy sum(q) [N/mm], with A q = 1 on `cells`. Collective.
 
-        The uniform displacement of a layer on a rigid base is a spring in series.
+        The uniform displacement of a layer on a rigid base acts as a spring in series with this stiffness.
         """
         grid, count = self.hierarchy.target.grid, self._sum(cells)
         uniform = self._uniform_compliance / grid.area

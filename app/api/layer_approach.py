@@ -1,8 +1,8 @@
 """Approach of a layer on a rigid base.
 
-On a periodic patch a uniform pressure p displaces the surface of such a layer by c p. The operators leave that out, so
-it is added to their solutions. A prescribed approach is found by a search over the load: the approach grows with the
-load, at least by c over the area of the patch.
+On a periodic patch a uniform pressure p displaces the surface of such a layer by c p. The operators leave this
+displacement out, so it is added to the solutions. A prescribed approach is found by a search over the load. The
+derivative of the approach with respect to the load is at least c over the area of the patch.
 """
 
 from dataclasses import replace
@@ -16,9 +16,10 @@ _SUMS = "iterations", "inner_iterations", "work_units", "operator_applications",
 
 
 def add_uniform_displacement(solution, compliance):
-    """Return a Solution with the displacement by its mean pressure.
+    """Return a Solution with the uniform displacement of the layer.
 
-    `compliance` is c [mm / (N/mm2)]. The displacement and the approach are larger by the same amount.
+    The uniform displacement is c times the mean pressure, where `compliance` is c [mm / (N/mm2)]. This is added to
+    displacement and approach.
     """
     added, distance = compliance * solution.mean_pressure, solution.distance
     return replace(

@@ -116,7 +116,10 @@ def notes_on(state, problem, contact, roughness):
 
 
 def note_thin_layer(coating, grid):
-    """Return notes on a nearly incompressible layer that is thinner than cells are wide."""
+    """Return notes on a layer thinner than cells are wide.
+
+    Only nearly incompressible layers on a rigid base are noted.
+    """
     cell = max(grid.dx, grid.dy)
     if not coating.on_rigid_base or grid.periodic != "love" or cell <= coating.thickness:
         return []

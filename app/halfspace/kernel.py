@@ -25,8 +25,9 @@ class HalfSpaceKernel:
     scale_free : bool
         True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
     uniform_compliance : float
-        Displacement of a periodic patch by a uniform pressure, over the pressure [mm / (N/mm2)]. That of half-spaces is
-        infinite; it is left out, and displacements are relative to their mean. Operators always leave it out.
+        Displacement of a periodic patch by a uniform pressure 1 [mm / (N/mm2)]; 0 for half-spaces, where this
+        displacement would be infinite. The displacements of operators are relative to their mean, without this
+        displacement.
     """
 
     scale_free, uniform_compliance = True, 0.0
@@ -55,7 +56,10 @@ class HalfSpaceKernel:
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
     def self_displacement(self, grid):
-        """Return the displacement of a cell of a free patch by a unit pressure on it [mm / (N/mm2)]."""
+        """Return the displacement of a cell by pressure 1 on it [mm / (N/mm2)].
+
+        The patch is free.
+        """
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def smallest_eigenvalue(self, grid):

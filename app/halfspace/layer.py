@@ -1,7 +1,8 @@
-"""Surface displacement of a layer that is bonded to a half-space or to a rigid base.
+"""Surface displacement of a layer bonded to a base.
 
-A pressure wave of wave number q displaces the surface of a layer of shear modulus G1, Poisson's ratio nu1 and thickness
-t by ``u_q = (1 - nu1) / (G1 q) S(q t) p_q`` [1]_. With ``mu = G1 / G2``, x = q t and ``th = exp(-2 x)``,
+The base, or substrate, is a half-space or rigid. A pressure wave of wave number q displaces the surface of a layer of
+shear modulus G1, Poisson's ratio nu1 and thickness t by ``u_q = (1 - nu1) / (G1 q) S(q t) p_q`` [1]_. With ``mu = G1 /
+G2``, x = q t and ``th = exp(-2 x)``,
 
     S(x) = (1 + 4 x kappa th - lambda kappa th^2) / (1 - (lambda + kappa + 4 kappa x^2) th + lambda kappa th^2),
     lambda = 1 - 4 (1 - nu1) / (1 + mu (3 - 4 nu2)),    kappa = (mu - 1) / (mu + 3 - 4 nu1).
@@ -53,9 +54,10 @@ class Layer:
 
     @property
     def uniform_compliance(self):
-        """Displacement of a rigid base's layer by a uniform pressure, over the pressure [mm / (N/mm2)].
+        """Displacement by a uniform pressure 1 [mm / (N/mm2)].
 
-        It is the thickness over the oedometric modulus. It is 0 on a half-space, whose displacement has no limit.
+        On a rigid base the displacement is the thickness over the oedometric modulus. On a half-space, whose
+        displacement would be infinite, the number is 0.
         """
         if not self.on_rigid_base:
             return 0.0
@@ -83,7 +85,7 @@ def _ratio_of_short_waves(x, mu, nu1, nu2):
 def _ratio_of_long_waves(x, mu, nu1, nu2):
     """Return S(x) for x below 1 by sums without cancellation.
 
-    They contain 1 - lambda, 1 - kappa, 1 + lambda and 1 - lambda kappa, which are products.
+    The sums contain 1 - lambda, 1 - kappa, 1 + lambda and 1 - lambda kappa, which are computed as products.
     """
     a, b, th = 3 - 4 * nu1, 3 - 4 * nu2, np.exp(-2 * x)
     lam, kappa = 1 - (1 + a) / (1 + mu * b), (mu - 1) / (mu + a)

@@ -1,4 +1,7 @@
-"""Kernel of a body with a layer on its surface, in contact with a half-space or a rigid body."""
+"""Kernel of a body with a layer, and of another body.
+
+The layer is on the surface of the first body. The other body is a half-space or rigid.
+"""
 
 import numpy as np
 
@@ -12,10 +15,11 @@ _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q 
 
 
 class LayeredKernel(HalfSpaceKernel):
-    """Kernel of a layer on a half-space or a rigid base, and of a half-space on top.
+    """Kernel of a layer on a base, and of a half-space on top.
 
-    A wave of wave number q sees the compliance ``c1 S(q t) + c``, with c1 of the layer, c of the other body, and the
-    ratio S of `app.halfspace.layer`.
+    The base is a half-space or rigid. For a pressure wave of wave number q, the compliance is ``c1 S(q t) + c``. c1 is
+    the compliance of the layer's material, c that of the other body, t the thickness, and S the ratio of
+    `app.halfspace.layer`.
 
     Parameters
     ----------
@@ -43,11 +47,14 @@ class LayeredKernel(HalfSpaceKernel):
 
     @property
     def uniform_compliance(self):
-        """Displacement by a uniform pressure, over the pressure [mm / (N/mm2)]."""
+        """Displacement by a uniform pressure 1 [mm / (N/mm2)]."""
         return self.layer.uniform_compliance
 
     def wave_compliance(self, q):
-        """Return the compliance for waves of wave number q, an array above 0 [mm2/N]."""
+        """Return the compliance for pressure waves [mm2/N].
+
+        `q` is an array of wave numbers above 0 [1/mm].
+        """
         return self.layer.plane_compliance * self.layer.ratio(q) + self.other
 
     def eigenvalues(self, grid, columns, rows):
@@ -65,8 +72,8 @@ class LayeredKernel(HalfSpaceKernel):
     def _alias_sums(self, grid, columns, rows):
         """Return sums of ``c1 (S - 1) sinc sinc / |q|`` over aliased waves q.
 
-        It is the difference from the half-space of the layer, for uniform pressures on cells. Waves with large q t do
-        not count.
+        The sum is an eigenvalue of the layer minus that of a half-space of the layer's material, over 2 pi, for uniform
+        pressures on cells. Waves with large q t do not count.
         """
         highest = _MAX_DECAY / self.layer.thickness
         (x, in_x), (y, in_y) = (
@@ -91,16 +98,19 @@ class LayeredKernel(HalfSpaceKernel):
     unit_coefficients = coefficients
 
     def self_displacement(self, grid):
-        """Estimate the displacement of a cell by a unit pressure on it."""
+        """Estimate the displacement of a cell by pressure 1 on it."""
         cell = HalfSpaceKernel(self.compliance_at(max(grid.dx, grid.dy)) / np.pi)
         return cell.self_displacement(grid)
 
     def smallest_eigenvalue(self, grid):
-        """Return a lower bound of the eigenvalues of A on fields without mean [mm / (N/mm2)]."""
+        """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].
+
+        The eigenvalues are those on fields without mean.
+        """
         return (_LOVE_FACTORS[0] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).min())
 
     def largest_eigenvalue(self, grid):
-        """Return an upper bound of the eigenvalues of A on a periodic patch [mm / (N/mm2)]."""
+        """Return an upper bound of the eigenvalues of A [mm / (N/mm2)]."""
         return (_LOVE_FACTORS[1] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).max())
 
     def _spectrum(self, grid):
@@ -109,23 +119,28 @@ class LayeredKernel(HalfSpaceKernel):
         return 2 * np.pi * self.wave_compliance(q) / q
 
     def punch_stiffness(self, area):
-        """Return the stiffness of a round flat punch of an area [mm2] in N/mm.
+        """Return the stiffness of a round flat punch [N/mm].
 
-        It is exact for radii much smaller and, on a compressible layer, much larger than the thickness.
+        `area` is the area of the punch [mm2]. The stiffness is exact for radii much smaller than the thickness and, on
+        a compressible layer, much larger.
         """
         radius = np.sqrt(area / np.pi)
         compliance = float(self.wave_compliance(np.array([4 / (np.pi * radius)]))[0])
         return 2 / (np.pi * compliance) * radius
 
     def compliance_at(self, length):
-        """Return 1 / E* of waves of a length [mm] in mm2/N."""
+        """Return 1 / E* for waves of a length [mm2/N].
+
+        `length` is in mm.
+        """
         return np.pi * float(self.wave_compliance(np.array([2 * np.pi / length]))[0])
 
 
 def _aliases(index, n, d, highest):
-    """Return the wave numbers of aliased waves in a direction, and their sinc.
+    """Return wave numbers and sinc of aliased waves along an axis.
 
-    The shape is (aliases, index). `n` cells have the length `d`; waves beyond the wave number `highest` are left out.
+    The shape is (aliases, index). There are `n` cells of length `d`. Waves beyond the wave number `highest` are left
+    out.
     """
     count = int(highest * d / (2 * np.pi)) + 1
     waves = index / n + np.arange(-count, count + 1)[:, None]

@@ -35,8 +35,8 @@ class Material:
     resistivity, thermal_conductivity : tuple of float, or None
         Constants of the two bodies, see `conducting`.
     coating : app.halfspace.layer.Layer or None
-        Layer on the first body, see `coated` and `layer`. Then all numbers above are those of the layer's
-        material and of the other body, which short waves see.
+        Layer on the first body, see `coated` and `layer`. With a layer, all numbers above are those of the layer's
+        material and of the other body; these numbers determine the displacement by short waves.
 
     Notes
     -----
@@ -148,7 +148,7 @@ class Material:
     def coated(cls, young, poisson, thickness, other=None):
         """Make the material of a coated body and of another one.
 
-        The coating is bonded to its substrate. So far it works on periodic patches only.
+        The coating is bonded to its substrate. So far a coating works on periodic patches only.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Material:
     def layer(cls, young, poisson, thickness, other=None):
         """Make the material of a layer on a rigid base and of another body.
 
-        `young` and `poisson` are those of the layer, for the rest see `coated`.
+        `young` E [N/mm2] and `poisson` nu are those of the layer. The other parameters are those of `coated`.
 
         Examples
         --------
@@ -276,7 +276,10 @@ class Material:
 
     @property
     def contact_modulus(self):
-        """Contact modulus E* = G / (1 - nu) [N/mm2]; with a coating, that of waves much shorter than it is thick."""
+        """Contact modulus E* = G / (1 - nu) [N/mm2].
+
+        With a coating, this is E* for waves much shorter than the coating is thick.
+        """
         return self.shear_modulus / (1 - self.poisson_ratio)
 
 

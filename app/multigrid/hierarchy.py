@@ -28,7 +28,10 @@ _MIN_WINDOWED_CELLS = 64 * 64  # number of cells of a grid up to which windows s
 
 
 def check_memory(comm, problem, grid, settings):
-    """Raise if a host lacks the memory for a problem on a target grid. Collective."""
+    """Raise if a host lacks the memory for a problem. Collective.
+
+    The memory is that of the target grid.
+    """
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.

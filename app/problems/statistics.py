@@ -101,9 +101,9 @@ def _check_cells(height, least, **sizes):
 def roughness(height, dx=None, dy=None):
     """Return the `Roughness` of heights in cells of dx x dy [mm].
 
-    The heights have the shape (ny, nx), at least 2 x 2; or `height` is a `Surface` with known cells, without dx and dy.
-    A slope is the difference between neighbouring cells divided by their distance. So the slope of a wave cos(q x) is
-    too small by the factor sin(q dx / 2) / (q dx / 2).
+    The heights have the shape (ny, nx), at least 2 x 2. Instead of heights, dx and dy, a `Surface` with known cells may
+    be given. A slope is the difference between neighbouring cells divided by their distance. So the slope of a wave
+    cos(q x) is too small by the factor sin(q dx / 2) / (q dx / 2).
     """
     if hasattr(height, "heights"):
         height, (dx, dy) = height.heights(), height.spacing or (None, None)

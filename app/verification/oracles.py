@@ -98,7 +98,7 @@ def every_method(quick):
 
 
 def plastic_contact(quick):
-    """Compare with pivoting if the pressure has an upper bound in each cell, mostly another one."""
+    """Compare with pivoting, with a hardness of each cell."""
     figures, rng = [], np.random.default_rng(7)
     for periodic in PATCHES[: 2 if quick else 3]:
         cases = []

@@ -50,9 +50,9 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
 
 
 def with_hardness(rng, problem, largest):
-    """Return a problem with a random hardness of each cell, of some 5% to 105% of the `largest` pressure.
+    """Return a problem with a random hardness of each cell.
 
-    In a third of the problems a fifth of the cells is elastic.
+    The hardness is 5% to 105% of the `largest` pressure. In a third of the problems a fifth of the cells is elastic.
     """
     hardness = largest * (0.05 + rng.random(problem.grid.shape))
     if rng.random() < 1 / 3:
