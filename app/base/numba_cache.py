@@ -11,11 +11,14 @@ import stat
 import sys
 import tempfile
 from contextlib import suppress
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
+from types import FunctionType
 
 import numba
+import numpy as np
 from llvmlite.binding import set_option
+from numba.core import types
 from numba.core.caching import FunctionCache
 from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
@@ -42,21 +45,66 @@ def njit(makes_arrays=False, **options):
 
     Counting the references to each row took half of the time on small grids. Counting is not necessary, because the
     caller holds the arrays during the call. A function that makes or returns an array must count: set `makes_arrays`.
+
+    A function is compiled separately for calls from other loops, which need no wrapper for Python. Most functions are
+    called either from Python or from loops, and the wrapper takes a tenth of the time to compile.
     """
     if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
         options["_nrt"] = makes_arrays
+    if hasattr(
+        DefaultOptions, "no_cfunc_wrapper"
+    ):  # only functions that are called by address need this wrapper
+        options["no_cfunc_wrapper"] = True
 
-    def decorate(function):
+    def compiled(function, **more):
         try:
-            dispatcher = numba.njit(cache=True, **options)(function)
+            dispatcher = numba.njit(cache=True, **options, **more)(function)
         except RuntimeError:  # numba finds no folder for its cache
             numba.config.CACHE_DIR = str(_private_cache_folder())
-            dispatcher = numba.njit(cache=True, **options)(function)
+            dispatcher = numba.njit(cache=True, **options, **more)(function)
         dispatcher._cache = LockedCache(function)
         dispatcher.compile = release_lock_after(dispatcher.compile, dispatcher._cache)
         return dispatcher
 
+    def decorate(function):
+        dispatcher = compiled(function)
+        if hasattr(DefaultOptions, "no_cpython_wrapper"):
+            inner = cache(lambda: compiled(_renamed(function, "inner"), no_cpython_wrapper=True))
+            dispatcher.get_call_template = lambda args, kws: inner().get_call_template(*unliteral(args, kws))
+            dispatcher.get_overload = lambda signature: inner().get_overload(signature)
+        return dispatcher
+
     return decorate
+
+
+def unliteral(args, kws):
+    """Return argument types without literals, for each of which numba would compile once more."""
+    return tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()}
+
+
+def _renamed(function, suffix):
+    """Return a copy of a function with another name, and so with a cache of its own."""
+    copy = FunctionType(
+        function.__code__, function.__globals__, f"{function.__name__}_{suffix}", function.__defaults__,
+        function.__closure__,
+    )  # fmt: skip
+    copy.__module__, copy.__qualname__ = function.__module__, f"{function.__qualname__}_{suffix}"
+    return copy
+
+
+class _Memory:
+    def __init__(self, array):
+        self.array = array  # owns the memory
+        address, _ = array.__array_interface__["data"]
+        self.__array_interface__ = array.__array_interface__ | {"data": (address, False)}
+
+
+def as_writable(array):
+    """Return an array, if it is read-only as a writable one, for loops that do not write to it.
+
+    numba would compile these loops once more for read-only arrays.
+    """
+    return array if array.flags.writeable else np.asarray(_Memory(array))
 
 
 class LockedCache(FunctionCache):

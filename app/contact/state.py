@@ -293,7 +293,7 @@ class ContactState:
 
     def project(self):
         """Clip p to its bounds."""
-        self.bounds.project(self.p, self.admissible, self.values)
+        self.bounds.project(self.values, self.admissible, self.values)
 
     def tension(self):
         """Return the sum of tension on C over that of pressure. Collective.
@@ -340,7 +340,7 @@ class ContactState:
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)
-        p = self.p if pressure is None else pressure
+        p = self._p if pressure is None else pressure
         fields = self.u, p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
         sums = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)

@@ -20,9 +20,10 @@ def add_tuples(sums, more):
 
 @overload(add_tuples)
 def _add_tuples(sums, more):
-    if len(sums) == 1:
-        return lambda sums, more: (sums[0] + more[0],)
-    return lambda sums, more: (sums[0] + more[0],) + add_tuples(sums[1:], more[1:])  # noqa: RUF005  numba has no stars
+    entries = "".join(f"sums[{i}] + more[{i}], " for i in range(len(sums)))
+    return eval(
+        f"lambda sums, more: ({entries})"
+    )  # one function; a recursion would compile one for each entry
 
 
 @njit_reassoc

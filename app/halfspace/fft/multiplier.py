@@ -24,14 +24,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import dct, rfft
 
+from app.base.numba_cache import as_writable
 from app.halfspace import events
 from app.halfspace.fft.fftw import FFTW, aligned
 from app.halfspace.fft.strips import (
     ROWS,
     STRIP,
     convolve_columns,
-    copy_rows,
     rows_to_strips,
+    store_rows,
     strips_to_rows,
 )
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, deal_columns
@@ -197,7 +198,7 @@ class EvenMultiplier:
             block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
             block = transform_even(block, nx_fft)
             for first, last, strips in pieces:
-                copy_rows(block[:, first:last].copy(), strips, slabs.local, start - slabs.rows.start, True)
+                store_rows(block[:, first:last].copy(), strips, slabs.local, start - slabs.rows.start)
         spectrum = np.empty((sum(group.count for group in groups), half_y + 1), self.dtype)
         done = 0
         for group in groups:
@@ -298,6 +299,7 @@ class EvenMultiplier:
             If not 0, divide by the spectrum instead of multiplying by it, and multiply by this number.
         """
         self.count += 1
+        p = as_writable(p)
         mask, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
         if self.image_correction is not None:
             self.image_correction.multiply(p, mask)

@@ -38,22 +38,6 @@ def _pair_masked_row(a, b, mask_a, mask_b, row):
 
 
 @njit()
-def _pair(p, mask, pairs):
-    """Make complex rows of pairs of real rows.
-
-    Compute ``pairs[m] = p[2 m] + i p[2 m + 1]``. With a mask (not of size 0), p counts as zero outside of it.
-    """
-    last = p.shape[0] - 1
-    for m in range((last + 2) // 2):
-        j, l = 2 * m, min(2 * m + 1, last)
-        if mask.size:
-            _pair_masked_row(p[j], p[l], mask[j], mask[l], pairs[m])
-        else:
-            _pair_row(p[j], p[l], pairs[m])
-        pairs[m, p.shape[1] :] = 0
-
-
-@njit()
 def _unpair_row(row, a, b):
     for k in range(a.size):
         a[k] = row[k].real
@@ -65,21 +49,6 @@ def _unpair_masked_row(row, mask_a, mask_b, a, b):
     for k in range(a.size):
         a[k] = row[k].real if mask_a[k] else 0
         b[k] = row[k].imag if mask_b[k] else 0
-
-
-@njit()
-def _unpair(pairs, mask, out):
-    """Split complex rows into pairs of real rows.
-
-    This function is the inverse of `_pair`. With a mask (not of size 0), `out` is zero outside of it.
-    """
-    last = out.shape[0] - 1
-    for m in range((last + 2) // 2):
-        j, l = 2 * m, min(2 * m + 1, last)
-        if mask.size:
-            _unpair_masked_row(pairs[m], mask[j], mask[l], out[j], out[l])
-        else:
-            _unpair_row(pairs[m], out[j], out[l])
 
 
 @njit()
@@ -121,27 +90,33 @@ def _copy_strip(source, i, target, k):
 
 
 @njit()
-def copy_rows(rows, strips, height, start, store):
-    """Copy rows to strips, or if not `store`, back.
-
-    The strips have `height` rows; the copied rows are those from row `start` on.
-    """
+def store_rows(rows, strips, height, start):
+    """Copy rows to strips of `height` rows, from row `start` on."""
     whole = rows.shape[1] // STRIP * STRIP
+    width = rows.shape[1] - whole
     for strip in range(0, whole, STRIP):
         at = height * strip + start * STRIP
         for j in range(rows.shape[0]):
-            if store:
-                _copy_strip(rows[j], np.uint64(strip), strips, np.uint64(at + j * STRIP))
-            else:
-                _copy_strip(strips, np.uint64(at + j * STRIP), rows[j], np.uint64(strip))
-    width = rows.shape[1] - whole
+            _copy_strip(rows[j], np.uint64(strip), strips, np.uint64(at + j * STRIP))
     for j in range(rows.shape[0]):
-        rest = strips[height * whole + (start + j) * width :]
+        at = height * whole + (start + j) * width
         for c in range(width):
-            if store:
-                rest[c] = rows[j, whole + c]
-            else:
-                rows[j, whole + c] = rest[c]
+            strips[at + c] = rows[j, whole + c]
+
+
+@njit()
+def _load_rows(rows, strips, height, start):
+    """Copy rows from strips; it is the inverse of `store_rows`."""
+    whole = rows.shape[1] // STRIP * STRIP
+    width = rows.shape[1] - whole
+    for strip in range(0, whole, STRIP):
+        at = height * strip + start * STRIP
+        for j in range(rows.shape[0]):
+            _copy_strip(strips, np.uint64(at + j * STRIP), rows[j], np.uint64(strip))
+    for j in range(rows.shape[0]):
+        at = height * whole + (start + j) * width
+        for c in range(width):
+            rows[j, whole + c] = strips[at + c]
 
 
 @njit()
@@ -159,7 +134,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
         rows[:] = 0
     for m in range((count + 1) // 2 if active else 0):
         _split(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
-    copy_rows(rows, strips, height, start, True)
+    store_rows(rows, strips, height, start)
 
 
 @njit()
@@ -172,7 +147,7 @@ def _fetch_pairs(transforms, length, first, count, scratch, strips, height, star
         return
     columns = strips.size // height
     rows = scratch[: count * columns].reshape(count, columns)
-    copy_rows(rows, strips, height, start, False)
+    _load_rows(rows, strips, height, start)
     for m in range((count + 1) // 2):
         _unite(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
 
@@ -242,7 +217,14 @@ def rows_to_strips(
         stop = min(start + ROWS, height)
         active = _any_active(p, mask, rows, start, stop)
         if active:
-            _pair(p[start:stop], mask[start:stop], pairs)
+            for m in range((stop - start + 1) // 2):
+                j = start + 2 * m
+                l = min(j + 1, stop - 1)
+                if mask.size:
+                    _pair_masked_row(p[j], p[l], mask[j], mask[l], pairs[m])
+                else:
+                    _pair_row(p[j], p[l], pairs[m])
+                pairs[m, p.shape[1] :] = 0
             execute(fftw, forward if stop - start == ROWS else few_forward)
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
@@ -270,34 +252,35 @@ def strips_to_rows(
             part = strips[height * edges[k] : height * edges[k + 1]]
             _fetch_pairs(transforms, length, edges[k], stop - start, scratch, part, height, start)
         execute(fftw, backward if stop - start == ROWS else few_backward)
-        _unpair(pairs, mask[start:stop], out[start:stop])
+        for m in range((stop - start + 1) // 2):
+            j = start + 2 * m
+            l = min(j + 1, stop - 1)
+            if mask.size:
+                _unpair_masked_row(pairs[m], mask[j], mask[l], out[j], out[l])
+            else:
+                _unpair_row(pairs[m], out[j], out[l])
 
 
 @njit()
-def _copy_columns(own, received, places, heights, rank, count, first, last, columns, gather):
-    """Copy a strip from all ranks' rows to `columns`, or back.
+def _gather_columns(strip, columns, start):
+    """Copy a strip to `columns`, from entry `start` of each column on."""
+    for r in range(strip.shape[0]):
+        if strip.shape[1] == STRIP:
+            _gather_row(strip[r], columns, np.uint64(start + r))
+        else:
+            for c in range(strip.shape[1]):
+                columns[c, start + r] = strip[r, c]
 
-    The strip has the columns `first` to `last` - 1. If `gather` is true, the strip is copied to the array `columns`,
-    otherwise from this array. Return the number of rows of all ranks.
-    """
-    start = 0
-    for q in range(heights.size):
-        height = heights[q]
-        strips = own if q == rank else received[places[q] : places[q] + height * count]
-        strip = strips[height * first : height * last].reshape(height, last - first)
-        for r in range(height):
-            if last - first == STRIP and gather:
-                _gather_row(strip[r], columns, np.uint64(start + r))
-            elif last - first == STRIP:
-                _scatter_row(columns, np.uint64(start + r), strip[r])
-            else:
-                for c in range(last - first):
-                    if gather:
-                        columns[c, start + r] = strip[r, c]
-                    else:
-                        strip[r, c] = columns[c, start + r]
-        start += height
-    return start
+
+@njit()
+def _scatter_columns(columns, start, strip):
+    """Copy columns back to a strip; it is the inverse of `_gather_columns`."""
+    for r in range(strip.shape[0]):
+        if strip.shape[1] == STRIP:
+            _scatter_row(columns, np.uint64(start + r), strip[r])
+        else:
+            for c in range(strip.shape[1]):
+                strip[r, c] = columns[c, start + r]
 
 
 @njit()
@@ -327,7 +310,13 @@ def convolve_columns(
     count = spectrum.shape[0]
     for first in range(0, count, STRIP):
         last = min(first + STRIP, count)
-        ny = _copy_columns(own, received, places, heights, rank, count, first, last, columns, True)
+        ny = 0
+        for q in range(heights.size):
+            height = heights[q]
+            strips = own if q == rank else received[places[q] : places[q] + height * count]
+            strip = strips[height * first : height * last].reshape(height, last - first)
+            _gather_columns(strip, columns, ny)
+            ny += height
         columns[: last - first, ny:] = 0
         execute(fftw, forward if last - first == STRIP else few_forward)
         for c in range(last - first):
@@ -337,4 +326,10 @@ def convolve_columns(
                 _scale_first_half(parts[c], spectrum[first + c])
                 _scale_second_half(parts[c, : 2 * length], spectrum[first + c])
         execute(fftw, backward if last - first == STRIP else few_backward)
-        _copy_columns(own, received, places, heights, rank, count, first, last, columns, False)
+        start = 0
+        for q in range(heights.size):
+            height = heights[q]
+            strips = own if q == rank else received[places[q] : places[q] + height * count]
+            strip = strips[height * first : height * last].reshape(height, last - first)
+            _scatter_columns(columns, start, strip)
+            start += height

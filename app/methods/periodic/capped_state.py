@@ -9,6 +9,7 @@ import zlib
 
 import numpy as np
 
+from app.base.numba_cache import as_writable
 from app.contact import full_plasticity, prescribed_load
 from app.contact.bounds import PressureBounds
 from app.contact.loading import PrescribedApproach
@@ -188,7 +189,9 @@ class CappedPrimalState(PrimalState):
     def project(self, p):
         """Store p within its bounds, and at a bound outside C; see `PrimalState.project`."""
         state, upper = self.state, self.state.bounds.upper
-        total = PressureBounds.project(state.p, state.contact, p)  # to the last bit as without a hardness
+        total = PressureBounds.project(
+            as_writable(state.p), state.contact, p
+        )  # to the last bit as without a hardness
         limited = self.plastic | (p > upper)
         if limited.any():
             np.copyto(p, upper, where=limited)

@@ -17,7 +17,7 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
-from app.base.numba_cache import njit
+from app.base.numba_cache import as_writable, njit
 from app.halfspace.operator import get_operator
 from app.methods.periodic.operator import InverseOperator
 from app.multigrid.ksp_context import KspContext
@@ -173,7 +173,7 @@ class CarryingCG(KspContext):
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
         multiply = operator.multilevel_pressure if self.multilevel_share else operator.pressure
-        left = self.carried if self.resumes else self._read(self.pressure)
+        left = self.carried if self.resumes else as_writable(self._read(self.pressure))
         iteration, max_it = 0, ksp.getTolerances()[3]
         smooth(left, z)
         beta, norm = 0.0, sqrt(self._sum(_normed(z, z))[0])

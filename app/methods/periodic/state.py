@@ -4,6 +4,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from app.base.numba_cache import as_writable
 from app.contact.state import Displacement, Update
 from app.methods.periodic import kernels as loops
 from app.methods.periodic import stencil
@@ -321,7 +322,7 @@ class PrimalState:
     def project(self, p):
         """Store p within its bounds, zero outside contact, in `p`; return its sum."""
         state = self.state
-        return float(state.sum([state.bounds.project(state.p, state.contact, p)])[0])
+        return float(state.sum([state.bounds.project(as_writable(state.p), state.contact, p)])[0])
 
     def meet_load(self, p, total):
         """Bring the pressure p, with the sum `total`, to a prescribed load.

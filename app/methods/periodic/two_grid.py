@@ -7,6 +7,7 @@ product with A on a coarser grid nearly solves for long waves. Sweeps on the fre
 import numpy as np
 from petsc4py import PETSc
 
+from app.base.numba_cache import as_writable
 from app.contact import kernels
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.operator import get_operator
@@ -126,7 +127,7 @@ class TwoGrid:
         """
         self._update_contact()
         with _event:
-            self._apply(s, z)
+            self._apply(as_writable(s), z)
         if self.constrained:
             total = sum_over(self.operator.comm, [z.sum(dtype=float)])[0]
             response, total_response = self._unit_response()
@@ -166,7 +167,6 @@ class TwoGrid:
         if self._response is None:
             response = np.empty(self.operator.local_shape)
             even = np.full_like(response, self.stiffness)  # of any unit, 1 in single precision
-            even.flags.writeable = False  # same compiled types as pressures
             self._apply(even, response)
             self._response = response, sum_over(self.operator.comm, [response.sum()])[0]
         return self._response

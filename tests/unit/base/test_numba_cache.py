@@ -7,6 +7,7 @@ import sys
 import numba
 import numpy as np
 import pytest
+from numba.core import event
 from processes import TESTS, run
 
 from app.base import numba_cache
@@ -34,6 +35,47 @@ def total(a, b):
         for i in range(len(row)):
             found += row[i]
     return found
+"""
+
+LITERALS = """
+from app.base.numba_cache import njit
+
+@njit()
+def power(x, n):
+    result = 1.0
+    for _ in range(n):
+        result *= x
+    return result
+
+@njit()
+def powers(x, n):
+    return power(x, 1) + power(x, 2) + power(x, n)
+"""
+
+SIGNATURES = """
+import gc
+from collections import Counter
+
+from numba.core import types
+from numba.core.dispatcher import Dispatcher
+
+from app import ContactProblem, Grid, Material, Paraboloid, solve
+
+def number(kind):
+    return kind.copy(readonly=False, layout="C") if isinstance(kind, types.Array) else kind
+
+grid, material = Grid.from_domain(64, 64, (-1, 1, -1, 1)), Material.from_contact_modulus(1e5)
+for periodic in (False, True):
+    solve(ContactProblem(grid, material, Paraboloid(9, 7), periodic=periodic), load=5000)
+found = 0
+for loop in gc.get_objects():
+    if isinstance(loop, Dispatcher) and loop.py_func.__module__.startswith("app."):
+        kinds = Counter(tuple(map(number, args)) for args in loop.overloads)
+        for kind, count in kinds.items():
+            if count > 1:
+                found += 1
+                print(loop.py_func.__module__, loop.py_func.__name__, *loop.overloads, sep="\\n  ")
+print(found)
 """
 
 ARRAYS = """
@@ -127,3 +169,26 @@ def test_an_interrupted_compilation_releases_its_lock(tmp_path, monkeypatch):
     with lock.open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     assert loops.twice(1.5) == 3
+
+
+def test_literals_in_calls_compile_no_loop_again(tmp_path, monkeypatch):
+    loops = import_loops(tmp_path, LITERALS, monkeypatch)
+    with event.install_listener("numba:compile", event.RecordingListener()) as listener:
+        assert loops.powers(3.0, 2) == 3 + 9 + 9
+    compiled = [e.data["dispatcher"].py_func.__name__ for _, e in listener.buffer if e.is_start]
+    assert sorted(compiled) == ["power_inner", "powers"]
+
+
+def test_a_read_only_array_has_the_compiled_type_of_others():
+    array = np.arange(6.0).reshape(2, 3)
+    array.flags.writeable = False
+    same = numba_cache.as_writable(array)
+    assert numba.typeof(same) == numba.typeof(array.copy())
+    assert np.shares_memory(same, array) and (same == array).all()
+
+
+def test_solves_compile_no_loop_twice_for_equal_numbers():
+    """A second signature may differ in types of numbers, not in layout or in read-only arrays."""
+    done = run("-W", "ignore", "-c", SIGNATURES)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1] == "0", done.stdout

@@ -12,14 +12,14 @@ def test_rows_are_stored_as_strips_and_come_back(columns):
     height, start = 5, 2
     rows = np.arange(3.0 * columns).reshape(3, columns) + 1j
     stored = np.zeros(height * columns, complex)
-    strips.copy_rows(rows, stored, height, start, True)
+    strips.store_rows(rows, stored, height, start)
     for first in range(0, columns, strips.STRIP):
         last = min(first + strips.STRIP, columns)
         strip = stored[height * first : height * last].reshape(height, last - first)
         np.testing.assert_array_equal(strip[start:], rows[:, first:last])
         assert not strip[:start].any()
     back = np.zeros_like(rows)
-    strips.copy_rows(back, stored, height, start, False)
+    strips._load_rows(back, stored, height, start)
     np.testing.assert_array_equal(back, rows)
 
 
@@ -35,17 +35,15 @@ def test_two_real_rows_are_transformed_as_one_complex_row(length):
     np.testing.assert_allclose(united, both, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("rows", [1, 2, 5])
-@pytest.mark.parametrize("masked", [False, True])
-def test_pairs_of_rows_are_padded_and_masked(rows, masked):
-    rng = np.random.default_rng(rows)
-    p = rng.normal(size=(rows, 3))
-    mask = rng.random((rows, 3)) < 0.5 if masked else np.zeros((rows, 0), bool)
-    expected = np.where(mask, p, 0.0) if masked else p
-    pairs = np.full(((rows + 1) // 2, 4), np.nan + 0j)
-    strips._pair(p, mask, pairs)
-    np.testing.assert_array_equal(pairs[: rows // 2, :3], expected[: rows // 2 * 2 : 2] + 1j * expected[1::2])
-    assert (pairs[:, 3] == 0).all()
-    out = np.full((rows, 3), np.nan)
-    strips._unpair(pairs, mask, out)
-    np.testing.assert_array_equal(out, expected)
+def test_masked_rows_are_paired_and_come_back():
+    rng = np.random.default_rng(1)
+    rows, mask = rng.normal(size=(2, 7)), rng.random((2, 7)) < 0.5
+    pair, out = np.empty(7, complex), np.empty((2, 7))
+    strips._pair_masked_row(*rows, *mask, pair)
+    np.testing.assert_array_equal([pair.real, pair.imag], np.where(mask, rows, 0))
+    strips._pair_row(*rows, pair)
+    np.testing.assert_array_equal([pair.real, pair.imag], rows)
+    strips._unpair_masked_row(pair, *mask, *out)
+    np.testing.assert_array_equal(out, np.where(mask, rows, 0))
+    strips._unpair_row(pair, *out)
+    np.testing.assert_array_equal(out, rows)
