@@ -171,7 +171,8 @@ class CappedWestergaard(Westergaard):
         require_hardness(self.hardness)
         if self.mean_pressure > self.hardness:
             raise InputError(
-                f"mean_pressure {format_exact(self.mean_pressure)}: must be at most the hardness {format_exact(self.hardness)}"
+                f"mean_pressure {format_exact(self.mean_pressure)}: must be at most "
+                f"the hardness {format_exact(self.hardness)}"
             )
 
     @property
