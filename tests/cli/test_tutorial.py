@@ -25,7 +25,10 @@ def can_run(command, missing):
 def test_tutorial(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names, missing, ran = {"__name__": "document"}, set(), []
-    for language, block in re.findall(r"^```(python|sh)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL):
+    for language, block in re.findall(r"^```(python|sh|yaml)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL):
+        if language == "yaml":
+            (tmp_path / re.search(r"# (\w+\.yml)", block)[1]).write_text(block)
+            continue
         if language == "python":
             run_blocks([block], names)
             continue
