@@ -77,7 +77,7 @@ _NEGLIGIBLE_BOUND = 1e-5  # error bound below which a product is spent only if a
 _ROUNDING_FACTOR = 4.0  # factor on the expected rounding error of a product
 _TRANSFORM_ERROR = 50.0  # error of w.Bw over its largest possible value, in units of the precision of B
 _CONSTANT_ROUNDING = 1e3  # deviation of a pressure that is constant up to rounding, in units of its precision
-_GAP_ULPS = 4  # rounding error of a gap, in units in the last place of the depth
+_GAP_ULPS = 4  # rounding error of a gap, in units in the last place of depth or displacement
 _LOAD_RTOL = 1e-6  # allowed relative error of a prescribed load
 
 
@@ -165,7 +165,7 @@ def _prove(state, enough, work):
         diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
-    if capped and _is_plastic_everywhere(state):  # no other pressure is allowed, or none has less energy
+    if capped and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
         gap = error = 0.0
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
@@ -184,8 +184,9 @@ def _is_plastic_everywhere(state):
     """Return whether p = H in all admissible cells, without a gap. Collective."""
     if state.plastic_cells() < state.distance.statistics.cells:
         return False
-    highest = -float(state.minimum([-state.gap().max(where=state.admissible, initial=-np.inf)])[0])
-    return highest <= _GAP_ULPS * math.ulp(state.depth)
+    highest = [field.max(where=state.admissible, initial=-np.inf) for field in (state.gap(), np.abs(state.u))]
+    gap, u = (-np.asarray(state.minimum(np.negative(highest)))).tolist()
+    return gap <= _GAP_ULPS * math.ulp(max(u, abs(state.depth)))
 
 
 def _lift_penetrations(state, most, energy, penetrates):
