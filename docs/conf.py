@@ -31,6 +31,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "load-paths": "Load curves",
         "periodic": None,
         "hardness": "Hardness and unloading",
+        "layers": None,
         "conductance": None,
         "sensitivities": None,
         "methods": None,

@@ -19,6 +19,7 @@ CYCLES = (
     12  # more doubles of the active set with Gauss-Seidel, multigrid, or the root search of periodic patches
 )
 HARDNESS = 3  # more doubles with a hardness
+LAYER = 2  # more doubles with a coating or layer
 STRIP_DOUBLES = 64  # per cell of each of up to 4 rows and columns, for transforms
 EXCHANGE = 0.2  # share more on several ranks, for receive buffers
 MIN_DOUBLES = 9  # per cell, of any method on any problem
@@ -37,7 +38,7 @@ def set_malloc_option(option, value):
         ctypes.CDLL(None).mallopt(option, value)
 
 
-def doubles_per_cell(settings, periodic=False, capped=False):
+def doubles_per_cell(settings, periodic=False, capped=False, layered=False):
     """Return a method's peak memory in doubles per cell.
 
     Parameters
@@ -48,8 +49,10 @@ def doubles_per_cell(settings, periodic=False, capped=False):
         As the attribute of `Grid`: true for a periodic patch.
     capped : bool
         Whether the problem has a hardness.
+    layered : bool
+        Whether a body has a coating or layer.
     """
-    doubles = DOUBLES[settings.type] + HARDNESS * capped
+    doubles = DOUBLES[settings.type] + HARDNESS * capped + LAYER * layered
     if settings.type in ("fast", "primal"):
         return doubles + DOUBLE_PRECISION * (not settings.single)
     if settings.type != "active_set":

@@ -148,3 +148,32 @@ def test_last_option_source_decides_alternatives():
 def test_a_modulus_that_is_no_number_is_refused():
     with pytest.raises(InputError, match="a number"):
         Material.from_contact_modulus("steel")
+
+
+def test_coated_material_describes_its_bodies():
+    material = Material.coated((450e3, 210e3), (0.25, 0.3), 0.002, other=(3e3, 0.35))
+    assert material.describe() == {
+        "young": [210e3, 3e3], "poisson": [0.3, 0.35],
+        "coating_young": 450e3, "coating_poisson": 0.25, "coating_thickness": 0.002,
+    }  # fmt: skip
+    assert material != Material.coated((450e3, 210e3), (0.25, 0.3), 0.003, other=(3e3, 0.35))
+    assert Material.layer(5.0, 0.4, 1.0).describe()["young"] == [np.inf, np.inf]
+
+
+@pytest.mark.parametrize("arguments, text", [
+    (((1, 2), (0.3, 0.3), 0), "thickness 0: must be positive"),
+    (((np.inf, 2), (0.3, 0.3), 1), "of the coating: must be finite"),
+    (((1, 2), (0.3, 0.6), 1), "must be two numbers from 0 to 0.5"),
+    ((1, 0.3, 1), "coated: must be"),
+    (((1, 2), (0.3, 0.3), 1, 5), "other: must be E, nu"),
+])  # fmt: skip
+def test_impossible_coatings_are_refused(arguments, text):
+    with pytest.raises(InputError, match=text):
+        Material.coated(*arguments)
+
+
+def test_conductance_of_a_coated_body_is_refused():
+    layer = Material.layer(5.0, 0.4, 1.0)
+    assert layer.conducting() == layer
+    with pytest.raises(InputError, match="coated body"):
+        layer.conducting(resistivity=1.0)
