@@ -46,6 +46,14 @@ def test_command_writes_all_figures_and_prints_their_paths(path, tmp_path, capsy
     assert all(f.read_bytes().startswith(START[kind]) for f in folder.iterdir())
 
 
+def test_paper_style_writes_pdf_and_svg_with_the_title_of_the_user(path, tmp_path, capsys):
+    words = ["--only", "contact", "--style", "paper", "--title", "Bearing 7", "-o", str(tmp_path / "out")]
+    assert main([str(path), *words]) == 0
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["contact.pdf", "contact.svg"]
+    text = (tmp_path / "out" / "contact.svg").read_text()
+    assert "Bearing 7" in text and 'width="240.94' in text  # 8.5 cm
+
+
 def test_default_folder_is_named_after_the_file(path, tmp_path, capsys):
     mine = tmp_path / "mine.h5"
     mine.symlink_to(path)

@@ -208,3 +208,18 @@ def test_loads_against_approaches_of_unloading_have_linear_axes():
         axes = load_curves.path_figure([load_curves.Path(columns)]).axes[0]
         assert axes.get_xscale() == axes.get_yscale() == scale
         assert len(axes.lines[0].get_xdata()) == 4
+
+
+@pytest.mark.parametrize(("largest", "unit"), [(9e3, "N"), (2e4, "kN")])
+def test_loads_have_a_readable_unit(largest, unit):
+    loads = np.array([largest / 10, largest])
+    columns = {
+        "load": loads,
+        "approach": loads / 1e6,
+        "max_pressure": loads / 10,
+        "contact_area": loads / 1e4,
+    }
+    figure = load_curves.path_figure([load_curves.make_path(columns, "")])
+    load, pressure = figure.axes[:2]
+    assert load.get_ylabel() == pressure.get_xlabel() == f"load F  [{unit}]"
+    assert pressure.lines[0].get_xdata() == pytest.approx(loads / (1000 if unit == "kN" else 1))
