@@ -73,10 +73,6 @@ def _check_layer(grid, material):
     coating = material.coating
     if coating is None:
         return
-    if not grid.periodic:
-        raise InputError(
-            "material: a coating or layer needs a periodic patch so far, periodic=True (-periodic)"
-        )
     thinnest = MIN_LOVE_THICKNESS * max(grid.nx * grid.dx, grid.ny * grid.dy)
     if grid.periodic == "love" and coating.thickness < thinnest:
         raise InputError(
@@ -85,7 +81,7 @@ def _check_layer(grid, material):
         )
     cell = max(grid.dx, grid.dy)
     if (
-        grid.periodic == "love"
+        grid.periodic != "spectral"
         and coating.on_rigid_base
         and coating.poisson[0] > INCOMPRESSIBLE_POISSON
         and cell > MAX_LAYER_CELL * coating.thickness

@@ -121,7 +121,7 @@ def note_thin_layer(coating, grid):
     Only nearly incompressible layers on a rigid base are noted.
     """
     cell = max(grid.dx, grid.dy)
-    if not coating.on_rigid_base or grid.periodic != "love" or cell <= coating.thickness:
+    if not coating.on_rigid_base or grid.periodic == "spectral" or cell <= coating.thickness:
         return []
     if coating.poisson[0] <= MAX_COMPRESSIBLE_POISSON:
         return []

@@ -173,7 +173,7 @@ class ContactSolver(Derivatives):
     def _set_up(self):
         """Make grids, operators and solvers for the settings."""
         settings, grid, kernel = self.settings, self.problem.grid, self.problem.material.kernel
-        self._uniform_compliance = kernel.uniform_compliance
+        self._uniform_compliance = kernel.uniform_compliance(grid)
         self._largest = None  # influence coefficient [mm3/N], needed for single precision
         if settings.single:
             self._largest = kernel.self_displacement(grid)

@@ -165,8 +165,9 @@ class Strategy:
 
     def _started_from(self, start, loading):
         """Return the state from which to start, made from a Solution `start`."""
-        uniform = self._hierarchy.kernel.uniform_compliance * start.mean_pressure
-        state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement - uniform)
+        target = self._hierarchy.target
+        uniform = target.kernel.uniform_compliance(target.grid) * start.mean_pressure
+        state = contact_state(target, self._distances[-1], u=start.displacement - uniform)
         state.values[...] = start.pressure
         state.project()  # the solution may be of a problem with other holes
         if state.sum([np.count_nonzero(state.p != start.pressure)])[0]:

@@ -157,8 +157,12 @@ def _prove(state, enough, work):
     elif state.grid.periodic:
         gap, energy, shifted = _close_gap(state, energy, enough, work, capped)
     else:
-        lifted = 0.0 if capped else _lift_penetrations(state, lift, energy, penetrates)
-        gap = float(min(defect + lifted, to_p + moved / (2 * smallest)))  # either bound holds
+        gap = to_p + moved / (2 * smallest)
+        if capped:
+            gap = min(defect, gap)  # either bound holds
+        elif state.operator.kernel.is_positive(grid):
+            gap = min(defect + _lift_penetrations(state, lift, energy, penetrates), gap)
+        gap = float(gap)
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
     if state.grid.periodic and state.grid.n <= DenseProduct.largest:

@@ -24,13 +24,9 @@ class HalfSpaceKernel:
     ----------
     scale_free : bool
         True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
-    uniform_compliance : float
-        Displacement of a periodic patch by a uniform pressure 1 [mm / (N/mm2)]; 0 for half-spaces, where this
-        displacement would be infinite. The displacements of operators are relative to their mean, without this
-        displacement.
     """
 
-    scale_free, uniform_compliance = True, 0.0
+    scale_free = True
 
     def __init__(self, compliance):
         self.compliance = float(compliance)
@@ -39,6 +35,13 @@ class HalfSpaceKernel:
     def parameters(self):
         """Numbers that define the kernel."""
         return (self.compliance,)
+
+    def uniform_compliance(self, grid):
+        """Return the displacement by a uniform pressure that operators leave out, over the pressure [mm / (N/mm2)].
+
+        It is that of a periodic patch. On half-spaces it is infinite, and displacements are relative to their mean.
+        """
+        return 0.0
 
     def eigenvalues(self, grid, columns, rows):
         """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""
@@ -61,6 +64,10 @@ class HalfSpaceKernel:
         The patch is free.
         """
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
+
+    def is_positive(self, grid):
+        """Return whether no influence coefficient of a free patch is negative."""
+        return True
 
     def smallest_eigenvalue(self, grid):
         """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].

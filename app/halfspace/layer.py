@@ -48,6 +48,12 @@ class Layer:
         return np.isinf(self.young[1])
 
     @property
+    def modulus_ratio(self):
+        """Shear modulus of the layer over that of the substrate, 0 on a rigid base."""
+        (young1, young2), (nu1, nu2) = self.young, self.poisson
+        return (young1 / (1 + nu1)) / (young2 / (1 + nu2))
+
+    @property
     def plane_compliance(self):
         """(1 - nu1) / (2 pi G1) of the layer [mm2/N]."""
         return (1 - self.poisson[0] ** 2) / (np.pi * self.young[0])
@@ -66,8 +72,7 @@ class Layer:
 
     def ratio(self, q):
         """Return S(q t) for an array of wave numbers q above 0 [1/mm]."""
-        nu1, nu2 = self.poisson
-        mu = (self.young[0] / (1 + nu1)) / (self.young[1] / (1 + nu2))
+        (nu1, nu2), mu = self.poisson, self.modulus_ratio
         x = np.asarray(q, dtype=float) * self.thickness
         values, small = np.empty(x.shape), x < _SMALL
         values[small] = _ratio_of_long_waves(x[small], mu, nu1, nu2)

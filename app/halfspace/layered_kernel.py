@@ -7,10 +7,13 @@ import numpy as np
 
 from app.halfspace.grid import row_blocks
 from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.layer_coefficients import layer_tables
+from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import wave_numbers
 
 _SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue are sought
 _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
+_MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 
 
@@ -45,10 +48,9 @@ class LayeredKernel(HalfSpaceKernel):
         layer = self.layer
         return layer.thickness, *layer.young, *layer.poisson, self.other
 
-    @property
-    def uniform_compliance(self):
-        """Displacement by a uniform pressure 1 [mm / (N/mm2)]."""
-        return self.layer.uniform_compliance
+    def uniform_compliance(self, grid):
+        """Return the displacement by a uniform pressure that operators leave out; see `HalfSpaceKernel`."""
+        return self.layer.uniform_compliance if grid.periodic else 0.0
 
     def wave_compliance(self, q):
         """Return the compliance for pressure waves [mm2/N].
@@ -92,10 +94,36 @@ class LayeredKernel(HalfSpaceKernel):
         return self.layer.plane_compliance * total
 
     def coefficients(self, grid, rows, columns):
-        """Return influence coefficients of a free patch; not available."""
-        raise NotImplementedError("influence coefficients of a layer on a free patch")
+        """Return influence coefficients of a free patch; see `love_coefficients`."""
+        return self._coefficients(grid, rows, np.arange(columns))
 
-    unit_coefficients = coefficients
+    def unit_coefficients(self, grid, rows, columns):
+        """Return influence coefficients of a free patch over the compliance; see `HalfSpaceKernel`."""
+        return self._coefficients(grid, rows, columns) / self.compliance
+
+    def _coefficients(self, grid, rows, columns):
+        """Return influence coefficients at offsets of `rows` and `columns`, both arrays."""
+        layer = self.layer
+        love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
+        cell = grid.dx / layer.thickness, grid.dy / layer.thickness
+        own = love + layer.thickness * layer_tables(layer, cell).integrals(cell, rows, columns)
+        if layer.on_rigid_base:
+            distances = np.hypot(cell[0] * columns, cell[1] * rows[:, None])
+            own[distances > _MAX_REACH] = 0.0  # below rounding
+        return layer.plane_compliance * own + self.other * love
+
+    def is_positive(self, grid):
+        """Return whether no influence coefficient of a free patch is negative, along its sides."""
+        corner = np.zeros(1, int)
+        in_x = self._coefficients(grid, corner, np.arange(grid.nx))
+        return bool(in_x.min() >= 0 and self._coefficients(grid, np.arange(grid.ny), corner).min() >= 0)
+
+    def middle_displacement(self, lengths):
+        """Return a bound of the displacement in the middle of a loaded rectangle [mm]."""
+        layer = self.layer
+        softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
+        body = HalfSpaceKernel(layer.plane_compliance * softest + self.other)
+        return body.middle_displacement(lengths)
 
     def self_displacement(self, grid):
         """Estimate the displacement of a cell by pressure 1 on it."""
@@ -103,11 +131,8 @@ class LayeredKernel(HalfSpaceKernel):
         return cell.self_displacement(grid)
 
     def smallest_eigenvalue(self, grid):
-        """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].
-
-        The eigenvalues are those on fields without mean.
-        """
-        return (_LOVE_FACTORS[0] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).min())
+        """Return a lower bound of the eigenvalues of A on fields without mean [mm / (N/mm2)]."""
+        return (1.0 if grid.periodic == "spectral" else _LOVE_FACTORS[0]) * float(self._spectrum(grid).min())
 
     def largest_eigenvalue(self, grid):
         """Return an upper bound of the eigenvalues of A [mm / (N/mm2)]."""

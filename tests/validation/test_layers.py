@@ -59,7 +59,7 @@ def test_full_contact_of_a_wave(periodic, thickness, moduli):
     eigenvalue = material.kernel.eigenvalues(grid, np.array([2]), np.array([1]))[0, 0]
     solution = solve(ContactProblem(grid, material, wave + 0.01), mean_pressure=1.0)
     np.testing.assert_allclose(solution.pressure, 1 - wave / eigenvalue, rtol=1e-12)
-    mean_gap = 0.01 - solution.approach + material.kernel.uniform_compliance * 1.0
+    mean_gap = 0.01 - solution.approach + material.kernel.uniform_compliance(grid) * 1.0
     assert mean_gap == pytest.approx(0, abs=1e-12)
 
 
@@ -79,7 +79,7 @@ def test_random_layers_equal_dense_solutions(seed):
     solution = solve(problem, load=expected.sum() * problem.grid.cell_area, options=options)
     assert solution.converged
     assert difference(solution.pressure, expected) < 1e-5
-    uniform = material.kernel.uniform_compliance * expected.mean()
+    uniform = material.kernel.uniform_compliance(problem.grid) * expected.mean()
     assert solution.approach == pytest.approx(approach + uniform, rel=1e-5)
 
 
@@ -103,7 +103,7 @@ def test_approach_beyond_full_contact_compresses_a_layer():
     shape = problem.shape_on(problem.grid)
     solution = solve(problem, approach=0.5)
     assert solution.contact.all()
-    expected = (0.5 - shape.mean()) / problem.material.kernel.uniform_compliance
+    expected = (0.5 - shape.mean()) / problem.material.kernel.uniform_compliance(problem.grid)
     assert solution.mean_pressure == pytest.approx(expected, rel=1e-5)
 
 
@@ -142,7 +142,6 @@ def test_ranks_agree_on_layers(comm):
 def test_what_layers_do_not_allow_is_refused():
     grid, layer = Grid.from_domain(16, 16, (-1, 1, -1, 1)), Material.layer(1.0, 0.3, 0.1)
     for problem, text in (
-        (ContactProblem(grid, layer, Sphere(10)), "needs a periodic patch"),
         (
             ContactProblem(grid, Material.layer(1, 0.3, 1e-4), Sphere(10), periodic="love"),
             "must be at least 0.002 mm",
@@ -164,3 +163,39 @@ def test_what_layers_do_not_allow_is_refused():
     with pytest.raises(InputError, match="rigid base with a hardness"):
         solve(hard, approach=0.01)
     assert solve(hard, load=0.1).converged
+
+
+@pytest.mark.parametrize("method", [None, "fmg_v11", "norm"])
+@pytest.mark.parametrize(
+    "material",
+    [
+        Material.coated((0.5, 5.0), (0.3, 0.3), 0.1),
+        Material.coated((20.0, 5.0), (0.3, 0.3), 0.05, other=(9.0, 0.2)),
+        Material.layer(1.0, 0.3, 0.1),
+        Material.layer(1.0, 0.5, 0.3),
+    ],
+)
+def test_free_patches_equal_a_dense_solution(material, method):
+    grid = Grid.from_domain(16, 12, (-1, 1, -0.8, 0.8))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = (x**2 + 2 * y**2) / 20 + 0.004 * np.cos(9 * x) * np.cos(7 * y)
+    problem = ContactProblem(grid, material, gap)
+    expected = DenseProblem(problem).at(0.02).astype(float)
+    solution = solve(
+        problem, approach=0.02, method=method, options={"lcp_rtol": 1e-8, "lcp_precision": "double"}
+    )
+    assert solution.converged
+    assert difference(solution.pressure, expected) < 1e-5
+    again = solve(problem, load=solution.load, method=method)
+    assert again.approach == pytest.approx(0.02, rel=1e-4)
+
+
+def test_thin_compressible_layer_on_a_free_patch_is_a_bed_of_springs():
+    """Its load is pi E_oed R d^2 / t, and the radius of contact sqrt(2 R d)."""
+    thickness, radius, approach = 0.05, 20.0, 0.025
+    material = Material.layer(3.0, 0.3, thickness)
+    grid = Grid.from_domain(256, 256, (-1.2, 1.2, -1.2, 1.2))
+    solution = solve(ContactProblem(grid, material, Sphere(radius)), approach=approach)
+    modulus = thickness / material.kernel.layer.uniform_compliance
+    assert solution.load == pytest.approx(np.pi * modulus * radius * approach**2 / thickness, rel=2e-3)
+    assert np.sqrt(solution.contact_area / np.pi) == pytest.approx(np.sqrt(2 * radius * approach), rel=1e-2)

@@ -29,6 +29,7 @@ CALLS = (
 INSTALLED = {*COMPILED, "jinja2", "llvmlite", "mpi4py", "numpy", "tabulate", "tqdm", "yaml"} | {
     "hypothesis",
     "nbclient",
+    "jupyter_client",
     "nbformat",
     "pytest",
     "setuptools",

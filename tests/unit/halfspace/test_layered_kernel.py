@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app import Grid, Material
-from app.halfspace.influence import dense_matrix
+from app.halfspace.influence import dense_matrix, influence_quadrant
 
 STEEL = (210.0, 0.3)
 GRIDS = [
@@ -57,7 +57,54 @@ def test_eigenvalues_are_within_their_bounds(grid, moduli, nu, thickness):
 @pytest.mark.parametrize("nu", [0.0, 0.3])
 def test_wide_punch_on_a_thin_layer_compresses_it_uniformly(nu):
     kernel, area = Material.layer(2.0, nu, 1e-4).kernel, 3.0
-    assert kernel.punch_stiffness(area) == pytest.approx(area / kernel.uniform_compliance, rel=1e-3)
+    assert kernel.punch_stiffness(area) == pytest.approx(area / kernel.layer.uniform_compliance, rel=1e-3)
     assert Material.layer(2.0, nu, 1e4).kernel.punch_stiffness(area) == pytest.approx(
         Material.pair((2.0, np.inf), (nu, 0.0)).kernel.punch_stiffness(area), rel=1e-3
     )
+
+
+@pytest.mark.parametrize("cell", [(0.02, 0.01), (0.3, 0.4), (3.0, 1.0)])
+def test_displacements_on_a_wide_free_patch_are_those_of_a_uniform_pressure(cell):
+    """A layer on a rigid base is not displaced far away."""
+    kernel = Material.layer(2.0, 0.3, 1.0).kernel
+    grid = Grid(int(40 / cell[0]), int(40 / cell[1]), *cell)
+    quadrant = influence_quadrant(grid, kernel)
+    total = 4 * quadrant.sum() - 2 * quadrant[0].sum() - 2 * quadrant[:, 0].sum() + quadrant[0, 0]
+    assert total == pytest.approx(kernel.layer.uniform_compliance, rel=1e-8)
+
+
+@pytest.mark.parametrize("thickness, same", [(1e4, 0), (1e-4, 1)])
+def test_coefficients_tend_to_those_of_layer_or_substrate(thickness, same):
+    young, nu = (3.0, 5.0), (0.3, 0.2)
+    grid = Grid(20, 20, 0.1, 0.1)
+    limit = influence_quadrant(grid, Material.pair((young[same], np.inf), (nu[same], 0)).kernel)
+    found = influence_quadrant(grid, Material.coated(young, nu, thickness).kernel)
+    assert abs(found - limit).max() < 2e-3 * limit[0, 0]
+
+
+def test_coefficients_of_equal_materials_are_those_of_a_half_space():
+    grid = Grid(40, 30, 0.1, 0.2)
+    expected = influence_quadrant(grid, Material.pair((3.0, 7.0), (0.3, 0.1)).kernel)
+    coated = Material.coated((3.0, 3.0), (0.3, 0.3), 0.15, other=(7.0, 0.1))
+    np.testing.assert_allclose(influence_quadrant(grid, coated.kernel), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "nu, young", [(0.3, (1.0, np.inf)), (0.5, (1.0, np.inf)), (0.3, (10.0, 1.0)), (0.4, (1.0, 3.0))]
+)
+@pytest.mark.parametrize("cell", [(0.1, 0.2), (1.5, 0.8)])
+def test_coefficients_are_integrals_of_the_point_load(nu, young, cell):
+    """The sum over q is taken by quadrature in the plane of wave numbers."""
+    kernel, (dx, dy) = Material.coated(young, (nu, 0.25), 1.0).kernel, cell
+    layer, grid = kernel.layer, Grid(6, 6, dx, dy)
+    half_space = influence_quadrant(grid, Material.pair((young[0], np.inf), (nu, 0)).kernel)
+    q, weights = np.polynomial.legendre.leggauss(400)
+    q, weights = 15 * (q + 1), 15 * weights
+    angle = (np.arange(400) + 0.5) * np.pi / 800  # of a quarter; the integrand is periodic and even
+    qx, qy = q[:, None] * np.cos(angle), q[:, None] * np.sin(angle)
+    form = np.sinc(qx * dx / 2 / np.pi) * np.sinc(qy * dy / 2 / np.pi) * dx * dy
+    for j, i in ((0, 0), (1, 2), (4, 0)):
+        waves = (form * np.cos(qx * i * dx) * np.cos(qy * j * dy)).mean(axis=1)
+        excess = layer.plane_compliance * np.sum(weights * (layer.ratio(q) - 1) * waves)
+        found = influence_quadrant(grid, kernel)[j, i]
+        assert found == pytest.approx(half_space[j, i] + excess, abs=3e-8 * half_space[0, 0])

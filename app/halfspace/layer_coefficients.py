@@ -1,0 +1,171 @@
+"""Influence coefficients of a layered body on a free patch.
+
+Lengths are in thicknesses t of the layer. The displacement by a point force is ``1/r + g(r)`` times the compliance of
+the layer's material, with ``g(r) = int_0^inf (S(x) - 1) J0(x r) dx`` and the ratio S of `app.halfspace.layer`. The
+coefficient of a cell has three parts: Love's closed form of 1/r; the closed form of c / sqrt(r^2 + 4), a cell seen from
+the depth 2 t, with c = S(0) - 1, which is g far away; and the rest, which is smooth and dies like r^-3. The rest comes
+from a table, as a mean over Gauss points. Near a cell that is not small, it comes from a table of the integral
+``Phi(r) = int_0^r rest r dr``: the integral over a rectangle with a corner at the origin is a sum of two integrals of
+Phi over angles.
+"""
+
+from functools import lru_cache
+from math import ceil, log2
+
+import numpy as np
+
+_X_MAX = 24.0  # S - 1 is below 1e-18 beyond
+_TABLE = 1024  # number of points of a table
+_MIN_RADIUS, _MAX_RADIUS = 30.0, 600.0  # of the tables; the least one is for G1 <= G2
+_CELLS = 60  # least radius in cells
+_MAX_GAUSS_CELL = 0.25  # largest cell of which Gauss points suffice everywhere
+_NEAR = 8  # cells within which larger cells need Phi, and others more points
+_FAR = 64  # cells beyond which two points in a direction suffice
+_ANGLES = 24  # Gauss points of an angle
+
+
+@lru_cache(maxsize=16)
+def layer_tables(layer, cell):
+    """Return the `LayerTables` for a `Layer` and cells of a size (dx, dy) in thicknesses."""
+    (nu1, nu2), mu = layer.poisson, layer.modulus_ratio
+    widest = _MIN_RADIUS * max(1.0, mu)
+    radius = min(max(widest, _CELLS * max(cell)), max(2 * widest, _MAX_RADIUS))
+    return _tables(layer, mu * (1 - nu2) / (1 - nu1), 2.0 ** ceil(log2(radius)))
+
+
+@lru_cache(maxsize=8)
+def _tables(layer, limit, radius):
+    return LayerTables(lambda x: layer.ratio(x / layer.thickness), limit, radius)
+
+
+class LayerTables:
+    """Tables of the difference between a layered body and a half-space of the layer's material.
+
+    Parameters
+    ----------
+    ratio : callable
+        S(x), for arrays of x = q t.
+    limit : float
+        S(0); 0 on a rigid base.
+    radius : float
+        Radius up to which the tables reach.
+    """
+
+    def __init__(self, ratio, limit, radius):
+        from scipy.interpolate import CubicSpline
+
+        self._excess, self._radius = float(limit) - 1.0, radius
+        v = np.linspace(0.0, np.arcsinh(self._radius), _TABLE)
+        r = np.sinh(v)
+        image = np.sqrt(r * r + 4)
+        g, integral = _hankel(ratio, r)
+        rest = g - self._excess / image
+        self._tail = rest[-1] * self._radius**3  # rest = tail / r^3 beyond the table
+        even = (1, 0.0), "not-a-knot"
+        self._rest_table = CubicSpline(v, rest * image**3, bc_type=even)
+        self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
+
+    def rest(self, r):
+        """Return the rest at distances r [1 / t]."""
+        inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
+        return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
+
+    def _phi(self, r):
+        """Return the integral of rest r from 0 to r."""
+        inside = self._phi_table(np.arcsinh(np.minimum(r, self._radius)))
+        return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
+
+    def integrals(self, cell, rows, columns):
+        """Return the integrals of g over cells, in thicknesses.
+
+        `cell` is the size (dx, dy) of a cell; `rows` and `columns` are arrays of offsets in y and x. The shape is
+        (rows, columns).
+        """
+        dx, dy = cell
+        x, y = dx * columns[None, :], dy * rows[:, None]
+        total = self._excess * _rectangle(x, y, dx / 2, dy / 2, 2.0)
+        for points, low, high in ((3, 0, _FAR), (2, _FAR, np.inf)):
+            cells = np.maximum(rows[:, None], columns[None, :])
+            j, i = np.nonzero((cells >= low) & (cells < high))
+            total[j, i] += self._means(x[0, i], y[j, 0], dx, dy, points)
+        if max(dx, dy) > _MAX_GAUSS_CELL:
+            for j in np.flatnonzero(rows < _NEAR):
+                for i in np.flatnonzero(columns < _NEAR):
+                    total[j, i] = self._excess * _rectangle(x[0, i], y[j, 0], dx / 2, dy / 2, 2.0)
+                    total[j, i] += self._over_cell(x[0, i], y[j, 0], dx / 2, dy / 2)
+        return total
+
+    def _means(self, x, y, dx, dy, points):
+        """Return integrals of the rest over cells by Gauss points in each direction."""
+        nodes, weights = np.polynomial.legendre.leggauss(points)
+        total = np.zeros(x.shape)
+        for a, in_x in zip(nodes, weights, strict=True):
+            for b, in_y in zip(nodes, weights, strict=True):
+                total += in_x * in_y * self.rest(np.hypot(x + a * dx / 2, y + b * dy / 2))
+        return dx * dy / 4 * total
+
+    def _over_cell(self, x, y, a, b):
+        """Return the integral of the rest over a cell with half sides a and b, by Phi."""
+        total = 0.0
+        for sx in (1, -1):
+            for sy in (1, -1):
+                u, v = x + sx * a, y + sy * b
+                if u and v:
+                    total += sx * sy * np.sign(u * v) * (self._triangle(u, v) + self._triangle(v, u))
+        return total
+
+    def _triangle(self, u, v):
+        """Return the integral of the rest over the triangle (0, 0), (u, 0), (u, v)."""
+        u, v = abs(u), abs(v)
+        nodes, weights = np.polynomial.legendre.leggauss(_ANGLES)
+        half = np.arcsinh(v / u) / 2
+        angle = half * (nodes + 1)
+        return half * weights @ (self._phi(u * np.cosh(angle)) / np.cosh(angle))
+
+
+def _rectangle(x, y, a, b, z):
+    """Return the integral of 1 / sqrt(r^2 + z^2) over a cell at (x, y) with half sides a and b."""
+
+    def corner(x, y):
+        to_x, to_y, to_all = np.hypot(x, z), np.hypot(y, z), np.sqrt(x * x + y * y + z * z)
+        angle = np.arctan2(x * y, z * to_all)
+        return x * np.arcsinh(y / to_x) + y * np.arcsinh(x / to_y) - z * angle
+
+    return corner(x + a, y + b) - corner(x - a, y + b) - corner(x + a, y - b) + corner(x - a, y - b)
+
+
+def _hankel(ratio, radii):
+    """Return g(r) and the integral of g r from 0 to r, for rising radii.
+
+    The integrals over x are composite Gauss sums, with panels short enough for the oscillations at each radius.
+    """
+    from scipy.special import j0, j1
+
+    g, integral = np.empty(radii.shape), np.empty(radii.shape)
+    for first, last in _batches(radii):
+        x, weights = _panels(radii[last - 1])
+        excess = weights * (ratio(x) - 1)
+        for k in range(first, last):
+            r = radii[k]
+            g[k] = excess @ j0(x * r)
+            integral[k] = (excess / x) @ (r * j1(x * r))
+    return g, integral
+
+
+def _batches(radii):
+    """Split rising radii into ranges within a factor of two, above 4."""
+    first = 0
+    while first < len(radii):
+        last = int(np.searchsorted(radii, max(2 * radii[first], 4.0), side="right"))
+        yield first, max(last, first + 1)
+        first = max(last, first + 1)
+
+
+def _panels(radius):
+    """Return points and weights of a composite Gauss rule on (0, `_X_MAX`)."""
+    step = min(0.5, 4 / max(radius, 1e-9))
+    edges = [0.0, *np.geomspace(1e-4, step, 12)] if step > 1e-3 else [0.0, step]
+    edges = np.concatenate([edges, np.arange(edges[-1] + step, _X_MAX + step, step)])
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
+    return (half * nodes + middle).ravel(), (half * weights).ravel()
