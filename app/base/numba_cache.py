@@ -100,11 +100,11 @@ class _Memory:
 
 
 def as_writable(array):
-    """Return an array, if it is read-only as a writable one, for loops that do not write to it.
+    """Return a read-only array as a writable one, for loops that do not write to it.
 
     numba would compile these loops once more for read-only arrays.
     """
-    return array if array.flags.writeable else np.asarray(_Memory(array))
+    return np.asarray(_Memory(array))
 
 
 class LockedCache(FunctionCache):

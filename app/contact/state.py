@@ -324,7 +324,7 @@ class ContactState:
         """Compute u = A p; `exact`: in double precision. Collective."""
         exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
-        compute(self.p, self.u)  # (2.7)
+        compute(self._p, self.u)  # (2.7)
         self.displacement_status = Displacement.EXACT if exact else Displacement.UPDATED
 
     @PETSc.Log.EventDecorator("ContactUpdate")

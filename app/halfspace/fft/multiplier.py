@@ -299,7 +299,8 @@ class EvenMultiplier:
             If not 0, divide by the spectrum instead of multiplying by it, and multiply by this number.
         """
         self.count += 1
-        p = as_writable(p)
+        if not p.flags.writeable:
+            p = as_writable(p)
         mask, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
         if self.image_correction is not None:
             self.image_correction.multiply(p, mask)
