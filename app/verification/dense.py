@@ -251,14 +251,16 @@ class DenseProblem:
         return p
 
     def _leave_full_contact(self, sets, h):
-        """Return sets with one cell less in elastic contact.
+        """Return sets with one cell less in elastic contact, which has no solution.
 
-        The mean of e is that of h: the cell is open or plastic.
+        The pressure of full contact is known up to a constant. It decreases until a cell opens, or grows until one
+        is plastic.
         """
-        open_one, limited = h.mean() >= 0, np.isfinite(self._upper)
-        cell = np.argmax(h) if open_one or not limited.any() else np.argmin(np.where(limited, h, np.inf))
-        sets = sets.copy()
-        sets[cell] = _OPEN if open_one or not limited.any() else _PLASTIC
+        full, sets = self._full(), sets.copy()
+        if h.mean() >= 0 or np.isinf(self._upper).all():
+            sets[np.argmin(full)] = _OPEN
+        else:
+            sets[np.argmin(self._upper - full)] = _PLASTIC
         return sets
 
     def _pivot(self, depth):
