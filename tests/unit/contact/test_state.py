@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from app.contact.state import Displacement, Update
+from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState, Displacement, Update
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
+from app.halfspace.operator import InfluenceOperator
 
 GRID = Grid(5, 4, 1.0, 0.5)
 
@@ -140,3 +142,38 @@ def test_start_resets_contact_pressure_and_displacement(state):
     assert not state.p.any() and not state.u.any()
     assert state.displacement_status is Displacement.EXACT
     assert state.contact is state.operator.mask
+
+
+def test_loads_are_reached_to_rounding_within_the_hardness():
+    """Also if much larger pressures are subtracted."""
+    operator = InfluenceOperator(GRID, UNIT)
+    hardness = np.where(np.arange(5) < 2, 3.0, np.inf) + np.zeros(GRID.shape)
+    state = ContactState(operator, UndeformedDistance(operator, np.zeros(GRID.shape), hardness=hardness))
+    set_pressure(state, np.where(np.arange(5) == 4, 1e6, 2.0) + np.zeros(GRID.shape))
+    for load in 1e-6, 10.0, 24.0, 1e3:
+        state.reach_load(load)
+        assert state.load == pytest.approx(load, rel=1e-14)
+        assert (state.p >= 0).all() and (state.p <= hardness).all()
+        assert state.displacement_status is Displacement.STALE
+    state.contact[:, 2:] = False
+    state.reach_load(state.load + 1.0)  # the other cells are plastic
+    assert state.load == pytest.approx(1e3, rel=1e-14)
+    state.distribute_load(1e4)
+    assert (state.p[:, :2] == 3.0).all() and not state.p[:, 2:].any()
+    state.destroy()
+    state.distance.destroy()
+
+
+def test_approach_moves_to_the_next_cell_of_a_plateau():
+    operator = InfluenceOperator(GRID, UNIT)
+    shape = np.arange(20.0).reshape(GRID.shape)
+    state = ContactState(operator, UndeformedDistance(operator, shape, hardness=np.full(GRID.shape, 1e-3)))
+    set_pressure(state, np.where(shape < 3, 1e-3, 0.0))
+    state.contact[...] = False
+    state.compute_displacement()
+    state.approach_next_cell()
+    assert state.contact.sum() == 1 and state.contact.flat[3] and abs(state.gap()[state.contact]) < 1e-14
+    state.retreat_to_cell()
+    assert state.contact.sum() == 1 and state.contact.flat[2] and abs(state.gap()[state.contact]) < 1e-14
+    state.destroy()
+    state.distance.destroy()

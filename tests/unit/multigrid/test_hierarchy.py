@@ -1,7 +1,9 @@
 """Grids, operators and transfers of a problem."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -47,3 +49,24 @@ def test_windowed_levels_make_no_product_before_it_is_used():
     assert windowed.operator_applications() == 0
     whole = Hierarchy(Grid(128, 128, 0.1, 0.1), UNIT, MPI.COMM_SELF)
     assert all("product" in vars(level) for level in whole.levels)
+
+
+@pytest.mark.parametrize("periodic", ["", "spectral"])
+@pytest.mark.parametrize("shape", [(8, 12), (7, 15)])
+def test_coarse_hardness_is_a_mean_and_infinite_above_an_elastic_cell(shape, periodic):
+    ny, nx = shape
+    hierarchy = Hierarchy(Grid(nx, ny, 1.0, 1.0, periodic=periodic), UNIT, MPI.COMM_SELF, coarsest=2)
+    hardness = 1 + np.random.default_rng(0).random(shape)
+
+    def on_levels(values):
+        return hierarchy.hardness(SimpleNamespace(hardness=values, grid=hierarchy.target.grid))
+
+    finite = on_levels(hardness)
+    assert all(hardness.min() <= field.min() <= field.max() <= hardness.max() for field in finite)
+    hardness[3, 5] = np.inf
+    for field, before in zip(on_levels(hardness), finite, strict=True):
+        elastic = np.isinf(field)
+        assert 1 <= elastic.sum() <= 4 and not np.isnan(field).any()
+        np.testing.assert_array_equal(field[~elastic], before[~elastic])
+    assert all((field == 2).all() for field in on_levels(2.0))
+    assert on_levels(None) is None
