@@ -42,6 +42,7 @@ def analytic_reference(result):
         or not (values["load"] > 0 and 0 < values["approach"] < math.inf)
         or result.grid.periodic
         or values.get("surfaces")
+        or "coating_thickness" in values
         or values.get("plastic_area")
         or values.get("residual_depth")
     ):

@@ -206,10 +206,10 @@ class ContactProblem(Problem):
     def reference(self, approach):
         """Return the analytic solution, None if unknown.
 
-        The analytic solution is known for some smooth shapes, if the patch is not periodic.
+        The analytic solution is known for some smooth shapes, if the patch is not periodic and no body is coated.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
-        if not smooth or not hasattr(self.shape, "analytic"):
+        if not smooth or self.material.coating is not None or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 

@@ -192,6 +192,7 @@ def test_reference_is_the_hertz_contact_of_the_paper(result):
     )
     assert analytic_reference(with_attributes(result, problem="sphere", surfaces=1)) is None
     assert analytic_reference(with_attributes(result, problem="punch")) is None
+    assert analytic_reference(with_attributes(result, coating_thickness=0.01)) is None
     assert analytic_reference(with_attributes(result, without=["problem"])) is None
     assert analytic_reference(with_attributes(result, approach=-0.1)) is None
     assert analytic_reference(with_attributes(result, periodic_symbol="love")) is None

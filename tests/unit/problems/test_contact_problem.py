@@ -135,3 +135,10 @@ def test_the_error_of_a_gap_of_numbers_suggests_vectorize(number):
     with pytest.raises((TypeError, ValueError), match=r"arrays x, y; np.vectorize\(f\)"):
         ContactProblem(GRID, STEEL, number).shape_on(GRID)
     assert ContactProblem(GRID, STEEL, np.vectorize(number)).shape_on(GRID).shape == GRID.shape
+
+
+def test_coated_bodies_have_no_analytic_solution():
+    grid = Grid.from_domain(8, 8, (-1, 1, -1, 1))
+    coated = Material.coated(young=(4e5, 2e5), poisson=(0.25, 0.3), thickness=0.01)
+    assert ContactProblem(grid, coated, Sphere(10)).reference(0.01) is None
+    assert ContactProblem(grid, Material.isotropic(2e5, 0.3), Sphere(10)).reference(0.01) is not None
