@@ -7,6 +7,11 @@ from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, InputError, Material, Sphere, solve
 from app.api.subsurface import stress
+from app.contact.certificate import certify
+from app.contact.distance import UndeformedDistance
+from app.contact.periodic_state import contact_state
+from app.contact.state import Displacement
+from app.halfspace.operator import InfluenceOperator
 from app.verification.dense import DenseProblem
 from app.verification.solving import difference, random_problem
 
@@ -199,3 +204,25 @@ def test_thin_compressible_layer_on_a_free_patch_is_a_bed_of_springs():
     modulus = thickness / material.kernel.layer.uniform_compliance
     assert solution.load == pytest.approx(np.pi * modulus * radius * approach**2 / thickness, rel=2e-3)
     assert np.sqrt(solution.contact_area / np.pi) == pytest.approx(np.sqrt(2 * radius * approach), rel=1e-2)
+
+
+@pytest.mark.parametrize("moduli, nu", [((10.0, 1.0), 0.3), ((1.0, np.inf), 0.3), ((1.0, np.inf), 0.5)])
+@pytest.mark.parametrize("periodic", ["spectral", "love"])
+def test_certificate_bounds_the_error_of_any_pressure(moduli, nu, periodic):
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        problem = random_problem(rng, 12, 10, periodic, holes=False)
+        problem = ContactProblem(problem.grid, Material.coated(moduli, (nu, 0.3), 0.3), problem.gap)
+        dense = DenseProblem(problem)
+        approach = 0.3 * problem.gap.min() + 0.7 * problem.gap.mean()
+        exact = dense.at(approach).astype(float)
+        operator = InfluenceOperator(problem.grid, problem.material.kernel)
+        state = contact_state(operator, UndeformedDistance(operator, problem.gap))
+        state.approach = approach
+        for size in (0.0, 1e-12, 1e-6, 1e-3, 0.1, 1.0):
+            p = np.maximum(exact + size * exact.max() * rng.normal(size=exact.shape), 0)
+            state.values[...], state.displacement_status = p, Displacement.STALE
+            error = np.sqrt(max((p - exact).ravel() @ dense.matrix @ (p - exact).ravel(), 0.0))
+            assert error <= certify(state).error_bound * np.sqrt(p.ravel() @ dense.matrix @ p.ravel()) * (
+                1 + 1e-9
+            )
