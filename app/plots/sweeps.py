@@ -21,7 +21,7 @@ _WORK = {  # columns of the solver's work and accuracy, with their labels
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proportional on one patch
 _UNITS = (
     ("N", "load|.+_design_load"),
-    ("N/mm²", "young|.+_modulus|mean_pressure|hardness"),
+    ("N/mm²", "(coating_)?young|.+_modulus|mean_pressure|hardness"),
     ("degrees", ".+_angle"),
     ("ohm m", "resistivity"),
     ("W/(m K)", "thermal_conductivity"),
@@ -29,7 +29,7 @@ _UNITS = (
         "mm",
         "domain|roller_(end_chamfer|profile|crown_drop)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
     ),
-    ("mm", "surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
+    ("mm", "coating_thickness|surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )
 _OPTION_LABELS = {  # of options whose names are no words
     "option_files": "option file",
@@ -39,6 +39,9 @@ _OPTION_LABELS = {  # of options whose names are no words
     "young": "Young's moduli",
     "poisson": "Poisson's ratios",
     "poisson_ratio": "Poisson's ratio",
+    "coating_young": "Young's modulus of the coating",
+    "coating_poisson": "Poisson's ratio of the coating",
+    "coating_thickness": "thickness of the coating",
     "surface_sigma": "standard deviation of heights",
     "surface_hurst": "Hurst exponent",
     "surface_rolloff": "roll-off wavelength",
