@@ -1,12 +1,12 @@
 """The contact problem (Sec. 2.3), the paper's iteration, and numbers of solutions.
 
-- *Problem.* `distance` has the undeformed distance h, `bounds` the bounds of the pressure, `loading` and
-  `prescribed_load` the loadings. `state` has the contact set C, the pressure p and the displacement u, and
-  the steps of Sec. 4.1 on them. `kernels` and `bounds_kernels` are their compiled loops.
-- *Iteration.* `active_set` puts the steps of Sec. 4.1 in order, around any KSP. `stopping` is the test (5.1).
-  `full_multigrid` is Sec. 4.3; `grid_sequence` is the loop over the grids that all nested iterations share.
+- *Problem.* `distance` has the undeformed distance h, and `bounds` the bounds of the pressure. `loading` and
+  `prescribed_load` have the loadings. `state` has the contact set C, the pressure p and the displacement u, and the
+  steps of Sec. 4.1 on them. `kernels` and `bounds_kernels` are their compiled loops.
+- *Iteration.* `active_set` makes the steps of Sec. 4.1 in order, with any KSP. `stopping` has the test (5.1).
+  `full_multigrid` is Sec. 4.3. `grid_sequence` is the loop over the grids, which all nested iterations share.
   `periodic_state` and `full_contact` are used on periodic patches only.
-- *Result.* `certificate` proves an error bound of the pressure. `measures` and `contact_moments` compute
-  load, area and other numbers, `grid_errors` estimates their discretisation errors. `history` has a row for
-  each iteration.
+- *Result.* `certificate` proves an error bound of the pressure. `measures` and `contact_moments` compute load, area and
+  other numbers. `grid_errors` estimates the errors of these numbers due to the cell size. `history` records each
+  iteration.
 """

@@ -1,8 +1,8 @@
 """The active set iteration of Sec. 3 and 4.1.
 
-Options of the linear solver decide how accurately it solves the system of a contact set: fully by CG (NORM,
-Sec. 3), or by one multigrid cycle (MG + active set, Sec. 4.1). The pressure on one set is the initial one on
-the next.
+Options of the linear solver decide how accurately it solves the system of a contact set: fully by CG (NORM, Sec. 3), or
+by one multigrid cycle (MG + active set, Sec. 4.1). The iteration on a contact set starts from the pressure on the
+contact set before.
 """
 
 from dataclasses import replace
@@ -22,8 +22,8 @@ TOO_MANY_ITERATIONS = (
 def active_set(state, solver, loading, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid (Sec. 3, 4.1).
 
-    Collective over the ranks of `state`, whose contact set and pressure are the initial ones. `solver` is a
-    LinearSolver or DirectSolver of the same operator. Returns the Outcome.
+    Collective over the ranks of `state`, which has the initial contact set and pressure. `solver` is a LinearSolver or
+    DirectSolver of the same operator. Return the Outcome.
     """
     if not start_grid(state, solver, loading, history):  # Sec. 4.1, 1
         return Outcome(loading.allows_no_contact, NO_CONTACT)
@@ -55,10 +55,10 @@ def active_set(state, solver, loading, stop, history):
 
 
 def active_set_or_search(state, solver, loading, stop, history):
-    """Run `active_set`, with a root search for loads on periodic patches. Collective.
+    """Run `active_set`; if it fails for a load, search the approach. Collective.
 
-    Near full contact, or with a hardness, the slope of the load changes with every cell, so that Newton's method
-    for the load may not converge. The search then follows.
+    The root search is used on periodic patches only. Near full contact, or with a hardness, the slope of the load
+    changes with every cell, so that Newton's method for the load may not converge.
     """
     if loading.approach_is_known or not (state.grid.periodic or state.bounds.capped):
         return active_set(state, solver, loading, stop, history)
@@ -78,7 +78,7 @@ def active_set_or_search(state, solver, loading, stop, history):
 def start_grid(state, solver, loading, history):
     """Start the iteration on a grid; return whether there is contact. Collective.
 
-    If C is empty, the cells that overlap without pressure enter, because a coarser grid may have missed
+    If C is empty, the cells that overlap without pressure are added to C, because a coarser grid may have missed
     contact.
     """
     loading.begin(state)
@@ -95,7 +95,7 @@ def start_grid(state, solver, loading, history):
 
 
 def failure_reason(failure, residual):
-    """Return why the iteration failed; empty if it did not."""
+    """Return why the iteration failed; an empty text if it did not."""
     if failure:
         return f"the linear solver failed: {failure}"
     return "" if residual < float("inf") else "the residual is not a finite number"

@@ -1,9 +1,9 @@
 """Bounds of the pressure, and operations on them.
 
-A cell of the contact set C has no gap and a pressure between its bounds (2.1). Any other cell has the pressure of
-a bound (2.2): zero where it is open, the hardness H where it is plastic. The `UndeformedDistance` of each grid or
-window has its `PressureBounds`, which all methods use. There is no second contact set, because the pressure of a
-cell outside C shows at which bound the cell is.
+A cell of the contact set C has no gap and a pressure between its bounds (2.1). Any other cell has the pressure of a
+bound (2.2): zero where it is open, the hardness H where it is plastic. The `UndeformedDistance` of each grid or window
+has `PressureBounds`, which all methods use. Plastic cells need no set of their own, because the pressure of a cell
+outside C shows at which bound the cell is.
 """
 
 import numpy as np
@@ -16,7 +16,8 @@ from app.contact import capped_kernels
 class PressureBounds:
     """Bounds p >= 0 on one grid.
 
-    Inadmissible cells have p = 0. Methods receive the pressure and the contact set, of shape (local rows, nx).
+    Inadmissible cells, where contact is impossible, have p = 0. The arguments of methods are the pressure and the
+    contact set, shape (local rows, nx).
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ class PressureBounds:
     largest_load : float
         Largest load that the whole grid can carry [N].
     rounding : float
-        Violation that may be rounding, as a share of the highest pressure.
+        Largest violation of the bounds that may be rounding, divided by the highest pressure.
     release, activate, exchange, project, tension : callable
         Compiled loops, see `app.contact.bounds_kernels`.
     """
@@ -51,11 +52,14 @@ class PressureBounds:
         self.admissible = admissible
 
     def describe(self):
-        """Return the largest load, if there is one, by name for result files."""
+        """Return the largest load for result files, or an empty dict."""
         return {"largest_load": self.largest_load} if self.largest_load < np.inf else {}
 
     def part(self, cut):
-        """Return the bounds in a window; ``cut(field)`` restricts a field to it."""
+        """Return the bounds in a window.
+
+        The function ``cut(field)`` restricts a field to the window.
+        """
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
@@ -71,18 +75,18 @@ class PressureBounds:
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
-        """Return a mask of cells that are `between` bounds or overlap."""
+        """Return a mask of the cells `between` the bounds, or with overlap."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
     def overlap(self, p, gap):
-        """Return min(gap, 0) of the cells without pressure, 1D [mm]."""
+        """Return min(gap, 0) of the cells without pressure [mm], a 1-D array."""
         return gap[self.admissible & ~self.between(p)].clip(max=0)  # (2.10)
 
     def mean_pressures(self, waves):
         """Return the least and largest allowed mean pressure [N/mm2].
 
-        The pressure is the mean plus `waves`, a field whose mean is 0. With the least mean or more, no cell of this
-        rank is below the lower bound. The mean of a pressure never exceeds the upper bound.
+        The pressure is a mean pressure plus `waves`, a field whose mean is 0. The least mean pressure is the smallest
+        one for which no cell of this rank is below the lower bound. The largest is the upper bound.
         """
         return self.lower - waves.min(initial=np.inf), self.upper
 
@@ -95,9 +99,9 @@ class PressureBounds:
 
 
 class CappedBounds(PressureBounds):
-    """Bounds 0 <= p <= H of the pressure, with the hardness H.
+    """Bounds of the pressure between 0 and the hardness H.
 
-    Cells with p = H are plastic, and may overlap: there e <= 0. In inadmissible cells p = 0.
+    Cells with p = H are plastic. Plastic cells may overlap: e <= 0. In inadmissible cells p = 0.
 
     Parameters
     ----------
@@ -120,17 +124,20 @@ class CappedBounds(PressureBounds):
         return CappedBounds(cut(self.admissible), cut(self.upper), self.largest_load)
 
     def plastic(self, p):
-        """Return a mask of cells with p = H."""
+        """Return a mask of the cells with p = H."""
         return self.admissible & (p >= self.upper)
 
     def plastic_after(self, p, gap, diagonal):
-        """Return the cells with p >= H after a Jacobi step with the `diagonal` of A."""
+        """Return a mask of cells that a Jacobi step makes plastic.
+
+        After the step p >= H. `diagonal` is the diagonal entry of A.
+        """
         return self.admissible & (diagonal * (p - self.upper) >= gap)
 
     def project_sets(self, p, contact, plastic):
-        """Clip p to its bounds in C, and set it to a bound elsewhere.
+        """Clip p in C, and set p to a bound elsewhere.
 
-        `plastic` cells get p = H, and leave C. Returns the sum of p.
+        `plastic` cells get p = H and leave C; all other cells outside C get p = 0. Return the sum of p.
         """
         contact &= ~plastic
         total = self.project(p, contact | plastic, p)
@@ -138,11 +145,11 @@ class CappedBounds(PressureBounds):
         return p.sum() if plastic.any() else total
 
     def not_plastic(self, p):
-        """Return a mask of admissible cells with p < H."""
+        """Return a mask of the admissible cells with p < H."""
         return self.admissible & (p < self.upper)
 
     def release(self, p, contact, released, change):
-        """Remove cells with p < 0 or p > H from C; see `bounds_kernels.release`."""
+        """Remove cells that violate a bound; see `capped_kernels.release`."""
         return capped_kernels.release(p, self.upper, contact, released, change)
 
     def activate(self, b, depth, u, p, admissible, contact, released, expected, overlap):
@@ -160,7 +167,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.project(p, self.upper, cells, out)
 
     def tension(self, p, contact):
-        """Return the sum of p, and that of its violation of the bounds in C."""
+        """Return two sums: p, and violations of its bounds in C."""
         return capped_kernels.violations(p, self.upper, contact)
 
     def excess(self, p):
@@ -168,11 +175,17 @@ class CappedBounds(PressureBounds):
         return p - np.clip(p, self.lower, self.upper)
 
     def room(self, p, contact, step):
-        """Count the cells of C whose p can change in the direction of `step`."""
+        """Count cells of C where p can increase or decrease.
+
+        p increases if `step` is positive, otherwise p decreases.
+        """
         return capped_kernels.room(p, self.upper, contact, step)
 
     def add_constant(self, p, contact, step):
-        """Add a constant to p on C within the bounds; return the sum of the changes."""
+        """Add the constant `step` to p on C, within the bounds.
+
+        Return the sum of the changes of p.
+        """
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
     def local_load(self, b, depth, u, p, t, compliance):
@@ -184,18 +197,22 @@ class CappedBounds(PressureBounds):
         return np.where(self.admissible, np.clip(p + step, self.lower, self.upper) - p, 0.0)
 
     def to_bound(self, p, contact):
-        """Return the change that moves p outside C to the nearest bound [N/mm2]."""
+        """Return the change that moves p to the nearest bound [N/mm2].
+
+        In cells of C the change is 0.
+        """
         bound = np.where(2 * p > self.upper, self.upper, self.lower)
         return np.where(contact, 0.0, bound - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with p inside the bounds by more than a margin."""
+        """Return a mask of cells with margin < p < H - margin."""
         return self.admissible & (p > self.lower + margin) & (p < self.upper - margin)
 
     def contact(self, p, gap, margin=0.0):
         """Return a mask of cells that belong to C; see `PressureBounds.contact`.
 
-        They are between the bounds, or would leave their bound: open ones overlap, plastic ones have a gap.
+        The pressure of these cells is between the bounds, or would leave its bound: open cells overlap, plastic cells
+        have a gap.
         """
         opens = (p >= self.upper - margin) & (2 * p > self.upper)
         leaves = np.where(opens, gap >= 0, gap <= 0)

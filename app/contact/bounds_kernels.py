@@ -12,15 +12,16 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit_reassoc
 def violation(p, admissible):
-    """Return how far a pressure is outside its bounds."""
+    """Return by how much a pressure violates its bounds."""
     return -p if admissible else abs(p)
 
 
 @njit_reassoc
 def projected_displacement(free, closed):
-    """Return the displacement `closed` of a closed gap if that needs p >= 0.
+    """Return the displacement of a cell, with or without pressure.
 
-    Otherwise return `free`, the displacement without pressure.
+    Return `closed`, the displacement that closes the gap, if this needs p >= 0. Otherwise return `free`, the
+    displacement without pressure.
     """
     return max(free, closed)
 
@@ -47,8 +48,8 @@ def _release_row(p, contact, released):
 def release(p, contact, released, change):
     """Remove cells with p < 0 from the contact set C.
 
-    Sets p to zero there, marks these cells in `released` and returns their number. The change of p is added to
-    `change`, unless that has no rows.
+    p is set to zero there, and these cells are marked in `released`. Return their number. The change of p is added to
+    `change`, unless `change` has no rows.
     """
     count = 0
     for j in range(p.shape[0]):
@@ -69,7 +70,10 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Return the sum of p, and the sum of -p over contact cells with p < 0."""
+    """Return the sum of p, and the sum of tensions.
+
+    The tension of a contact cell with p < 0 is -p.
+    """
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -129,9 +133,9 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
     rows it counts as zero. `released` marks the cells that were removed from C just before. `overlap` is work
     space of a row.
 
-    Returns in this order: the number of cells in C; the number of added cells, without those in `released`;
-    the number of released cells that were not added again; the sum of (h + u)^2 over the new C; the sum of
-    h^2 over the new C; the sum of p.
+    Return in this order: the number of cells in C; the number of added cells, without those in `released`; the number
+    of released cells that were not added again; the sum of (h + u)^2 over the new C; the sum of h^2 over the new C; the
+    sum of p.
     """
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
@@ -160,7 +164,10 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Store p clipped to p >= 0 in `cells`, 0 elsewhere; return the sum of that."""
+    """Store max(p, 0) in `cells` and 0 elsewhere; return the sum.
+
+    The result is stored in `out`.
+    """
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], cells[j], out[j])
@@ -188,15 +195,15 @@ def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compli
 
 @njit()
 def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
-    """Release and capture cells in one pass.
+    """Release and capture cells of the contact set in one pass.
 
-    `w` is u minus the depth, and `change` is added to it later. Cells of the contact set with p < -slack
-    leave it. Other admissible cells with a gap e = w + change - b < least_gap enter, and are marked in
-    `captured`.
+    `w` is u minus the depth, and `change` is added to it later. Cells of the contact set with p < -slack are released
+    from it. Other admissible cells with a gap e = w + change - b < least_gap are captured: they enter the contact set,
+    and are marked in `captured`.
 
-    Returns the numbers of contact cells, of captured cells and of released cells, the sum of w + change, and the sum
-    of squared moves. A captured cell moves by its gap, a released one by p times `compliance`. The last sum is
-    infinite if a cell moves by more than `far`.
+    Return the numbers of contact cells, of captured cells and of released cells, the sum of w + change, and the sum of
+    squared moves. A captured cell moves by its gap, a released cell by p times `compliance`. The last sum is infinite
+    if a cell moves by more than `far`.
     """
     sums = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):

@@ -1,9 +1,9 @@
 """Compiled loops of `app.contact.certificate` for pressures 0 <= p <= H.
 
 `upper` is the hardness H, of shape (rows, nx), infinite in elastic cells. In inadmissible cells the gap e counts as
-zero. A change of p by w / slope moves the gap by w. The *reduced gap* g of a cell is the one for which ``p max(g, 0) +
-(H - p) max(-g, 0) + (g - e)^2 / (2 slope)`` is least: e is moved towards zero by at most slope p from above, and by at
-most slope (H - p) from below.
+zero. A change of p by w / slope moves the gap by w. The *reduced gap* of a cell is the g that minimises
+``p max(g, 0) + (H - p) max(-g, 0) + (g - e)^2 / (2 slope)``. So e is moved towards zero, by at most slope p from above,
+and by at most slope (H - p) from below.
 """
 
 import numpy as np
@@ -26,7 +26,10 @@ def _reduce(e, p, upper, slope):
 
 @njit_reassoc
 def _price(g, p, upper):
-    """Return p g of an open gap, (H - p) |g| of an overlap."""
+    """Return the price of a gap g.
+
+    An open gap has the price p g, an overlap the price (H - p) |g|.
+    """
     if g >= 0:
         return p * g
     return -(upper - p) * g
@@ -63,9 +66,9 @@ def _survey_row(b, depth, u, p, upper, admissible, smallest):
 def survey(b, depth, u, p, upper, admissible, smallest, largest, sums):
     """Update maxima and sums of gaps and pressures.
 
-    `largest` gets the maxima of the overlap of cells with p < H, of |h|, of the violation of the bounds, of the price
-    of a gap and of p, `sums` the sums of u u, p u, the price of e, the price of the reduced gap, its squared distance
-    from e, and p p. `smallest` is the slope of the reduced gap, the smallest eigenvalue of A.
+    `largest` gets the maxima of: the overlap of cells with p < H, |h|, the violation of the bounds, the price of a gap
+    (`_price`), and p. `sums` gets the sums of: u u, p u, the price of e, the price of the reduced gap, its squared
+    distance from e, and p p. `smallest`, the smallest eigenvalue of A, is the slope of the reduced gap.
     """
     for j in range(b.shape[0]):
         most, more = _survey_row(b[j], depth, u[j], p[j], upper[j], admissible[j], smallest)
@@ -100,8 +103,8 @@ def _gaps_row(b, depth, u, p, upper, admissible, slope):
 def gaps(b, depth, u, p, upper, admissible, slope):
     """Return the sums that certify a pressure on a periodic patch.
 
-    They are the sums of the reduced gap g where it is open, of -g where it overlaps, of g - e, of the prices of open
-    gaps and of overlaps, of p, p p and u, and the number of cells at a bound of p.
+    These sums are over: the reduced gap g where it is open, -g where it overlaps, g - e, the prices of open gaps, the
+    prices of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
@@ -113,9 +116,9 @@ def gaps(b, depth, u, p, upper, admissible, slope):
 def move(b, depth, u, p, upper, admissible, slope, stretch, deepen, constant, elsewhere, scale, field):
     """Return w.w and w.field; set `field` to scale times w.
 
-    w is the change from the gap e to the dual feasible one. That is the reduced gap, times 1 + `stretch` where it is
-    open and 1 + `deepen` where it overlaps, plus a constant. In inadmissible cells w is `elsewhere`. If `field` has no
-    columns, only w.w is computed.
+    w is the change from the gap e to the dual feasible gap. The dual feasible gap is the reduced gap, times 1 +
+    `stretch` where it is open and 1 + `deepen` where it overlaps, plus a constant. In inadmissible cells w is
+    `elsewhere`. If `field` has no columns, only w.w is computed.
     """
     squares, product = 0.0, 0.0
     for j in range(b.shape[0]):

@@ -1,7 +1,7 @@
 """Compiled loops of `app.contact.bounds.CappedBounds`, for 0 <= p <= H.
 
-They do what the loops of `app.contact.bounds_kernels` do for p >= 0. `upper` is the hardness H, of shape (rows, nx).
-Outside the contact set C a cell with p >= H is plastic, any other one open.
+The loops correspond to those of `app.contact.bounds_kernels`, which are for p >= 0. `upper` is the hardness H, of shape
+(rows, nx). Outside the contact set C a cell with p >= H is plastic; any other cell is open.
 """
 
 import numpy as np
@@ -14,9 +14,10 @@ from app.parallel.reductions import add_row, add_tuples, njit_reassoc
 
 @njit_reassoc
 def clipped_displacement(free, closed, room):
-    """Return the displacement `closed` of a closed gap if that needs 0 <= p <= H.
+    """Return the displacement of a cell whose pressure is within bounds.
 
-    Otherwise return `free`, the displacement without pressure, or `free` + `room`, that by the pressure H.
+    Return `closed`, the displacement that closes the gap, if this needs 0 <= p <= H. Otherwise return `free`, the
+    displacement without pressure, or `free` + `room`, that under the pressure H.
     """
     return max(free, min(closed, free + room))
 
@@ -42,10 +43,10 @@ def _change_row(p, upper, contact, change):
 
 @njit()
 def release(p, upper, contact, released, change):
-    """Remove cells with p < 0 or p > H from C, and set p to that bound.
+    """Remove cells that violate a bound, with p set to the bound.
 
-    Marks these cells in `released`, and returns their number. The change of p is added to `change`, unless that has
-    no rows.
+    Cells with p < 0 or p > H are removed from C, and marked in `released`. Return their number. The change of p is
+    added to `change`, unless `change` has no rows.
     """
     count = 0
     for j in range(p.shape[0]):
@@ -73,8 +74,8 @@ def _predicted_leave_row(b, depth, u, p, upper, expected, leaves):
 def activate(b, depth, u, p, upper, admissible, contact, released, expected, leaves):
     """Add cells outside C that would leave their bound, and clear `released`.
 
-    Open cells enter with a gap h + u + expected <= 0, plastic cells with a gap >= 0. Parameters and result are those
-    of `app.contact.bounds_kernels.activate`; `leaves` is work space of a row.
+    Open cells enter C if their gap h + u + expected <= 0, plastic cells if their gap >= 0. Parameters and result are
+    those of `app.contact.bounds_kernels.activate`; `leaves` is a work array of shape (nx,).
     """
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
@@ -103,7 +104,10 @@ def _project_row(p, upper, cells, out):
 
 @njit()
 def project(p, upper, cells, out):
-    """Store p clipped to 0 <= p <= H in `cells`, 0 elsewhere; return the sum of that."""
+    """Store p in `out`, clipped to its bounds; return the sum.
+
+    Outside of `cells` the stored pressure is 0. The sum is over `out`.
+    """
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], upper[j], cells[j], out[j])
@@ -121,7 +125,7 @@ def _violations_row(p, upper, contact):
 
 @njit()
 def violations(p, upper, contact):
-    """Return the sum of p, and that of its distance from the bounds over C."""
+    """Return two sums: p, and violations of its bounds in C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _violations_row(p[j], upper[j], contact[j]))
@@ -142,7 +146,10 @@ def _room_row(p, upper, contact, up):
 
 @njit()
 def room(p, upper, contact, step):
-    """Count the cells of C whose p can change in the direction of `step`."""
+    """Count cells of C where p can increase or decrease.
+
+    p increases if `step` is positive, otherwise p decreases.
+    """
     cells = 0
     for j in range(p.shape[0]):
         cells += _room_row(p[j], upper[j], contact[j], step > 0)
@@ -151,7 +158,10 @@ def room(p, upper, contact, step):
 
 @njit()
 def add_constant(p, upper, contact, step):
-    """Add a constant to p on C within the bounds; return the sum of the changes."""
+    """Add the constant `step` to p on C, within the bounds.
+
+    Return the sum of the changes of p.
+    """
     total = 0.0
     for j in range(p.shape[0]):
         for i in range(p.shape[1]):
@@ -192,12 +202,13 @@ def _exchange_row(
 def exchange(
     p, stored, upper, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured, shift
 ):  # fmt: skip
-    """Exchange cells of the contact set C with open and plastic ones in one pass.
+    """Exchange cells of the contact set C with open and plastic cells.
 
-    `p` is the pressure, minus H in `plastic` cells, and `stored` an earlier one of the same kind. Both stay so. Cells
-    of C with p < -slack become open, with p > H + slack plastic. Open cells with a gap below `least_gap`, and plastic
-    ones with a gap above -`least_gap`, enter C and are marked in `captured`. `shift` is work space of a row. Other
-    parameters and the result are those of `app.contact.bounds_kernels.exchange`.
+    In `plastic` cells, `p` is the pressure minus H; elsewhere `p` is the pressure. `stored` is an earlier `p`. H is
+    added to `p` and `stored` where cells cease to be plastic, and subtracted where they become plastic. Cells of C with
+    p < -slack become open, cells with p > H + slack become plastic. Open cells with a gap below `least_gap`, and
+    plastic cells with a gap above -`least_gap`, enter C and are marked in `captured`. `shift` is a work array of shape
+    (nx,). Other parameters and the result are those of `app.contact.bounds_kernels.exchange`.
     """
     sums = 0, 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
@@ -224,9 +235,9 @@ def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
 
 @njit()
 def local_load(b, depth, u, p, upper, admissible, t, compliance):
-    """Return the sum of pressures after a local approach t.
+    """Return the sum of pressures after all cells have approached by t.
 
-    Each cell has a `compliance` of its own, so that p changes by (t - e) / compliance within the bounds.
+    Each cell has its own `compliance`: p changes by (t - e) / compliance, within the bounds.
     """
     total = 0.0
     for j in range(b.shape[0]):

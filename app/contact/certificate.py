@@ -1,61 +1,62 @@
 """A proved error bound of any pressure.
 
-With ``f(p) = p.Ap / 2 + h.p``, the contact problem is ``min f(p), p >= 0``, its dual
-``max -q.Aq / 2, h + A q >= 0``. Any feasible pair p, q bounds the error of p against the solution p* in the
-energy norm,
+Let ``f(p) = p.Ap / 2 + h.p``. The contact problem is ``min f(p), p >= 0``, and its dual is
+``max -q.Aq / 2, h + A q >= 0``. Any feasible pair p, q bounds the difference of p from the solution p* in the energy
+norm,
 
     ||p - p*||_A^2 / 2 <= f(p) - f(p*) <= f(p) + q.Aq / 2.
 
 Below, u = A p and e = h + u is the gap.
 
-*Free patch.* There are two ways to a dual feasible q that cost no product; the smaller bound holds. The first
-lifts only what penetrates, because all entries of A are positive: ``q = (1 + t) p + w`` lifts all cells a
-little by t >= 0, and ``w = max(-(e + t u), 0) / A_II`` lifts the rest cell by cell. With ``L >= ||A||`` the
-gap of the pair is at most
+*Free patch.* There are two ways to a dual feasible q that cost no product; the smaller bound is taken. The first way
+lifts the cells that penetrate, because all entries of A are positive: ``q = (1 + t) p + w`` lifts all cells a little by
+t >= 0, and ``w = max(-(e + t u), 0) / A_II`` lifts the cells that still penetrate. With ``L >= ||A||`` the duality gap
+of the pair is at most
 
     p.e + (t + t^2 / 2) p.u + (1 + t) w.u + L w.w / 2,
 
-and the smallest of these bounds for several t is taken: few large or many small penetrations cost little. The second
-changes the gap e to any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inverse of A. Since B w.A p = w.p,
+and the smallest of these bounds for several t is taken, so that few large and many small penetrations both cost little.
+The second way changes the gap e to any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inverse of A. Since B w.A p =
+w.p,
 
     f(p) + q.Aq / 2 = p.g + w.Bw / 2 <= p.g + w.w / (2 smallest eigenvalue),
 
-with the smallest eigenvalue of A. This is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of
-second order in the error, so it is better near the solution. In place of the smallest eigenvalue we use ``2 /
-(E* |q|)`` of the shortest wave, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``. No eigenvalue is smaller: constant
-pressures on cells displace their centres by 1.17 (long cells) to 1.4 times as much as this wave.
+with the smallest eigenvalue of A. Cell by cell, this bound is least for ``g = max(e - smallest p, 0)``, where
+`smallest` is this eigenvalue. The bound is of second order in the error, so it is better near the solution. Instead of
+the smallest eigenvalue we use ``2 / (E* |q|)`` of the shortest wave, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``. No eigenvalue
+is smaller: constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times as much as this wave.
 
-*Periodic patch.* A has entries of both signs, and no pressure lifts all cells alike. But every field without
-mean is the displacement of some pressure, so any ``g >= 0`` with the mean of e is the gap of a dual feasible
-q: ``A q = u + w``. Here B is the inverse on fields without mean. The equation above costs one product with B,
-or none by ``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2 is least for ``g = max(e - p / B_II,
-0)``, which is the gap where there is one, and 0 on C. Multiplying g by a factor corrects the mean; if the
-factor would exceed 2, a constant is added, too. Near first touch the factor is 1 up to rounding, so its
-difference from 1, and w, are kept apart from g. In inadmissible cells any g is allowed: it is the mean gap,
-or larger to keep the factor below 2. If B is in single precision, the error of w.Bw is added. The norm is a
-seminorm: a constant pressure does not count.
+*Periodic patch.* A has entries of both signs, and no pressure lifts all cells alike. But every field without mean is
+the displacement of some pressure. So any ``g >= 0`` with the mean of e is the gap of a dual feasible q:
+``A q = u + w``. Here B is the inverse of A on fields without mean. The equation above costs one product with B, or none
+if ``w.Bw <= ||B|| w.w`` is used. Cell by cell p g + B_II (g - e)^2 / 2 is least for ``g = max(e - p / B_II, 0)``, which
+is the gap outside contact, and 0 on C. Multiplying g by a factor corrects the mean; if the factor would exceed 2, a
+constant is added, too. Near first touch the factor is 1 up to rounding, so its difference from 1, and w, are stored
+separately from g. In inadmissible cells any g is allowed: it is the mean gap, or larger to keep the factor below 2. If
+B is in single precision, the error of w.Bw is added. The energy norm of a constant pressure is zero, so the bound says
+nothing about the mean pressure.
 
-*Hardness.* If p <= H, the dual is ``max -q.Aq / 2 - H.max(-(h + A q), 0)`` over all q, and the gap of p and
+*Hardness.* If p <= H, the dual is ``max -q.Aq / 2 - H.max(-(h + A q), 0)`` over all q, and the duality gap of p and
 ``q = p + B w`` is
 
     p.max(g, 0) + (H - p).max(-g, 0) + w.Bw / 2,    g = e + w.
 
-Cell by cell this is least if w moves e towards zero, by at most smallest p from above and smallest (H - p) from below.
-On a free patch w = 0 gives a second bound. Without a plastic cell the dual with g >= 0 is used, which is feasible here,
-too. On a periodic patch B_II replaces 1 / smallest, and w gets the mean zero as above, by a factor on the gaps that are
-left, or on the overlaps.
+Cell by cell, this is least if w moves e towards zero, by at most smallest p from above and by at most smallest (H - p)
+from below. On a free patch w = 0 gives a second bound. If no cell is plastic, the dual with g >= 0 is used, which is
+feasible here, too. On a periodic patch B_II replaces 1 / smallest, and the mean of w is made zero as above, by a factor
+on the gaps or on the overlaps that are left.
 
-*Prescribed load.* Both bounds hold if p has the load: f at the approach found and f under the load differ by
-a constant.
+*Prescribed load.* Both bounds hold if p has the prescribed load, because f at the computed approach and f under the
+load then differ by a constant.
 
-*Rounding.* u is A p only up to an error d. The bounds are those of the problem with h + d, whose solution
-differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
-about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm (measured: 0.26 to 0.72 times it);
-`_ROUNDING_FACTOR` times it is added to the bound. The stored matrix of a small periodic patch has rounded
+*Rounding.* u is A p only up to an error d. The bounds are those of the problem with h + d, whose solution differs from
+that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. The error of a product by FFT is about
+``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in this norm (measured: 0.26 to 0.72 times this number).
+`_ROUNDING_FACTOR` times this number is added to the bound. The stored matrix of a small periodic patch has rounded
 coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with
-``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n
-cells, let m be one unit in the last place of the depth, plus the mean gap that full contact neglects. It
-changes the pressure by about ``n m sqrt(B_II / k)``, spread over the k cells without pressure.
+``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n cells, let
+m be one unit in the last place of the depth, plus the mean gap that full contact neglects. Spread over the k cells
+without pressure, m changes the pressure by about ``n m sqrt(B_II / k)``.
 """
 
 import math
@@ -108,10 +109,10 @@ _certificates = WeakKeyDictionary()  # key of `estimate` and Certificate, by sta
 
 
 def certify(state, wanted=np.inf):
-    """Certify the pressure of a `ContactState`.
+    """Return the `Certificate` of the pressure of a `ContactState`. Collective.
 
-    Collective. Computes the displacement in double precision unless `state` has it. `wanted` is the
-    error bound that suffices; a larger one may save a product.
+    The displacement is computed in double precision, unless `state` has it. `wanted` is an error bound that is small
+    enough: if the first bound is below it, no product is spent on a smaller one.
     """
     if state.displacement_status is not Displacement.EXACT:
         state.compute_displacement(exact=True)
@@ -119,10 +120,10 @@ def certify(state, wanted=np.inf):
 
 
 def estimate(state, wanted=np.inf, work=None):
-    """Certify the pressure, assuming u = A p.
+    """Return the `Certificate` of a pressure, assuming u = A p. Collective.
 
-    Collective. For parameters and result see `certify`; `work` is a field of work space. The certificate is
-    cached until the pressure, the depth or the accuracy of u changes.
+    `wanted` and the result are those of `certify`; `work` is a field of work space. The certificate is cached until the
+    pressure, the depth or the accuracy of u changes.
     """
     key = state.pressure.stateGet(), state.depth, state.displacement_status
     cached_key, certificate = _certificates.get(state, (None, None))
@@ -185,7 +186,7 @@ def _prove(state, enough, work):
 
 
 def _is_plastic_everywhere(state):
-    """Return whether p = H in all admissible cells, without a gap. Collective."""
+    """Return whether all admissible cells are plastic, without gaps. Collective."""
     if state.plastic_cells() < state.distance.statistics.cells:
         return False
     highest = [field.max(where=state.admissible, initial=-np.inf) for field in (state.gap(), np.abs(state.u))]
@@ -194,9 +195,9 @@ def _is_plastic_everywhere(state):
 
 
 def _lift_penetrations(state, most, energy, penetrates):
-    """Return the least duality gap with penetrating cells lifted. Collective.
+    """Return the least duality gap by lifting penetrating cells. Collective.
 
-    It is the first way of the module docstring, on a free patch. `most` is the largest t, `energy` is p.u, and
+    This is the first way of the module docstring, on a free patch. `most` is the largest t, `energy` is p.u, and
     `penetrates` marks the rows with penetration.
     """
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u

@@ -34,8 +34,8 @@ def _gaps_row(b, depth, u, p, admissible, diagonal):
 def gaps(b, depth, u, p, admissible, diagonal):
     """Return the sums that certify a pressure on a periodic patch.
 
-    They are the sums of g = max(e - p / B_II, 0), g - e, p g, p, p p and u, and the number of cells without
-    pressure. `diagonal` is B_II, with B the inverse of A.
+    They are the sums of: g = max(e - p / B_II, 0), g - e, p g, p, p p, and u. The last number is that of cells without
+    pressure. `diagonal` is B_II, where B is the inverse of A.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
@@ -120,10 +120,10 @@ _NO_CONTACT = (0.0,) * 8  # result of `_survey_row` without pressure and overlap
 def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sums):
     """Update maxima and sums of gaps and pressures.
 
-    `largest` gets the maxima of -e / u, -e, |h|, violation of p >= 0, |p e| and p, `sums` the sums of u u, p
-    u, p e, p g, w w and p p. Here g = max(e - p times the smallest eigenvalue, 0) and w = g - e. h and e are
-    zero in inadmissible cells. Rows without pressure and penetration, most rows, are only scanned.
-    ``penetrates[j]`` is set if e < 0 in row j. -e / u is computed if `lifts`.
+    `largest` gets the maxima of: -e / u, -e, |h|, the violation of p >= 0, |p e|, and p. `sums` gets the sums of: u u,
+    p u, p e, p g, w w, and p p. Here g = max(e - p times the smallest eigenvalue, 0) and w = g - e. In inadmissible
+    cells h and e count as zero. Rows without pressure and penetration are only scanned. ``penetrates[j]`` is set if e <
+    0 in row j. -e / u is computed only if `lifts` is true.
     """
     for j in range(b.shape[0]):
         penetration, deepest, highest, u_squares = _scan_row(b[j], depth, u[j], p[j], admissible[j])
@@ -140,11 +140,11 @@ def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sum
 
 @njit()
 def lift(b, depth, u, admissible, most, penetrates, sums):
-    """Sum products of e and u in penetrating cells.
+    """Sum products of e and u over penetrating cells, for several t.
 
-    Trial k has t = most / 2^k, the last one t = 0, and ``w = max(-(e + t u), 0)``. Column k of `sums` has the
-    sums of -e u, e e and u u over the cells whose w is positive from trial k on. Sums over columns up to k
-    then give the sums of w u and w w. Rows that do not penetrate are skipped.
+    Trial k has t = most / 2^k; the last trial has t = 0. A cell belongs to the first trial for which
+    ``w = max(-(e + t u), 0)`` is positive. Column k of `sums` has the sums of -e u, e e and u u over the cells of trial
+    k. Sums over columns up to k give the sums of w u and w w. Rows that do not penetrate are skipped.
     """
     trials = sums.shape[1] - 1
     for j in range(b.shape[0]):

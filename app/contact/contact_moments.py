@@ -1,6 +1,6 @@
 """Centre of pressure, moments, and ellipse of the contact.
 
-They are NaN on a periodic patch, which has no origin.
+All are NaN on a periodic patch, which has no origin.
 """
 
 from math import atan2, degrees, hypot, nan, sqrt
@@ -28,10 +28,10 @@ _NOWHERE = ContactMoments(*[float("nan")] * 7)
 
 
 def measure_moments(state):
-    """Return the moments of a `ContactState`.
+    """Return the `ContactMoments` of a `ContactState`. Collective.
 
-    Collective. The semi-axes of an ellipse are twice the roots of its principal second moments over its area.
-    The second moments of each cell about its own centre are included.
+    The semi-axes of the ellipse are twice the roots of the principal second moments of the contact area, divided by the
+    area. The second moments of each cell about its own centre are included.
     """
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.periodic:
@@ -72,7 +72,7 @@ def _moments_row(p, contact, x):
 
 @njit()
 def _moments(p, contact, x, y, sums):
-    """Add to `sums` what the cells of a slab contribute to moments."""
+    """Add the contributions of a slab's cells to sums for the moments."""
     for j in range(y.size):
         load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
         row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]

@@ -18,7 +18,7 @@ _MIN_SEARCHED_GAP = 1e-10  # least mean gap in the search for a load, over the m
 
 
 class Statistics(NamedTuple):
-    """Statistics of h, which give its norm at any approach."""
+    """Statistics of h that give its norm at any approach."""
 
     cells: int  # number of admissible cells
     mean: float  # mean undeformed distance of these cells at depth 0 [mm]
@@ -29,9 +29,9 @@ class Statistics(NamedTuple):
 class UndeformedDistance:
     """The undeformed distance h = shape - approach on one grid. Collective.
 
-    The approach is a reference plus the *depth* beyond it, so that large constants cost no digits. Moving the
-    bodies changes the depth only, never the stored shape, so it does not add rounding errors. The right-hand
-    side on C is ``-h = b + depth``.
+    The approach is a reference plus the *depth*, the approach beyond the reference. So large constants cost no digits.
+    To move the bodies, only the depth is changed, never the stored shape, so that no rounding errors add up. The
+    right-hand side on C is ``-h = b + depth``.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ class UndeformedDistance:
     reference : float
         Approach from which depths are counted, the same on all grids of a problem [mm].
     hardness : ndarray, shape (local rows, nx), [N/mm2], optional
-        Upper bound of the pressure.
+        Largest possible pressure.
     measured : bool
-        Compute the statistics now. If false, `on_levels` computes them for all levels at once.
+        True to compute the statistics now. If false, `on_levels` computes them for all levels at once.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class UndeformedDistance:
     depth : float
         The approach beyond the reference [mm].
     neglected_gap : float
-        Mean gap that is taken as zero, because it differs from full contact by rounding only [mm].
+        Mean gap that is treated as full contact, because it may be rounding [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None in a window.
     full_depth : float
@@ -63,14 +63,14 @@ class UndeformedDistance:
     max_depth : float
         Largest allowed depth [mm]: `full_depth`, or infinite if some pressures have an upper bound.
     zero_load_depth : float
-        Depth below which no load is carried [mm]: that of first touch, known in a window, too.
+        Depth of first touch, below which there is no load [mm]. Also known in a window.
     full_contact_pressures : (float, float)
-        Least and largest mean pressure of full contact of a periodic patch; infinite until known [N/mm2].
+        Least and largest mean pressure of full contact on a periodic patch [N/mm2]; infinite until known.
     admissible : ndarray of bool, shape (local rows, nx)
         True in cells that may be in contact.
     bounds : PressureBounds
     patch : Grid
-        Whole grid, even if the distance is that of a window; the statistics are over it.
+        Whole grid, even if the distance is that of a window. The statistics are those of the whole grid.
     possible : Window or None
         Window around all admissible cells; None if there are none.
     """
@@ -94,8 +94,8 @@ class UndeformedDistance:
     def on_levels(cls, operators, shapes, reference, comm, hardness=None):
         """Make the distances of all levels of a hierarchy, with two reductions.
 
-        Collective over `comm`, all ranks that need the statistics. `operators`, `shapes` and `hardness` have one
-        item for each level.
+        Collective over `comm`, which has all ranks that need the statistics. `operators`, `shapes` and `hardness` have
+        one item for each level.
         """
         hardness = [None] * len(shapes) if hardness is None else hardness
         levels = [
@@ -156,13 +156,13 @@ class UndeformedDistance:
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
 
     def move_to(self, depth, neglected_gap=0.0):
-        """Set the depth, and the mean gap that is neglected there [mm]."""
+        """Set the depth, and the `neglected_gap` at this depth [mm]."""
         self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
 
     def norm(self):
-        """Return ||h||_2 of the stopping test [mm]; 1 if it is zero.
+        """Return ||h||_2 over the admissible cells [mm]; 1 if it is zero.
 
-        It is over the admissible cells.
+        The stopping test (5.1) uses this norm.
         """
         if self._norm is None:
             cells, mean, squares, _ = self.statistics
@@ -175,9 +175,9 @@ class UndeformedDistance:
 
 
 def _measure(levels, comm):
-    """Compute statistics and first touch of several `UndeformedDistance`.
+    """Compute the statistics and first touch of each of several distances.
 
-    Collective over `comm`.
+    Collective over `comm`. `levels` are objects of `UndeformedDistance`.
     """
     size, rank = (comm.size, comm.rank) if comm else (1, 0)
     counts, parts = [np.count_nonzero(d.admissible) for d in levels], np.zeros((size, 2 * len(levels)))

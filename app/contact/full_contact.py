@@ -1,12 +1,10 @@
 """Full contact of a periodic patch without holes, which costs two products.
 
-If all gaps are closed, u is -h without its mean, so ``p = mean pressure + B (-h)``, where B is the inverse of
-A on fields without mean. If the bounds allow this p, it solves (2.8)-(2.10), and the approach is the mean
-undeformed distance.
+If all gaps are closed, u is -h minus its mean, so ``p = mean pressure + B (-h)``, where B is the inverse of A on fields
+without mean. If this p is within its bounds, it solves (2.8)-(2.10), and the approach is the mean of the shape.
 
-Shapes on coarser grids are smoother, and mostly need less pressure for full contact. If a coarser grid is far
-from full contact, the iteration runs first, and full contact is tried only if the iteration closes all cells
-or fails.
+Shapes on coarser grids are smoother, and mostly need less pressure for full contact. So if a coarser grid is far from
+full contact, the iteration runs first. Full contact is then tried only if the iteration closes all cells or fails.
 """
 
 import numpy as np
@@ -45,10 +43,10 @@ class FullContact:
         self.hierarchy, self._distances, self.level = hierarchy, distances, len(distances) - 1
 
     def solve(self, state, loading, stop, history):
-        """Solve for full contact, if that is the solution.
+        """Return the Outcome of full contact; None if it is no solution.
 
-        Collective over all ranks. Returns the Outcome, or None if contact is not full; then the pressure of `state` may
-        have changed. Under a prescribed approach the mean pressure is the least possible.
+        Collective over all ranks. If the result is None, the pressure of `state` may have changed. Under a prescribed
+        approach the mean pressure is the least possible.
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)
@@ -85,10 +83,10 @@ class FullContact:
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Compute p = B (-h) and the mean pressures of full contact. Collective.
+        """Compute p = B (-h), and the allowed mean pressures. Collective.
 
-        B is `inverse`, or None on ranks without rows. Returns the least and the largest mean pressure [N/mm2]
-        that may be added to p.
+        B is `inverse`, which is None on ranks without rows. Return the least and the largest mean pressure [N/mm2] that
+        may be added to p.
         """
         if inverse is not None:
             inverse.apply(distance.b, p)
@@ -98,10 +96,12 @@ class FullContact:
         return distance.full_contact_pressures
 
     def _is_unlikely(self, mean_pressure):
-        """Return whether full contact on a coarser grid needs much more pressure, or less.
+        """Return whether a coarser grid is far from full contact. Collective.
 
-        Collective. `mean_pressure` is the prescribed one [N/mm2]. Shapes on coarser grids are smoother, so if the
-        hardness does not allow full contact there, it hardly does here.
+        The coarser grid is far from full contact if full contact there needs much more than the prescribed
+        `mean_pressure` [N/mm2], or if the hardness allows full contact only under a smaller mean pressure. Shapes on
+        coarser grids are smoother. So if the hardness does not allow full contact on the coarser grid, full contact is
+        unlikely on this grid, too.
         """
         if not self.level:
             return False

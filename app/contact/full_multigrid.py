@@ -1,6 +1,6 @@
 """Full multigrid: the active set iteration in a nested iteration (Sec. 4.3).
 
-With the target grid alone it is the active set iteration (Sec. 3 and 4.1).
+If only the target grid is used, it is the active set iteration (Sec. 3 and 4.1).
 """
 
 from functools import partial
@@ -19,8 +19,8 @@ from app.parallel.communicator import propagate_errors
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
     """Solve on the grids from coarsest to target.
 
-    Collective. The ranks that share a grid solve on it, and broadcast the result to the other ranks of the
-    next.
+    Collective. The ranks that share a grid solve on it, and broadcast the result to the ranks that join on the next
+    grid.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     stop : StoppingTest
     history : History
     nested : bool
-        Nested iteration; otherwise the target grid alone, from C = {h <= 0}.
+        True for a nested iteration. Otherwise only the target grid is used, from C = {h <= 0}.
     beta : float
-        Tolerance of the first contact set of a grid (4.1), over the largest displacement.
+        Tolerance of the first contact set of a grid (4.1), divided by the largest displacement.
     prolong : callable or None
-        Replaces the prolongation by copy; see `prolongate`.
+        Function used instead of the prolongation by copy; see `prolongate`.
     target_solver : LinearSolver
         Linear solver of the target grid.
 
@@ -79,9 +79,9 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
 
 
 def prolongate(transfer, coarse, state, beta, prolong):
-    """Initialise C, p and u from the coarser grid. Collective.
+    """Set the first C, p and u from the coarser grid. Collective.
 
-    ``prolong(transfer, coarse, state)`` sets C and p. If `prolong` is None or returns false,
+    The function ``prolong(transfer, coarse, state)`` sets C and p. If `prolong` is None or returns false,
     `copy_prolongation` sets them.
     """
     transfer.interpolate(coarse.u, state.u)
@@ -91,7 +91,7 @@ def prolongate(transfer, coarse, state, beta, prolong):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Initialise C by the tolerance (4.1), and p by copying. Collective.
+    """Set C by the tolerance (4.1), and p by copying. Collective.
 
     C has the admissible cells with a gap e <= beta max(u). With an upper bound of p, a local Jacobi step finds the
     plastic cells first.

@@ -1,4 +1,7 @@
-"""All cells at the hardness: the solution under the largest load, which costs one product."""
+"""Solution under the largest load, with all cells at the hardness.
+
+It costs one product.
+"""
 
 import numpy as np
 
@@ -10,7 +13,9 @@ LOAD_ROUNDING = 1e-13  # relative rounding error of the largest load
 
 
 class FullPlasticity:
-    """Solver under the largest load, as the history sees it.
+    """Solver for the case that all cells are at the hardness.
+
+    The history treats it as a linear solver.
 
     Parameters
     ----------
@@ -26,8 +31,8 @@ class FullPlasticity:
     def solve(self, state, loading, history):
         """Solve if the load is the largest one. Collective.
 
-        The approach is not unique: it is the smallest, at which a cell just touches without overlap. Returns the
-        Outcome, or None under another load.
+        Many approaches are possible under the largest load. The approach becomes the smallest of these, at which a cell
+        just touches without overlap. Return the Outcome, or None under a smaller load.
         """
         bounds, load = state.bounds, loading.load
         if load is None or load < (1 - LOAD_ROUNDING) * bounds.largest_load:

@@ -1,16 +1,16 @@
 """Discretisation errors, estimated from the last grids.
 
-On two grids, one twice as fine as the other, a number that converges with order k differs by 2^k - 1 times the error of
-the finer one. An area counted in cells converges with order 1 and much scatter. Loads, approaches and maximum pressures
-of smooth bodies, or of rough ones whose shortest waves are resolved, converge with orders of 1.5 to 2. The error on the
-finest grid is taken as the largest of
+Let one grid be twice as fine as another. If a number converges with order k, its values on the two grids differ by 2^k
+- 1 times the error on the finer grid. An area counted in cells converges with order 1, with much scatter. Loads,
+approaches and maximum pressures of smooth bodies, or of rough ones whose shortest waves are resolved, converge with
+orders of 1.5 to 2. The error on the finest grid is taken as the largest of
 
-- the last difference, and half the difference before it, because two grids may agree by chance. The area
-  scatters, so a quarter of the difference before that counts, too. If there are fewer grids, these are
-  multiplied by 1.5;
-- the sum of the geometric series that the last two or three differences start, if they have one sign. It is at most ten
-  times the last difference, also if the differences do not decrease: the maximum pressure at a sharp edge does not
-  converge. An area may differ by the scatter of the cells on the edge of a round contact.
+- the last difference, and half the difference before it, because two grids may agree by chance. For the area, which
+  scatters, also a quarter of the difference before that. If there are fewer grids, these are multiplied by 1.5;
+- the sum of the geometric series that begins with the last two differences (three for the area), if they have one sign.
+  The sum is at most ten times the last difference, also if the differences do not decrease, as those of the maximum
+  pressure at a sharp edge. For the area, differences below the scatter of cells on the edge of a round contact do not
+  count.
 
 docs/load-paths.md says how often this holds. Coarser grids are solved to -lcp_coarse_rtol only, so smaller errors are
 less certain.
@@ -38,7 +38,7 @@ class GridNumbers(NamedTuple):
 
 
 class GridErrors(NamedTuple):
-    """Estimated relative discretisation errors; NaN if unknown."""
+    """Estimated relative errors due to the cell size; NaN if unknown."""
 
     load_error: float = float("nan")  # 0 for a prescribed load
     approach_error: float = float("nan")  # error of the approach beyond first touch; 0 if prescribed
@@ -48,9 +48,8 @@ class GridErrors(NamedTuple):
     def with_contact_edge(self, solution):
         """Return these errors, with the contact area's raised if too small.
 
-        It is at least the relative correction for cells on the contact edge, by which
-        ``contact_fraction_corrected`` differs from ``contact_fraction``. Areas of two grids may agree by chance,
-        because numbers of cells scatter.
+        It is raised to the relative difference of ``contact_fraction`` and ``contact_fraction_corrected``. The areas of
+        two grids may agree by chance, because numbers of cells scatter.
         """
         if not solution.contact_fraction or np.isnan(self.contact_area_error):
             return self
@@ -75,9 +74,9 @@ _MAX_RATIO = 10 / 11  # largest ratio of differences in a series, whose sum is t
 
 
 def compute_grid_numbers(state, comm, load=None, depth=None):
-    """Compute the `GridNumbers` of a `ContactState`.
+    """Return the `GridNumbers` of a `ContactState`.
 
-    Collective over `comm`, all ranks that need the numbers. `load` and `depth` replace those of the state.
+    Collective over `comm`, which has all ranks that need the numbers. `load` and `depth` replace those of the state.
     """
     grid = state.operator.grid
     total, highest, cells = kernels.sum_pressure(state.p, state.in_contact())
@@ -93,11 +92,13 @@ def estimate_errors(grids, touching, prescribed):
     Parameters
     ----------
     grids : sequence of GridNumbers
-        From coarse to fine, each twice as fine as the one before. The errors are unknown if there are fewer than two.
+        Numbers from coarse to fine; each grid is twice as fine as the one before. With fewer than two grids the errors
+        are unknown.
     touching : float
-        Depth of first touch on the finest grid [mm]; its approach, if `grids` have approaches as depths.
+        Depth of first touch on the finest grid [mm]. If `grids` have approaches instead of depths, the approach of
+        first touch.
     prescribed : str
-        Name of the prescribed number in `LOADINGS`; "mean_gap" determines neither load nor approach.
+        Name of the prescribed number in `LOADINGS`. With "mean_gap", load and approach both have errors.
     """
     if len(grids) < 2:
         return UNKNOWN
@@ -113,10 +114,10 @@ def estimate_errors(grids, touching, prescribed):
 
 
 def _error(values, pairs, scatter=0.0):
-    """Estimate the relative error of the first value, at most 1.
+    """Return the estimated relative error of the first value, at most 1.
 
-    `values` are those of the grids from fine to coarse. The first `pairs` differences of neighbours count. If
-    the finest two differ by at most `scatter`, nothing is extrapolated.
+    `values` are those of the grids from fine to coarse. The first `pairs` differences of neighbours are used. If the
+    finest two differ by at most `scatter`, nothing is extrapolated.
     """
     if not values[0]:
         return float("nan")
@@ -133,7 +134,7 @@ def _error(values, pairs, scatter=0.0):
 def pressure_difference(comm, transfer, coarse, state):
     """Return the relative difference of pressures on two grids. Collective.
 
-    `coarse` is the pressure on the coarser grid. That of `state` is restricted to this grid. The norm of the
+    `coarse` is the pressure on the coarser grid. The pressure of `state` is restricted to this grid. The norm of the
     difference is divided by the larger of both norms. NaN if the pressures are equal.
     """
     fine = transfer.restrict_defect(state.p)

@@ -9,9 +9,9 @@ from app.multigrid.direct import can_start_on
 class GridSequence:
     """Levels of a nested iteration, from coarse to fine, and their results.
 
-    Collective. Iterating yields the numbers of the levels. All ranks that share a grid have its results, and
-    broadcast them to the other ranks of the next grid. For the parameters see
-    `app.contact.full_multigrid.full_multigrid`; `only_target` uses the target grid alone.
+    Collective. An iteration yields the numbers of the levels. The ranks that share a grid have its results, and
+    broadcast them to the ranks that join on the next grid. For the parameters see
+    `app.contact.full_multigrid.full_multigrid`. If `only_target` is true, only the target grid is used.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class GridSequence:
     outcome : Outcome or None
         Outcome of the grid solved last, with the fallbacks of all grids.
     grid_numbers : list of GridNumbers
-        Numbers of the coarser grids, from coarse to fine, if the method appends them.
+        Numbers of the coarser grids, from coarse to fine. The method appends them, if it does.
     """
 
     def __init__(self, hierarchy, distances, loading, nested, only_target=False):
@@ -39,7 +39,7 @@ class GridSequence:
     def stopping_test(self, stop):
         """Return the stopping test of the current grid.
 
-        `stop` is that of the target grid.
+        `stop` is the test of the target grid.
         """
         return stop if self.at_target else stop.for_coarse_grid()
 
@@ -57,10 +57,10 @@ class GridSequence:
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def broadcast_to_next(self, state, extra=None):
-        """Broadcast the results to ranks that join on the next grid.
+        """Broadcast the results to ranks that join on the next grid. Collective.
 
-        Collective. These ranks receive the depth of `state`, which is on the grid or a window of it, and
-        `extra`, any other results. Returns `extra`.
+        These ranks receive the depth of `state`, the state on the grid or on a window of it, and `extra`, any other
+        results. Return `extra`.
         """
         if self.hierarchy.gains_ranks(state.operator, self.following) and (comm := self.waiting_ranks(state)):
             results = state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra
@@ -83,9 +83,10 @@ class GridSequence:
 def _route(hierarchy, distances, loading, nested):
     """Return the numbers of the levels to solve on.
 
-    A nested iteration solves on all levels finer than any level without admissible cells. Otherwise there is one
-    solve on the target, after one on a small grid if the approach is unknown. If the bodies at most touch, only the
-    target is solved on. On a coarser grid they might overlap, and the pressure would vanish only up to rounding.
+    A nested iteration solves on all levels that are finer than any level without admissible cells. Without nested
+    iteration there is one solve on the target grid, after a solve on a small grid if the approach is unknown. If the
+    bodies touch without pressure, or do not touch, only the target grid is used. On a coarser grid they might overlap,
+    and the pressure would vanish only up to rounding.
     """
     last = len(hierarchy.levels) - 1
     if loading.misses_contact(distances[last]):

@@ -10,10 +10,16 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
 class Listener:
-    """Callbacks of a solve, on the ranks of each grid."""
+    """Base class of listeners, whose methods a solve calls.
+
+    They are called on the ranks of each grid.
+    """
 
     def begin(self, settings):
-        """Handle the start of a solve, on all ranks; ``settings.rtol`` is -lcp_rtol."""
+        """Handle the start of a solve, on all ranks.
+
+        ``settings.rtol`` is -lcp_rtol.
+        """
 
     def start(self, state, level):
         """Handle the start of a grid; ``state.contact`` may be empty."""
@@ -21,8 +27,8 @@ class Listener:
     def iteration(self, entry, state):
         """Handle an active set iteration: its history entry and the state.
 
-        With every method the state has ``grid``, ``contact`` and ``p``. The default method of periodic patches has no
-        ``u`` before the end, and puts the approach in the entry only.
+        The state always has ``grid``, ``contact`` and ``p``. With the default method of periodic patches, it has no
+        ``u`` before the end, and only the entry has the approach.
         """
 
     def end(self):
@@ -59,8 +65,8 @@ class Monitor(Listener):
 class History:
     """Record of all active set iterations, which also calls the listeners.
 
-    It has one entry for each iteration on any grid. It is complete on rank 0. Other ranks lack the grids and
-    windows in which they have no rows.
+    There is one entry for each iteration on any grid. The record is complete on rank 0. On another rank it lacks the
+    grids and windows of which this rank has no rows.
     """
 
     listeners: list = field(default_factory=list)
@@ -99,7 +105,7 @@ class History:
 
 
 def make_entry(state, level, iteration, update, inner, work, seconds):
-    """Make the history entry of an active set iteration. Collective."""
+    """Return the history entry of an active set iteration. Collective."""
     return {
         "level": level,
         "iteration": iteration,
@@ -129,9 +135,9 @@ class Outcome(NamedTuple):
     to_rounding: bool = False  # the residual is as small as rounding allows
 
     def require_bound(self, bound, allowed):
-        """Return this outcome, as not converged if its error is too large.
+        """Return this outcome, not converged if its error is too large.
 
-        `bound` is the proved relative error of the pressure, `allowed` the largest that is accepted.
+        `bound` is the proved relative error of the pressure, `allowed` the largest error that is accepted.
         """
         if not self.converged or bound <= allowed:
             return self
@@ -145,7 +151,10 @@ class Outcome(NamedTuple):
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
     def after(self, first):
-        """Return this outcome, with an earlier one's iterations and fallbacks added."""
+        """Return this outcome with the iterations and fallbacks of `first` added.
+
+        `first` is the outcome of an earlier solve.
+        """
         return self._replace(
             iterations=first.iterations + self.iterations, fallbacks=first.fallbacks + self.fallbacks
         )

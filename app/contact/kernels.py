@@ -1,7 +1,7 @@
 """Compiled loops of the contact state, each one pass over the cells.
 
-Arrays are (rows, nx) of a rank; `b` is -h at depth 0, so that the gap is ``e = u - (b + depth)``. Sums are taken row by
-row, which keeps their rounding small on large grids.
+Arrays have the shape (rows, nx), with the rows of this rank. `b` is -h at depth 0, so that the gap is
+``e = u - (b + depth)``. Sums are taken row by row, so that their rounding is small on large grids.
 """
 
 from app.base.numba_cache import njit
@@ -41,7 +41,10 @@ def _pressure_row(p, contact):
 
 @njit()
 def sum_pressure(p, contact):
-    """Return sum and maximum of p, and the number of loaded cells of C."""
+    """Return sum and maximum of p, and a number of cells.
+
+    The number is that of cells of C with p > 0.
+    """
     total, highest, cells = 0.0, 0.0, 0  # in C with p > 0
     for j in range(p.shape[0]):
         row = _pressure_row(p[j], contact[j])
@@ -99,7 +102,7 @@ def _gap_row(b, depth, u, mask, overlapping):
 def sum_gaps(b, depth, u, mask, overlapping):
     """Return the sums of squared gaps and gaps, and number of cells.
 
-    The sums are over the cells of `mask`, and those of `overlapping` with a gap h + u <= 0.
+    The sums are over the cells of `mask`, and the cells of `overlapping` with a gap h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
@@ -117,10 +120,10 @@ def _count_differences(row, other):
 
 @njit()
 def count_faces(contact, before, periodic):
-    """Count the faces between cells in and out of contact.
+    """Count the faces between cells in contact and other cells.
 
-    Returns the numbers of faces in x and in y. `before` is the row before the first. The upper faces of the
-    last row are left out.
+    A face lies between two neighbouring cells. Return the numbers of faces in x and in y. `before` is the row before
+    the first row. The upper faces of the last row are left out.
     """
     in_x, in_y = 0, 0
     for j in range(contact.shape[0]):

@@ -1,16 +1,15 @@
 """Loadings: the base class, a prescribed approach and a prescribed mean gap.
 
-The solvers call these methods of a loading:
+A loading is a prescribed quantity. The solvers call these methods of a loading:
 
-- `first_solve` solves on the first grid; `resume` chooses the approach if an earlier solution is given instead;
+- `first_solve` solves on the first grid; if an earlier solution is given instead, `resume` chooses the approach;
 - `begin` prepares the iteration on a grid;
 - `update` moves the approach in each active set iteration, after u = A p and before cells enter C;
 - `settle` meets the prescribed number exactly, on the target grid, when the stopping test (5.1) holds;
-- `record` keeps the depth found on a grid, and `predict` extrapolates it to the next grid.
+- `record` stores the depth found on a grid, and `predict` extrapolates it to the next grid.
 
-Ranks that share only the next grid receive `shared_state`. `solve_by_search` is the fallback if the iteration
-fails. The periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of
-`update` and `settle`.
+Ranks that join on the next grid receive `shared_state`. If the iteration fails, `solve_by_search` is called. The
+periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` instead of `update` and `settle`.
 
 A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """
@@ -19,7 +18,7 @@ import numpy as np
 
 
 class Loading:
-    """Base class of loadings; its methods suit a known approach.
+    """Base class of loadings; its methods are right for a known approach.
 
     Attributes
     ----------
@@ -59,22 +58,25 @@ class Loading:
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement of a cell by the mean pressure on it [mm].
+        """Return the displacement of a loaded cell [mm].
 
-        It is 0 if the mean pressure is unknown.
+        The cell has the mean pressure. The displacement is 0 if the mean pressure is unknown.
         """
         return 0.0
 
     def misses_contact(self, distance):
-        """Return whether the bodies at most touch, without pressure."""
+        """Return whether the bodies do not touch, or touch without pressure."""
         return False
 
     def solved_approach(self, state):
-        """Return the approach of a solution [mm], without rounding if prescribed."""
+        """Return the approach of a solution [mm].
+
+        If the approach is prescribed, it is returned without rounding.
+        """
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return `ContactMeasures` that have the prescribed number without rounding."""
+        """Return `measures` with the prescribed number set without rounding."""
         return measures
 
     def first_solve(self, state, solve):
@@ -82,11 +84,11 @@ class Loading:
         raise NotImplementedError
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Solve by a root search if the load is prescribed, else directly. Collective.
+        """Solve by a root search for a prescribed load, else directly. Collective.
 
-        ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a factor on the
-        tolerance of these solves, because the pressure is scaled to the load after them. `rtol` is the tolerance of the
-        search, `step` the estimated error of the depth of `state` [mm].
+        The function ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a
+        factor on the tolerance of these solves, because the pressure is scaled to the load after them. `rtol` is the
+        tolerance of the search, `step` the estimated error of the depth of `state` [mm].
         """
         return solve(self, stop)
 
@@ -101,18 +103,27 @@ class Loading:
         """Record the final depth on a grid [mm]."""
 
     def predict(self, depth):
-        """Predict the next finer grid's depth from this grid's [mm]."""
+        """Return the predicted depth of the next finer grid [mm].
+
+        `depth` is that of this grid.
+        """
         return depth
 
     def begin(self, state):
         """Prepare the iteration on a grid. Collective."""
 
     def update(self, state):
-        """Move the approach, given u = A p; return the step [mm]. Collective."""
+        """Change the approach, given u = A p. Collective.
+
+        Return the change [mm].
+        """
         return 0.0
 
     def meet(self, state):
-        """Prepare p for `settle` before the last product, which then needs no other. Collective."""
+        """Prepare p for `settle` before the last product. Collective.
+
+        Then `settle` needs no further product.
+        """
 
     def settle(self, state, update):
         """Meet the prescribed number exactly; return the new `Update`. Collective."""
@@ -121,7 +132,7 @@ class Loading:
     def scale_pressure(self, pressure, total, cell_area):
         """Scale a pressure to the prescribed load, if any; return success.
 
-        `total` is the sum of the pressure over all cells.
+        `total` is the sum of the pressures of all cells.
         """
         return True
 
@@ -138,7 +149,7 @@ class PrescribedApproach(Loading):
     approach : float
         Approach delta [mm].
     depth : float, optional
-        Approach beyond the reference [mm], if known without the rounding of `approach`.
+        Approach beyond the reference [mm]. Give it if it is known without the rounding of `approach`.
     """
 
     kind = "approach"
@@ -159,7 +170,10 @@ class PrescribedApproach(Loading):
         return self.approach
 
     def first_solve(self, state, solve):
-        """Solve at the prescribed approach, from C = {h <= 0}; see `Loading.first_solve`."""
+        """Solve at the prescribed approach; see `Loading.first_solve`.
+
+        The first contact set is C = {h <= 0}.
+        """
         state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
@@ -177,7 +191,7 @@ class PrescribedApproach(Loading):
 class PrescribedMeanGap(PrescribedApproach):
     """Prescribed mean gap: mean undeformed distance minus approach.
 
-    The mean undeformed distance, and so the approach, depends on the grid.
+    The mean undeformed distance depends on the grid, and so does the approach.
 
     Parameters
     ----------

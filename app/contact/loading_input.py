@@ -1,4 +1,4 @@
-"""Loadings from the numbers of users: validation and construction."""
+"""Construction of loadings from numbers of the user, and checks of these."""
 
 from math import ulp
 from numbers import Real
@@ -19,9 +19,9 @@ _ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in 
 def make_loading(grid, distance, uniform_compliance=0.0, **given):
     """Make the `Loading` for one prescribed number.
 
-    `grid` and `distance` are those of the target grid. In `given` exactly one of `LOADINGS` is not None:
-    approach or mean gap [mm], load [N], or mean pressure, which is load over area of the patch [N/mm2]. With a
-    `uniform_compliance` of the bodies, approaches beyond full contact are allowed.
+    `grid` and `distance` are those of the target grid. In `given` exactly one of `LOADINGS` is not None: approach or
+    mean gap [mm], load [N], or mean pressure [N/mm2], the load divided by the area of the patch. If the bodies have a
+    `uniform_compliance`, approaches beyond full contact are allowed.
 
     Raises
     ------
@@ -75,8 +75,9 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
 def _without_rounding(depth, size, touching, full):
     """Round a depth to first touch or full contact if close.
 
-    `touching` and `full` are the depths of these. Close is a difference within the rounding of numbers as
-    large as `size`, from which the depth was computed: pressures or gaps would have no correct digits.
+    `touching` and `full` are the depths of first touch and full contact. A depth is close to them if it differs only by
+    the rounding of numbers as large as `size`, from which it was computed. Pressures or gaps would then have no correct
+    digits.
     """
     rounding = _ROUNDING_ULPS * ulp(size)
     if full - depth <= rounding:
@@ -117,7 +118,10 @@ def validate_number(kind, number):
 
 
 def _check_mean_gap(value, grid, holes, rounding):
-    """Raise if a mean gap is negative, or does not determine the approach."""
+    """Raise if a mean gap does not determine the approach.
+
+    A mean gap must not be negative.
+    """
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
     if not grid.periodic:
         raise InputError(f"{text}: only on a periodic patch does it determine the approach; {others}")

@@ -1,7 +1,7 @@
 """Numbers of a solution and its surface: load, mean gap, perimeter, roughness.
 
-A *face* lies between two neighbouring cells; on a periodic patch also between its first and last cells. Outside a free
-patch nothing is in contact.
+A *face* lies between two neighbouring cells. On a periodic patch the first and the last cell of a row or column are
+neighbours. Outside a free patch nothing is in contact.
 """
 
 from typing import NamedTuple
@@ -40,7 +40,10 @@ class ContactMeasures(NamedTuple):
     mean_plastic_depth: float  # mean of max(-e, 0) over the admissible cells [mm]
 
     def add_indentation(self, before, state):
-        """Return the measures with the `Indentation` before the load of a `ContactState`."""
+        """Return the measures with an earlier `Indentation` `before` added.
+
+        `state` is the `ContactState` under the load.
+        """
         if before.depth is None:
             return self
         return self._replace(
@@ -57,7 +60,10 @@ class Indentation(NamedTuple):
     approach: float = 0.0  # from the first touch of the bodies before to that of the indented ones [mm]
 
     def remove_from(self, distance):
-        """Return the undeformed distance before the indentation, in the local rows [mm]."""
+        """Return the undeformed distance without the indentation [mm].
+
+        It has the local rows.
+        """
         return distance if self.depth is None else distance - self.depth
 
 
@@ -70,10 +76,10 @@ class ShapeRoughness(NamedTuple):
 
 
 def measure_contact(state):
-    """Return the ContactMeasures of a `ContactState`.
+    """Return the ContactMeasures of a `ContactState`. Collective.
 
-    Collective. The corrected contact fraction treats long and short faces alike: each moves the contact edge
-    by a share of a cell, so the number of faces matters, not their length.
+    For the corrected contact fraction, each face on the contact edge counts as the same share of a cell, whether the
+    face is long or short.
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.sum_gaps(distance.b, state.depth, state.u, state.admissible, state.admissible)
@@ -115,7 +121,7 @@ def measure_contact(state):
 
 
 def _plastic_sums(state):
-    """Return the number of plastic cells, and the sum of their depths [mm]."""
+    """Return number and total depth of plastic cells [mm]."""
     if not state.bounds.capped:
         return 0, 0.0
     plastic = state.bounds.plastic(state.p)
@@ -125,7 +131,7 @@ def _plastic_sums(state):
 def contact_width(state, contact, enough):
     """Return the longest runs of contact cells in x and y. Collective.
 
-    Their unit is a cell, and they are counted up to `enough`. `contact` are the ContactMeasures of `state`.
+    The unit is a cell. Runs longer than `enough` count as `enough`. `contact` are the ContactMeasures of `state`.
     """
     grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
     excess = contact.contact_fraction - contact.contact_fraction_corrected
@@ -153,7 +159,8 @@ def contact_width(state, contact, enough):
 def measure_indentation(depth, shape, slabs, comm):
     """Return the `Indentation` of a shape. Collective.
 
-    `depth` has all cells, or is None; `shape`, (local rows, nx), includes it, and is NaN in inadmissible cells [mm].
+    `depth` has all cells, or is None. `shape`, (local rows, nx), includes the indentation; it is NaN in inadmissible
+    cells [mm].
     """
     if depth is None:
         return Indentation()
@@ -164,12 +171,11 @@ def measure_indentation(depth, shape, slabs, comm):
 
 
 def measure_roughness(operator, distance, shape):
-    """Return the ShapeRoughness of an undeformed distance.
+    """Return the ShapeRoughness of an undeformed distance. Collective.
 
-    Collective. On a periodic patch without holes the slope is that of the Fourier interpolant, by one product.
-    Otherwise it is computed from differences across the faces between admissible cells.
-
-    `shape`, (local rows, nx) [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
+    On a periodic patch without holes the slope is that of the Fourier interpolant, which costs one product. On other
+    patches it is computed from differences across the faces between admissible cells. `shape`, (local rows, nx) [mm],
+    is the undeformed distance at the reference, NaN in inadmissible cells.
     """
     grid = operator.grid
     waves = grid.periodic and distance.statistics.cells == grid.n
@@ -180,7 +186,10 @@ def measure_roughness(operator, distance, shape):
 
 
 def _steps_at_sides(operator, shape):
-    """Return rms height steps across the patch's sides, and next to them. Collective."""
+    """Return rms height steps across a patch's sides, and next to them.
+
+    Collective.
+    """
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
 
@@ -199,7 +208,7 @@ def _steps_at_sides(operator, shape):
 def _wave_slope(operator, shape):
     """Return the mean square slope of the Fourier interpolant. Collective.
 
-    It is the sum of q^2 |h_q|^2 over the waves q of the shape, with amplitudes h_q.
+    It is the sum of q^2 |h_q|^2 over all waves of the shape; q is the wave number, h_q the amplitude.
     """
     grid = operator.grid
 
@@ -241,8 +250,8 @@ def _squares_row(row, other):
 def _squared_differences(shape, before, periodic):
     """Return sums of squared differences across faces, and numbers of faces.
 
-    Returns sum and number in x, then in y. Faces next to NaN are left out. `before` is the row
-    before the first.
+    Return sum and number for faces in x, then for faces in y. Faces next to NaN are left out. `before` is the row
+    before the first row.
     """
     in_x, in_y = (0.0, 0), (0.0, 0)
     for j in range(shape.shape[0]):

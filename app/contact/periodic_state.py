@@ -10,14 +10,14 @@ _PATIENCE = 4  # iterations in which the number of changed cells may stagnate
 def contact_state(operator, distance, **options):
     """Make the `ContactState` of a grid, periodic or not. Collective.
 
-    `options` are the other arguments of that class.
+    `options` are further arguments of `ContactState`.
     """
     kind = PeriodicState if operator.grid.periodic else ContactState
     return kind(operator, distance, **options)
 
 
 class PeriodicState(ContactState):
-    """A `ContactState` of a periodic patch."""
+    """A `ContactState` on a periodic patch."""
 
     def __init__(self, *args, **options):
         super().__init__(*args, **options)
@@ -26,9 +26,9 @@ class PeriodicState(ContactState):
     def before_iteration(self, k):
         """Remove one cell from C if C has all cells. Collective.
 
-        Without another cell the system (2.11) has no solution, because A is singular. Below full contact the cell
-        with the least p - h / A_II is opened, which has a low pressure or a large gap. Beyond full contact, which
-        the hardness allows, the cell with the greatest p - h / A_II over H becomes plastic.
+        If all cells are in C, the system (2.11) has no solution, because A is singular. Below full contact the cell
+        with the least p - h / A_II becomes open; it has a low pressure or a large gap. Beyond full contact, which is
+        possible with a hardness, the cell with the greatest p - h / A_II, divided by H, becomes plastic.
         """
         if not np.isfinite(self.distance.full_depth) or self.sum([self.contact.sum()])[0] < self.grid.n:
             return
@@ -48,7 +48,7 @@ class PeriodicState(ContactState):
 
         High pressures are those above twice the mean change of pressure on C. If less than half of C has such
         pressures, p and u are scaled instead. Otherwise u is computed. Near full contact a constant hardly changes u,
-        but a factor does. If cells may reach the hardness see `ContactState.set_load`.
+        but a factor does. If cells may reach the hardness, `ContactState.set_load` is called instead.
         """
         cells = max(self.cells_in_contact(), 1)
         missing = (load - present_load) / self.grid.cell_area

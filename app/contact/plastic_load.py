@@ -1,13 +1,13 @@
 """Step of the approach to a prescribed load if cells are plastic.
 
-The slope of the load then changes with every cell that becomes plastic, so the step is that of a model. Each cell has
-the compliance A_II of its own, and its pressure stays within the bounds. The change of the load also displaces all
-contact, like a punch of its extent. If the cells approach by t, the load is
+The slope of the load then changes with every cell that becomes plastic, so the step is computed from a model. In the
+model each cell has its own compliance A_II, and its pressure stays within the bounds. The change of the load also
+displaces the whole contact, like a punch as large as the contact. If the cells approach by t, the load is
 
     F(t) = dx dy sum(clip(p - (e - t) / A_II, 0, H)),
 
-and the bodies approach by t plus the change of the load over the stiffness of the punch. The range of elastic
-contact, and approaches at which no cell is elastic, follow from the same equation.
+and the bodies approach by t plus the change of the load over the stiffness of the punch. The equation also holds if all
+cells are elastic, and if all cells are plastic.
 """
 
 from app.halfspace.window import bounding_boxes
@@ -17,9 +17,10 @@ _MAX_TRIALS = 60
 
 
 def step_to_load(state, load, target, stiffness=0.0):
-    """Return the change of the depth that brings the `load` of a state to a target [mm].
+    """Return the change of depth from a load to a target [mm].
 
-    Collective. Loads in N. On periodic patches `stiffness` is that of elastic contact [N/mm].
+    Collective. `load` is the load of `state` [N], `target` the prescribed load [N]. On periodic patches `stiffness` is
+    the stiffness of elastic contact [N/mm].
     """
     grid, distance, compliance = state.grid, state.distance, state.operator.diagonal
     fields = distance.b, state.depth, state.u, state.p
@@ -45,9 +46,9 @@ def step_to_load(state, load, target, stiffness=0.0):
 
 
 def _zero(function, one, other, allowed):
-    """Return where a monotone function is zero, up to an allowed value, by the Illinois method.
+    """Return the zero of a monotone function, by the Illinois method.
 
-    `one` and `other` are points (t, value) of opposite signs.
+    `one` and `other` are points (t, value) with values of opposite signs. A value up to `allowed` counts as zero.
     """
     (a, at_a), (b, at_b) = one, other
     for _ in range(_MAX_TRIALS):
@@ -64,7 +65,10 @@ def _zero(function, one, other, allowed):
 
 
 def punch_stiffness(state):
-    """Return the stiffness of a round punch with the extent of contact [N/mm]. Collective."""
+    """Return the stiffness of a round punch [N/mm]. Collective.
+
+    The area of the punch is that of the bounding box of contact.
+    """
     [box] = bounding_boxes([state.in_contact()], state.operator.slabs, state.comm)
     area = state.grid.cell_area * (box.n if box else 1)
     return state.operator.kernel.punch_stiffness(area)

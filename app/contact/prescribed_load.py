@@ -1,11 +1,11 @@
 """A prescribed load, and the search for its approach.
 
-The load F(delta) = dx dy sum(p) of the solved problem increases with the approach delta. Its slope is S = dx
-dy sum(q), where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search
-meets the load and gives a secant slope. After that every active set iteration moves the approach by the
-missing load over the slope (Newton's method), as soon as the load error exceeds what the residual can
-explain. `settle` makes the load exact. If this iteration does not converge, a root search does: it solves
-problems of prescribed approach, and F is monotone.
+The load F(delta) = dx dy sum(p) of the solved problem increases with the approach delta. Its slope is S = dx dy sum(q),
+where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search meets the load and gives
+a secant slope. On all other grids, every active set iteration changes the approach by the missing load divided by the
+slope (Newton's method), if the load error exceeds what the residual can explain. `settle` makes the load exact. If this
+iteration does not converge, a root search is used, which solves problems of prescribed approach. It converges, because
+F is monotone.
 """
 
 from itertools import pairwise
@@ -31,7 +31,7 @@ _MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which t
 
 
 class _SearchOver(Exception):
-    """End of a root search, by success or a failed solve."""
+    """Raised to end a root search, after success or a failed solve."""
 
 
 class PrescribedLoad(Loading):
@@ -42,7 +42,7 @@ class PrescribedLoad(Loading):
     load : float
         The load F, positive [N].
     mean_pressure : float
-        Load over the area of the patch, as results report it [N/mm2].
+        Load divided by the area of the patch, as results report it [N/mm2].
     """
 
     kind, approach_is_known, allows_no_contact = "load", False, False
@@ -54,11 +54,17 @@ class PrescribedLoad(Loading):
         self._depths = []  # final depths of the grids solved so far [mm]
 
     def mean_pressure_on(self, grid):
-        """Return the load over the patch's area; see `Loading.mean_pressure_on`."""
+        """Return the load divided by the patch's area.
+
+        See `Loading.mean_pressure_on`.
+        """
         return self.load / (grid.n * grid.cell_area)
 
     def largest_pressure(self, distance, grid, coefficient):
-        """Return the pressure of one cell with all load; see `Loading.largest_pressure`."""
+        """Return the pressure if one cell carried the whole load.
+
+        See `Loading.largest_pressure`.
+        """
         return self.load / grid.cell_area
 
     def least_displacement(self, operator):
@@ -98,7 +104,10 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _fill_plateaus(self, state):
-        """Bring p to the load, by more cells if all cells of C are at a bound. Collective."""
+        """Bring p to the prescribed load. Collective.
+
+        If all cells of C are at a bound of p, the approach changes until a further cell enters C.
+        """
         for _ in range(_MAX_PLATEAUS):
             state.set_load(self.load, load := state.load)
             if isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
@@ -108,12 +117,12 @@ class PrescribedLoad(Loading):
     def search(self, state, solve, rtol, step=None):
         """Search for the approach that gives the load, by bracketing.
 
-        Collective. Solves problems of prescribed approach. Converges for every problem that `solve` can solve, because
-        the load is monotone in the approach.
+        Collective. The search solves problems of prescribed approach. It converges for every problem that `solve` can
+        solve, because the load is monotone in the approach.
 
-        ``solve(loading)`` solves from the contact set and pressure of `state`. `rtol` is relative to the load, or to
-        the depth beyond first touch. `step` is the estimated error of the depth of `state` [mm]; None: the
-        search starts from an estimate of its own. Returns the Outcome of all solves, converged if all are.
+        The function ``solve(loading)`` solves from the contact set and pressure of `state`. `rtol` is relative to the
+        load, or to the depth beyond first touch. `step` is the estimated error of the depth of `state` [mm]; if it is
+        None, the search estimates a depth first. Return the Outcome of all solves, converged if all are.
         """
         touching = state.first_touch()
         loads = {touching: 0.0}  # by depth
@@ -164,10 +173,10 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _estimate_depth(self, state, touching):
-        """Estimate the depth that gives the load, and start there. Collective.
+        """Estimate the depth that gives the load, and set it. Collective.
 
-        Returns this depth beyond first touch [mm]. The overlap of the undeformed bodies is taken as a flat
-        punch of its area and mean depth. That is right for flat punches, and 4% too little for a sphere.
+        Return this depth beyond first touch [mm]. The estimate treats the overlap of the undeformed bodies as a flat
+        punch with the same area and mean depth. It is right for flat punches, and 4% too small for a sphere.
         """
         stiffness = stiffness_of_patch(state)
         beyond = self.load / stiffness
@@ -186,9 +195,9 @@ class PrescribedLoad(Loading):
     def resume(self, state, load):
         """Estimate depth and slope from a solution; see `Loading.resume`.
 
-        It may be the solution of another problem. Its depth follows from its mean gap on C. The load is
-        assumed to grow with the power 3/2 of the depth beyond first touch, as for a sphere (1 for a punch, 2
-        for a cone).
+        The solution may be that of another problem. The depth follows from the mean gap on C. For the slope, the load
+        is assumed to grow with the power 3/2 of the depth beyond first touch, as for a sphere (a punch has the power 1,
+        a cone 2).
         """
         state.depth = touching = state.first_touch()
         beyond = state.on_contact().mean
@@ -199,7 +208,7 @@ class PrescribedLoad(Loading):
             self.slope = stiffness_of_patch(state)
 
     def record(self, depth):
-        """Keep the final depth on a grid for `predict`; see `Loading.record`."""
+        """Store the final depth on a grid, for `predict`; see `Loading.record`."""
         self._depths.append(depth)
 
     @property
@@ -218,15 +227,18 @@ class PrescribedLoad(Loading):
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
-        """Forget the approach's last move, and ensure contact; see `Loading.begin`."""
+        """Delete the last change of the approach, and ensure contact.
+
+        See `Loading.begin`.
+        """
         self._before = None
         state.first_contact()
 
     def update(self, state):
-        """Move the approach by the missing load over the slope; see `Loading.update`.
+        """Change the approach by the missing load divided by the slope.
 
-        The mean gap in contact gives the load that is expected at this approach once the system (2.11) is
-        solved.
+        The load is the one expected at this approach once the system (2.11) is solved; the mean gap in contact gives an
+        estimate of it. See `Loading.update`.
         """
         gaps = state.on_contact_or_overlap()
         capped = state.bounds.capped
@@ -251,10 +263,10 @@ class PrescribedLoad(Loading):
         return abs(state.depth - depth)
 
     def _learn_slope(self, state, expected, rms):
-        """Update the slope dF/d(depth) from the last move of the depth. Collective.
+        """Update the slope dF/d(depth) from the last change of the depth. Collective.
 
-        Moves below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. `expected` is the load at
-        this depth [N]. The slope grows with the depth, so it is at least the mean slope since first touch.
+        Changes below `MIN_SECANT_STEP` times the residual `rms` [mm] are not used. `expected` is the load at this depth
+        [N]. The slope grows with the depth, so it is at least the mean slope since first touch.
         """
         beyond = state.depth - state.distance.zero_load_depth
         mean_slope = expected / beyond if beyond > 0 else 0.0
@@ -271,8 +283,8 @@ class PrescribedLoad(Loading):
     def settle(self, state, update):
         """Bring p to the load, and close the mean gap; see `Loading.settle`.
 
-        On a periodic patch, high pressures get a constant added instead of a factor. If p = 0, the load is
-        distributed evenly over C.
+        On a periodic patch a constant is added to high pressures, instead of multiplying by a factor. If p = 0, the
+        load is distributed evenly over C.
         """
         load = state.load
         if load > 0:
@@ -319,9 +331,9 @@ def _root(function, low, high, xtol):
 def least_stiffness(state):
     """Return a lower bound of the stiffness of C [N/mm]. Collective.
 
-    On a free patch it returns 0. Otherwise let q be the pressure on C with A q = 1 there. The stiffness is
-    the cell area times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact it grows
-    without bound.
+    On a free patch the bound is 0. On a periodic patch let q be the pressure on C with A q = 1 there. The stiffness is
+    the cell area times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact this bound grows to
+    infinity.
     """
     if not state.grid.periodic:
         return 0.0

@@ -28,7 +28,7 @@ from app.parallel.reductions import minimum_over, sum_over
 
 
 class Update(NamedTuple):
-    """Result of one update of the contact set; same on all ranks.
+    """Result of an update of the contact set; same on all ranks.
 
     Unknown numbers are NaN.
     """
@@ -48,7 +48,7 @@ class Update(NamedTuple):
         return self.added + self.released
 
     def after(self, first):
-        """Return this update with the changes of an earlier one added."""
+        """Return this update with the changes of an earlier update added."""
         return self._replace(added=first.added + self.added, released=first.released + self.released)
 
 
@@ -87,7 +87,7 @@ _LOAD_ROUNDING = 1e-15  # relative rounding error of a sum of pressures
 
 
 class Displacement(IntEnum):
-    """Accuracy with which u is the displacement A p."""
+    """Accuracy with which u equals A p."""
 
     STALE = 0  # u is not A p
     UPDATED = 1  # u is A p up to single precision and the errors of summed changes
@@ -97,8 +97,8 @@ class Displacement(IntEnum):
 class ContactState:
     """Contact set C, pressure p, displacement u and approach on one grid.
 
-    Collective. `contact` *is* the mask of the operator, and a new state empties it. All states of an operator
-    share this mask: to return to an earlier state, keep a copy of its contact set and restore it.
+    Collective. The array `contact` *is* the mask of the operator, and a new state empties it. All states of an operator
+    share this mask. So to return to an earlier state, store a copy of its contact set, and restore it.
 
     Parameters
     ----------
@@ -106,14 +106,14 @@ class ContactState:
     distance : UndeformedDistance
         Undeformed distance of the same cells.
     u : ndarray, shape (local rows, nx), [mm], optional
-        Initial displacement. Not copied.
+        Initial displacement; the array is not copied.
     displacement_status : Displacement
-        Accuracy of that `u`.
+        Accuracy of this `u`.
 
     Attributes
     ----------
     p : ndarray, shape (local rows, nx), [N/mm2]
-        Local pressure, read-only; valid after `destroy`. `values` is the writable one.
+        Local pressure, read-only; still valid after `destroy`. To write, use `values`.
     displacement_status : Displacement
         Accuracy of `u`. Set it when you change `pressure` or `u`.
     patience : float
@@ -171,7 +171,7 @@ class ContactState:
         return self.grid.cell_area * float(self.sum([self._p.sum()])[0])
 
     def sum(self, values):
-        """Sum a few numbers over the ranks. Collective."""
+        """Return the sums of a few numbers over the ranks. Collective."""
         return sum_over(self.comm, values)
 
     def minimum(self, values):
@@ -183,7 +183,10 @@ class ContactState:
         return self.distance.touching
 
     def in_contact(self):
-        """Return a mask of the cells in contact: those of C, and plastic ones."""
+        """Return a mask of cells in contact.
+
+        The cells in contact are the cells of C and the plastic cells.
+        """
         return self.contact | self.bounds.plastic(self.p) if self.bounds.capped else self.contact
 
     def not_plastic(self):
@@ -191,7 +194,7 @@ class ContactState:
         return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible
 
     def plastic_cells(self, factor=1.0):
-        """Count the cells with factor p >= H. Collective."""
+        """Return the number of cells with factor times p >= H. Collective."""
         if not self.bounds.capped:
             return 0
         return int(self.sum([np.count_nonzero(self.bounds.plastic(factor * self.p))])[0])
@@ -201,13 +204,13 @@ class ContactState:
         return int(self.sum([np.count_nonzero(self.contact)])[0])
 
     def cells_in_contact(self):
-        """Count the cells in contact, those of C and plastic ones. Collective."""
+        """Return the number of cells in contact: of C, and plastic. Collective."""
         return int(self.sum([np.count_nonzero(self.in_contact())])[0])
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of the cells in C. Collective.
 
-        `with_h`: compute their ||h||, too.
+        If `with_h` is true, they include ||h||.
         """
         b, depth, contact = self.distance.b, self.distance.depth, self.contact
         h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
@@ -219,7 +222,7 @@ class ContactState:
     def on_contact_or_overlap(self):
         """Return the `Gaps` of C and overlapping cells, with the load. Collective.
 
-        Plastic cells may overlap, and do not count.
+        Plastic cells may overlap, and are left out.
         """
         overlapping = self.not_plastic()
         sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, overlapping)
@@ -233,10 +236,10 @@ class ContactState:
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
 
     def before_iteration(self, k):
-        """Adapt C before iteration k; does nothing on free patches. Collective."""
+        """Adapt C before iteration k, on periodic patches only. Collective."""
 
     def start_from_interpenetration(self):
-        """Start from C^0 = {h <= 0} and p = 0, step 1 of Sec. 4.1."""
+        """Start from C = {h <= 0} and p = 0 (step 1)."""
         np.greater_equal(self.distance.b, -self.depth, out=self.contact)
         self.contact &= self.admissible
         self.pressure.set(0)
@@ -244,14 +247,14 @@ class ContactState:
         self.displacement_status = Displacement.EXACT
 
     def first_contact(self):
-        """Approach until the first cell touches, if C is empty. Collective."""
+        """If C is empty, approach until the first cell touches. Collective."""
         if not self.cells_in_contact():
             self.approach_next_cell()
 
     def approach_next_cell(self):
         """Approach until the nearest cell without contact touches. Collective.
 
-        C receives this cell. Plastic cells are in contact.
+        This cell is added to C. Plastic cells count as cells in contact.
         """
         gap, candidates = self.gap(), self.not_plastic()
         nearest = float(self.minimum(gap[candidates].min(initial=np.inf)))
@@ -298,20 +301,20 @@ class ContactState:
     def tension(self):
         """Return the sum of tension on C over that of pressure. Collective.
 
-        Pressure above the hardness counts like tension. A release would remove this share. It is infinite if there
-        is tension without pressure.
+        Pressure above the hardness counts like tension. A release would remove this share of the pressure. The result
+        is infinite if there is tension without pressure.
         """
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove the tensile cells from C (4.a), so that p >= 0 (2.9).
+        """Remove cells from C that violate p >= 0 (step 4.a).
 
-        Cells above the hardness leave C, too.
+        These cells are tensile. Cells above the hardness are removed from C, too.
 
-        `some` is true if any rank has tensile cells. If it is None, the call is collective and counts them.
-        Returns this number, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
+        `some` is true if any rank has tensile cells. If it is None, the call is collective and counts the tensile
+        cells. Return their number, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
         """
         released = self.bounds.release(self.values, self.contact, self._released, change)
         released = int(self.sum([released])[0]) if some is None else some
@@ -321,7 +324,7 @@ class ContactState:
         return released
 
     def compute_displacement(self, exact=False):
-        """Compute u = A p; `exact`: in double precision. Collective."""
+        """Compute u = A p, if `exact` in double precision. Collective."""
         exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
         compute(self._p, self.u)  # (2.7)
@@ -331,9 +334,9 @@ class ContactState:
     def activate_penetrating(self, expected=None, pressure=None):
         """Add the overlapping cells to C (4.b), for (2.10).
 
-        Collective. Cells just released may enter again. Returns the `Update` by the last `release_tensile`
-        and this step. `expected`, shape (local rows, nx) [mm], is an expected change of u outside C. The test
-        for overlap adds it to u. `pressure` replaces p.
+        Collective. Cells just released may enter again. `expected`, shape (local rows, nx) [mm], is an expected change
+        of u outside C, which the test for overlap adds to u. `pressure` is used instead of p, if given. Return the
+        `Update` by the last `release_tensile` and this step.
 
         Contact sets may cycle near full contact, or with a hardness. If the number of changed cells stagnates, cells
         enter only in iterations in which none leave, as in Kalker's NORM.
@@ -369,9 +372,9 @@ class ContactState:
         return self.compute_displacement(exact=True)
 
     def reach_load(self, load):
-        """Reach a load [N] by a constant on C, within the bounds of p. Collective.
+        """Reach a load [N] by a constant added on C. Collective.
 
-        u becomes stale. Less is added if all cells of C reach a bound.
+        p stays within its bounds, and u becomes stale. If all cells of C reach a bound, the load is not reached.
         """
         self.reach_sum(self.values, load / self.grid.cell_area)
         self.displacement_status = Displacement.STALE
@@ -392,7 +395,10 @@ class ContactState:
         return missing
 
     def distribute_load(self, load):
-        """Distribute a load [N] evenly over C, within the bounds of p, and compute u. Collective."""
+        """Distribute a load [N] evenly over C. Collective.
+
+        p stays within its bounds. u is computed.
+        """
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)
         self.project()

@@ -8,7 +8,7 @@ BELOW_ROUNDING = "rounding leaves a larger residual than -lcp_rtol allows: choos
 
 @dataclass(frozen=True)
 class StoppingTest:
-    """Test (5.1) of the residual (step 6 of Sec. 4.1), and limit of iterations."""
+    """Stopping test (5.1), step 6 of Sec. 4.1, and limit of iterations."""
 
     rtol: float = 1e-6
     max_it: int = 100
@@ -27,8 +27,8 @@ class StoppingTest:
         return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
-        """Return the test of coarser grids, which allows any residual.
+        """Return the test of coarser grids, which accepts any residual.
 
-        Step 3.b of Sec. 4.3 demands an unchanged contact area only.
+        Step 3.b of Sec. 4.3 only requires that the contact area does not change.
         """
         return StoppingTest(float("inf"), self.max_it, final=False)

@@ -160,8 +160,8 @@ class Grid:
     def places_in(self, coarse):
         """Return the positions of this grid's cell centres in a coarser grid.
 
-        The positions are given by two pairs (a, b), the first for y and the second for x. The centre of cell j is ``a j
-        + b`` coarse cells from the first coarse centre.
+        The positions are given by two pairs (a, b), the first for y and the second for x. The centre of cell j is
+        ``a j + b`` coarse cells from the first coarse centre.
         """
         in_y = (self.dy / coarse.dy, (self.y0 - coarse.y0 + (self.dy - coarse.dy) / 2) / coarse.dy)
         in_x = (self.dx / coarse.dx, (self.x0 - coarse.x0 + (self.dx - coarse.dx) / 2) / coarse.dx)

@@ -64,8 +64,8 @@ class Box:
     def correction(self, steps, counts):
         """Return S', the matrix between nodes.
 
-        S' is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are 0 to ``counts
-        - 1`` nodes. S' is for unit compliance.
+        S' is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are
+        0 to ``counts - 1`` nodes. S' is for unit compliance.
         """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]

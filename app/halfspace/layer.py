@@ -1,8 +1,8 @@
 """Surface displacement of a layer bonded to a base.
 
 The base, or substrate, is a half-space or rigid. A pressure wave of wave number q displaces the surface of a layer of
-shear modulus G1, Poisson's ratio nu1 and thickness t by ``u_q = (1 - nu1) / (G1 q) S(q t) p_q`` [1]_. With ``mu = G1 /
-G2``, x = q t and ``th = exp(-2 x)``,
+shear modulus G1, Poisson's ratio nu1 and thickness t by ``u_q = (1 - nu1) / (G1 q) S(q t) p_q`` [1]_. With
+``mu = G1 / G2``, x = q t and ``th = exp(-2 x)``,
 
     S(x) = (1 + 4 x kappa th - lambda kappa th^2) / (1 - (lambda + kappa + 4 kappa x^2) th + lambda kappa th^2),
     lambda = 1 - 4 (1 - nu1) / (1 + mu (3 - 4 nu2)),    kappa = (mu - 1) / (mu + 3 - 4 nu1).

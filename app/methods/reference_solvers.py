@@ -1,8 +1,8 @@
 """PETSc's solvers for bound constraints, TAO and SNESVI.
 
-They serve for comparison and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0`` (``-lcp_type tao
--tao_type tron``), SNESVI solves the complementarity problem (``-lcp_type snesvi``). Both are configured by ``-tao_*``,
-``-snes_*``, ``-ksp_*`` and ``-pc_*``.
+They serve for comparison and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0``
+(``-lcp_type tao -tao_type tron``), SNESVI solves the complementarity problem (``-lcp_type snesvi``). Both are
+configured by ``-tao_*``, ``-snes_*``, ``-ksp_*`` and ``-pc_*``.
 """
 
 import time

@@ -1,8 +1,8 @@
 """Linear solver of contact systems (2.11), by PETSc's options.
 
-All of PETSc's solvers that need only products with the matrix and its diagonal can be chosen: ``-ksp_type cg -pc_type
-none`` (the method NORM of the paper), ``-pc_type jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg``
-is the multigrid method of `pcmg`.
+All of PETSc's solvers that need only products with the matrix and its diagonal can be chosen:
+``-ksp_type cg -pc_type none`` (the method NORM of the paper), ``-pc_type jacobi``,
+``-pc_type python -pc_python_type ...``. ``-pc_type mg`` is the multigrid method of `pcmg`.
 """
 
 import math

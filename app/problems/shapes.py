@@ -91,10 +91,10 @@ class Paraboloid(Shape):
         radius of a ball. The radius inf means straight, a negative radius concave. `angle` [degrees] is the angle from
         the first axis of body 1 to that of body 2.
 
-        The curvatures of both bodies in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1) ``k(theta)
-        = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``. Here s is the sum of all four curvatures, and d1 and d2
-        are the differences of the two curvatures of body 1 and body 2. The x axis of the patch is the principal
-        direction of k nearest to the first axis of body 1.
+        The curvatures of both bodies in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1)
+        ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``. Here s is the sum of all four curvatures, and
+        d1 and d2 are the differences of the two curvatures of body 1 and body 2. The x axis of the patch is the
+        principal direction of k nearest to the first axis of body 1.
         """
         radii1, radii2 = ((r, r) if isinstance(r, Real) else r for r in (radii1, radii2))
         for body, radii in ((1, radii1), (2, radii2)):

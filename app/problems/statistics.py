@@ -1,8 +1,8 @@
 """Statistics of heights: moments, slopes, power spectrum, normal plot.
 
-The mean of the heights is subtracted first. The Fourier transform of heights z on n_y x n_x cells is ``Z(q) = dx dy
-sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)`` with l_x, l_y the sides of the
-patch, so that ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
+The mean of the heights is subtracted first. The Fourier transform of heights z on n_y x n_x cells is
+``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, the power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)`` with l_x, l_y the
+sides of the patch, so that ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
 """
 
 from dataclasses import dataclass

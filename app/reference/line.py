@@ -1,10 +1,10 @@
 """Line contact of a cylinder of finite length.
 
-If a load W is uniform along the length L of a cylinder of radius R, the contact has Hertz's half-width a, ``a^2 = 4 W R
-/ (pi E* L)``. In the middle the bodies approach each other by ``W / (pi E* L) (1 + 2 ln(2 L / a))``, if a is small
-compared with L. The load is uniform if the cylinder has Lundberg's profile, a drop of ``W / (pi E* L) ln(1 / (1 - (2 y
-/ L)^2))`` along y. This drop is infinite at the ends. To make it finite there, Johns and Gohar multiply (2 y / L)^2 by
-``1 - 0.6066 a / L``.
+If a load W is uniform along the length L of a cylinder of radius R, the contact has Hertz's half-width a,
+``a^2 = 4 W R / (pi E* L)``. In the middle the bodies approach each other by ``W / (pi E* L) (1 + 2 ln(2 L / a))``, if a
+is small compared with L. The load is uniform if the cylinder has Lundberg's profile, a drop of
+``W / (pi E* L) ln(1 / (1 - (2 y / L)^2))`` along y. This drop is infinite at the ends. To make it finite there, Johns
+and Gohar multiply (2 y / L)^2 by ``1 - 0.6066 a / L``.
 
 References
 ----------
