@@ -20,7 +20,8 @@ def step_to_load(state, load, target, stiffness=0.0):
     """Return the change of depth from a load to a target [mm].
 
     Collective. `load` is the load of `state` [N], `target` the prescribed load [N]. On periodic patches `stiffness` is
-    the stiffness of elastic contact [N/mm].
+    the stiffness of elastic contact [N/mm]. Returns the change, and F(0), the load that is expected at the present
+    depth [N].
     """
     grid, distance, compliance = state.grid, state.distance, state.operator.diagonal
     fields = distance.b, state.depth, state.u, state.p
@@ -32,7 +33,7 @@ def step_to_load(state, load, target, stiffness=0.0):
         total = state.sum([state.bounds.local_load(*fields, t, compliance)])[0]
         return grid.cell_area * float(total) - target
 
-    low, at_low = 0.0, error(0.0)
+    low, at_low = 0.0, (first := error(0.0))
     step = -at_low * compliance / (cells * grid.cell_area)
     high, at_high = step, error(step)
     for _ in range(_MAX_TRIALS):
@@ -42,7 +43,8 @@ def step_to_load(state, load, target, stiffness=0.0):
         low, at_low, high = high, at_high, high + step
         at_high = error(high)
     t = _zero(error, (low, at_low), (high, at_high), _STEP_RTOL * abs(target - load))
-    return t if grid.periodic else t + (target - load) / punch_stiffness(state)
+    step = t if grid.periodic else t + (target - load) / punch_stiffness(state)
+    return step, target + first
 
 
 def _zero(function, one, other, allowed):

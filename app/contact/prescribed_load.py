@@ -24,6 +24,9 @@ PLASTIC_STIFFNESS_RATIO = 1.4  # stiffness of elastic contact between plastic ce
 MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the lower bound of the stiffness
 MIN_MEAN_SLOPE_FRACTION = 0.9  # least secant slope that is used, over the mean slope since first touch
 MAX_PLASTIC_FRACTION = 0.05  # on free patches, plastic over elastic cells up to which the slope is learned
+MIN_MODEL_STEP = 10.0  # least step that corrects the model of plastic contact, over the rms residual
+MISSING_LOAD_RATIOS = -1.0, 0.3  # range of the missing load over that before the last step
+MODEL_FACTORS = 0.4, 1.5  # range of the factor on steps of the model
 LOAD_ROUNDING = 1e-12  # relative difference of a load that has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # error of the approach that the residual explains, over the rms residual
 _MAX_PLATEAUS = 100  # number of plateaus of the load that are left after a search, each by one product
@@ -50,6 +53,7 @@ class PrescribedLoad(Loading):
     def __init__(self, load, mean_pressure=np.nan):
         self.load, self._mean_pressure = float(load), mean_pressure
         self.slope = 0.0  # S [N/mm]
+        self._missing, self._model_factor = None, 1.0  # missing load [N] and depth [mm] before the last step
         self._before = None  # depth [mm] and expected load [N] before the last move of the approach
         self._depths = []  # final depths of the grids solved so far [mm]
 
@@ -231,7 +235,7 @@ class PrescribedLoad(Loading):
 
         See `Loading.begin`.
         """
-        self._before = None
+        self._before, self._missing, self._model_factor = None, None, 1.0
         state.first_contact()
 
     def update(self, state):
@@ -248,7 +252,7 @@ class PrescribedLoad(Loading):
         least_plastic = 0 if state.grid.periodic else MAX_PLASTIC_FRACTION * gaps.cells
         if capped and state.plastic_cells() > least_plastic:
             stiffness = PLASTIC_STIFFNESS_RATIO * least_stiffness(state)
-            expected, step = np.nan, step_to_load(state, gaps.load, self.load, stiffness)
+            expected, step = np.nan, self._plastic_step(state, gaps, stiffness)
         else:
             expected = gaps.load - self.slope * gaps.mean
             self._learn_slope(state, expected, gaps.rms)
@@ -261,6 +265,19 @@ class PrescribedLoad(Loading):
         state.depth = new_depth if new_depth >= least else (depth + least) / 2
         self._before = None if expected != expected else (depth, expected)
         return abs(state.depth - depth)
+
+    def _plastic_step(self, state, gaps, stiffness):
+        """Return the step of `step_to_load`, times a factor that its last errors give [mm]. Collective.
+
+        If the model is always wrong by the same factor, the missing load falls like a geometric series without it.
+        """
+        step, expected = step_to_load(state, gaps.load, self.load, stiffness)
+        missing, (before, depth) = self.load - expected, self._missing or (0.0, state.depth)
+        if before and abs(state.depth - depth) > MIN_MODEL_STEP * gaps.rms:
+            ratio = np.clip(missing / before, *MISSING_LOAD_RATIOS)
+            self._model_factor = float(np.clip(self._model_factor / (1 - ratio), *MODEL_FACTORS))
+        self._missing = missing, state.depth
+        return self._model_factor * step
 
     def _learn_slope(self, state, expected, rms):
         """Update the slope dF/d(depth) from the last change of the depth. Collective.
