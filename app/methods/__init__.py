@@ -1,1 +1,1 @@
-"""Default methods of free and periodic patches, and PETSc's own solvers."""
+"""Default methods for free and periodic patches, and PETSc's own solvers."""

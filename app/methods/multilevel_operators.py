@@ -1,17 +1,17 @@
 """Multilevel products with A and with B, its periodic inverse.
 
-A multilevel product applies stencils on several grids and an FFT on the coarsest one. Small grids have no stencils,
-since an FFT is fast there.
+A multilevel product applies stencils on several grids, and an FFT on the coarsest grid. Small grids have no stencils,
+because an FFT is fast there.
 
-On a free patch multilevel B is a preconditioner: the number of CG iterations is the same as with B by FFT. The coarse
-grid is wider than the patch, so that opposite edges of the patch do not touch in the periodic continuation.
+On a free patch multilevel B is used as preconditioner; the number of CG iterations is the same as with B by FFT. The
+coarse grid is wider than the patch, so that opposite edges of the patch do not touch in the periodic continuation.
 
-Multilevel A has an error of about 1% on short waves and less on long ones. It takes a quarter to a third of the time
-of a product by FFT in single precision. This accuracy is enough for corrections of the pressure, since the next product
-by FFT replaces their displacement (defect correction [1]_).
+Multilevel A has an error of about 1% for short waves, and less for long waves. It takes a quarter to a third of the
+time of a product by FFT in single precision. Its accuracy is enough for corrections of the pressure, because the next
+product by FFT replaces their displacement (defect correction [1]_).
 
-On a periodic patch only B has a multilevel product. On short waves its error is up to 0.5% for the ``love`` symbol, and
-up to 9% for the ``spectral`` symbol, which has a kink there.
+On a periodic patch only B has a multilevel product. For short waves its error is up to 0.5% with the ``love`` symbol,
+and up to 9% with the ``spectral`` symbol, which has a kink there.
 
 References
 ----------
@@ -56,8 +56,8 @@ def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
     layout : Layout
         Distribution and precision of the fields.
     apart : bool
-        True for CG: free cells separate the patch from its copies, and B is multilevel except on small grids. False
-        for `lift`: a plain FFT without a gap, across which the displacement would jump.
+        True for CG: a gap separates the patch from its copies, and B is multilevel except on small grids. False for
+        `lift`: B is a plain FFT without a gap, because the displacement would jump across a gap.
 
     Returns
     -------
@@ -75,8 +75,8 @@ def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
 def create_multilevel_inverse(grid, kernel, layout=SERIAL):
     """Create the multilevel inverse B of a periodic patch, or return None.
 
-    Collective over the ranks of the layout. None if the grid is too small, or has an odd number of cells. Parameters as
-    of `create_circulant_inverse`.
+    Collective over the ranks of the layout. The result is None if the grid is too small, or has an odd number of cells.
+    The parameters are those of `create_circulant_inverse`.
     """
     near = _stencils(grid, -1, kernel)
     return _create_inverse(grid, kernel, layout, near, _coarsest_shape(grid, near), np.inf) if near else None
@@ -108,8 +108,8 @@ def _create_inverse(grid, kernel, layout, near, periods, mean):
 def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
     """Create the multilevel product with A of a free patch, or None.
 
-    Collective over the ranks of the layout. None if the grid is small. `other` is another multilevel product with which
-    coarse fields are shared; the other parameters are as of `create_circulant_inverse`.
+    Collective over the ranks of the layout. The result is None if the grid is small. `other` is another multilevel
+    product, with which coarse fields are shared. The other parameters are those of `create_circulant_inverse`.
     """
     near = _stencils(grid, 1, kernel)
     if not near:
@@ -137,7 +137,7 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
 def multilevel_influence(operator):
     """Return the multilevel product with A of an operator. Collective.
 
-    It is created on first use; None on periodic patches and small grids.
+    The product is created on first use. None on periodic patches and small grids.
     """
     if operator.grid.periodic:
         return None
@@ -149,7 +149,7 @@ def multilevel_influence(operator):
 def multilevel_inverse(operator):
     """Return the multilevel product with B = A^-1. Collective.
 
-    It is created on first use; None on small grids and for odd numbers of cells.
+    The product is created on first use. None on small grids, and for odd numbers of cells.
     """
     return get_or_create(operator, "inverse", create_multilevel_inverse)
 
@@ -157,7 +157,7 @@ def multilevel_inverse(operator):
 def get_or_create(operator, name, create, **options):
     """Return the multiplier `name` of an operator, created on first use.
 
-    The creation by `create` is collective. None on ranks without rows.
+    To create it, ``create`` is called, which is collective. None on ranks without rows.
     """
     multipliers = operator.multipliers
     if name not in multipliers and operator.active:
@@ -176,7 +176,8 @@ def prepare(grid):
 def _stencils(grid, power, kernel=UNIT):
     """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
-    There are none for levels so small that an FFT is faster, and none if they would depend on the size of cells.
+    The result has no stencils for levels so small that an FFT is faster. If stencils would depend on the size of cells,
+    the result is empty.
     """
     if not kernel.scale_free:
         return []

@@ -2,13 +2,14 @@
 
     M = N + P M_H P^T
 
-`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres. `M_H` is such a product on cells twice
-as large; on the coarsest grid it is a product by FFT. This is multilevel multi-summation [1]_ of the lowest order.
-Long cells are first coarsened in their shorter direction only, until they are nearly square.
-`app.methods.multilevel_operators` makes such products for A and B.
+M is a product with a dense matrix, such as A or its inverse B. `N` is a stencil of 5 x 5 cells, and `P` is linear
+interpolation between cell centres. `M_H` is the multilevel product on cells twice as large; on the coarsest grid it is
+a product by FFT. This is multilevel multi-summation [1]_ of the lowest order. Long cells are first coarsened only in
+their shorter direction, until they are nearly square. `app.methods.multilevel_operators` makes the products for A and
+B.
 
-On several ranks a coarse row belongs to the rank with the first of its two fine rows. The halo has two fine rows and a
-coarse one on each side.
+On several ranks a coarse row belongs to the rank with the first of its two fine rows. The halo has two fine rows and
+one coarse row on each side.
 
 References
 ----------
@@ -33,7 +34,7 @@ COST_IN_TRANSFORMS = (
 def coarse_shape(shape, factors, periodic=False):
     """Return the shape of the coarse grid.
 
-    It has one extra cell on each coarsened side unless the patch is periodic.
+    On a free patch it has one extra cell on each side of a coarsened direction.
     """
     added = 0 if periodic else 2
     return tuple(n // 2 + added if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
@@ -51,13 +52,13 @@ class MultilevelOperator:
     near : sequence of StencilLevel
         Stencils of this level and the coarser ones.
     coarsest : callable
-        ``coarsest(shape, layout)`` returns the product on the coarsest grid.
+        Function ``coarsest(shape, layout)`` that returns the product on the coarsest grid.
     layout : Layout
         Distribution and precision of the fields.
     other : MultilevelOperator, optional
-        Another product on the same grid, never used at the same time: the coarse fields are shared with it.
+        Another product on the same grid, which shares its coarse fields. Both must not be used at the same time.
     periodic : bool
-        The patch is periodic.
+        True on a periodic patch.
 
     Attributes
     ----------
@@ -103,7 +104,7 @@ class MultilevelOperator:
     def points(self):
         """Number of cells transformed by FFT so far.
 
-        Stencils and interpolation count as the number of cells whose FFT takes as long.
+        Stencils and interpolation are counted as the number of cells whose FFT takes as long.
         """
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
@@ -113,9 +114,9 @@ class MultilevelOperator:
         Parameters
         ----------
         p, out : ndarray of float64 or of `dtype`, shape (local rows, nx)
-            May be the same array.
+            Field and its product; both may be the same array.
         rows : ndarray of bool, shape (local rows,), optional
-            Rows that are nonzero in p and needed in `out`; the others are arbitrary afterwards.
+            True in rows in which p may be nonzero and `out` is needed. Other rows of `out` are arbitrary.
         """
         self.count += 1
         rows = self._all if rows is None else rows
@@ -142,7 +143,7 @@ class MultilevelOperator:
 
 @njit_reassoc
 def _add_rows(a, b, c, d, three, out):
-    """Add four rows with weights 1, 3, 3, 1."""
+    """Add four rows with the weights 1, 3, 3, 1."""
     for i in range(out.size):
         out[i] = a[i] + d[i] + three * (b[i] + c[i])
 
@@ -196,7 +197,7 @@ def _in_y(rows, stencil, middle, once, twice):
 def _in_x(middle, once, twice, near, far, three, out):
     """Apply the stencil in x, and add the interpolated coarse rows.
 
-    `middle`, `once` and `twice` are the sums of `_in_y`; `near` and `far` the nearer and farther coarse row.
+    `middle`, `once` and `twice` are the sums of `_in_y`; `near` and `far` are the nearer and the farther coarse row.
     """
     for i in range(out.size):
         next_cells, last_cells = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
@@ -205,9 +206,9 @@ def _in_x(middle, once, twice, near, far, three, out):
 
 @njit()
 def _copy_row_at(j, p, rows, before, after, out):
-    """Copy row j of p or its halo to `out`.
+    """Copy row j of p or of its halo to `out`.
 
-    Rows are counted from the first local one; rows outside are zero. Returns whether the row may be nonzero.
+    Rows are counted from the first local row; rows outside the grid are zero. Return whether the row may be nonzero.
     """
     if 0 <= j < len(p):
         if rows[j]:
@@ -261,7 +262,10 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
 
 @njit()
 def _widen(row, fx, three, periodic, wide, out):
-    """Interpolate a coarse row linearly in x, times 1/4; `wide`: work row."""
+    """Interpolate a coarse row linearly in x, times 1/4.
+
+    `wide` is a work row.
+    """
     if fx == 1:
         scale_row(row, row.dtype.type(1 / 4), out)
     elif periodic:
@@ -294,9 +298,9 @@ def _add_near(
 ):  # fmt: skip
     """Compute the stencil's product plus the interpolated coarse field.
 
-    It is out = N p + P coarse, with N the stencil and P interpolation. Only `rows` are computed. `parents` are the
-    coarse rows above, in and below the slab. `five`, `columns`, `doubled` and `wide` are work rows; those of `five`
-    have zeros at the ends.
+    Compute out = N p + P coarse, where N is the stencil and P interpolation, only in `rows`. `parents` are the coarse
+    rows above, in and below the slab. `five`, `columns`, `doubled` and `wide` are work rows; those of `five` have zeros
+    at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):

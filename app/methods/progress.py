@@ -4,7 +4,10 @@ PATIENCE = 8  # iterations within which a residual must be halved
 
 
 class NeedsSafeguard(Exception):
-    """Raised if an iteration makes no progress; `outcome` is its Outcome."""
+    """Raised if an iteration makes no progress.
+
+    The attribute `outcome` is its Outcome.
+    """
 
     def __init__(self, outcome):
         super().__init__(outcome.reason)
@@ -26,7 +29,7 @@ class HalvingTest:
     def update(self, number, otherwise=False):
         """Record the value of an iteration.
 
-        `otherwise`: the iteration made progress of another kind, which counts like halving.
+        If `otherwise` is true, the iteration has made another kind of progress, which counts like halving.
         """
         self._since += 1
         if otherwise or (number <= 0.5 * self.best and number < self.best):  # 0 is not halved again
@@ -34,5 +37,5 @@ class HalvingTest:
 
     @property
     def stagnates(self):
-        """True if there was no progress for PATIENCE iterations."""
+        """True if the value was not halved for PATIENCE iterations."""
         return self._since >= PATIENCE

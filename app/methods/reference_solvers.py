@@ -1,8 +1,8 @@
 """PETSc's solvers for bound constraints, TAO and SNESVI.
 
-They serve for comparison and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0``
-(``-lcp_type tao -tao_type tron``), SNESVI solves the complementarity problem (``-lcp_type snesvi``). Both are
-configured by ``-tao_*``, ``-snes_*``, ``-ksp_*`` and ``-pc_*``.
+They are used for comparison, and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0``
+(``-lcp_type tao -tao_type tron``). SNESVI solves the complementarity problem (``-lcp_type snesvi``). Their options are
+``-tao_*``, ``-snes_*``, ``-ksp_*`` and ``-pc_*``.
 """
 
 import time
@@ -43,7 +43,7 @@ class _ReferenceSolver:
     def solve(self, state, history, start=None):
         """Solve the contact problem for the approach of `state`.
 
-        The first pressure is that of the Solution `start`, if given. Returns the Outcome. Raises a PETSc.Error if the
+        The initial pressure is that of the Solution `start`, if given. Return the Outcome. Raises a PETSc.Error if the
         chosen linear solver needs more than products with the matrix.
         """
         for listener in history.listeners:
@@ -84,7 +84,7 @@ class _ReferenceSolver:
     def _residual(self, state):
         """Return the norms of gap in contact and overlap outside [mm].
 
-        They are computed by a product in double precision. Sets the contact set and displacement of `state`.
+        Both are computed by a product in double precision. The contact set and displacement of `state` are set.
         """
         state.project()
         state.contact[...] = state.bounds.between(state.p)
@@ -97,7 +97,8 @@ class _ReferenceSolver:
     def _record(self, iteration, norm):
         """Record an iteration with PETSc's `norm` of its residual.
 
-        The entry is written one iteration later, since that of the last iteration gets the residual of (5.1) instead.
+        The entry is written one iteration later, because the entry of the last iteration gets the residual of (5.1)
+        instead.
         """
         self._write_entry()
         if not iteration:
@@ -132,7 +133,7 @@ class _ReferenceSolver:
             raise
 
     def _default_tolerances(self, **tolerances):
-        """Return the default values of tolerances that no option sets."""
+        """Return those `tolerances` that no option sets."""
         options = PETSc.Options(self.prefix)
         return {key: value for key, value in tolerances.items() if not options.hasName(f"{self._name}_{key}")}
 

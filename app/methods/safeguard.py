@@ -1,13 +1,14 @@
 """Safeguard: projected Newton's method, which is proved to converge.
 
-It solves ``min f(p) = p.Ap / 2 + h.p, p >= 0`` [1]_. The direction d solves (2.11) approximately on the contact set C,
-without the cells that have a gap and next to no pressure. The step along ``p(alpha) = max(p + alpha d, 0)`` is halved
-until f falls by Armijo's condition. With alpha = 1 these are steps 2 to 4 of Sec. 4.1. f falls in every iteration and
-the limit is the solution, for any symmetric positive definite preconditioner and any number of CG steps [1, Prop. 2].
-A prescribed load is met by a bracketing root search around it, since the load is monotone in the approach.
+The method solves ``min f(p) = p.Ap / 2 + h.p, p >= 0`` [1]_. The direction d solves (2.11) approximately on the contact
+set C, without the cells that have a gap and almost no pressure. The step along ``p(alpha) = max(p + alpha d, 0)`` is
+halved until f falls by Armijo's condition. With alpha = 1 these are steps 2 to 4 of Sec. 4.1. f falls in every
+iteration, and the limit is the solution, for any symmetric positive definite preconditioner and any number of CG steps
+[1, Prop. 2]. To meet a prescribed load, a bracketing root search calls the method, because the load is monotone in the
+approach.
 
 All numbers are in double precision. The method needs some more vectors while it runs. The result counts the grids on
-which it was used (``fallbacks``).
+which the method was used (``fallbacks``).
 
 References
 ----------
@@ -56,8 +57,8 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
 def projected_newton(state, solver, stop, history):
     """Solve the contact problem (2.8)-(2.10) by projected Newton's method.
 
-    Collective over the ranks of `state`, which has the approach and the first pressure. Parameters and result as of
-    `active_set`; the solver is in double precision.
+    Collective over the ranks of `state`, which has the approach and the initial pressure. Parameters and result are
+    those of `active_set`; the solver is in double precision.
     """
     history.start(state, solver)
     state.project()
@@ -141,7 +142,7 @@ def _leave_full_contact(state, gap):
 def _excluded_pressure(state, gap):
     """Return the pressure below which cells with a gap are excluded.
 
-    Collective. It tends to zero as the iteration converges.
+    Collective. This pressure tends to zero as the iteration converges.
     """
     p = state.p
     step = np.abs(state.bounds.change(p, -gap / state.operator.diagonal))
@@ -152,7 +153,7 @@ def _excluded_pressure(state, gap):
 def _update_contact(state, gap, before):
     """Set the contact set to the cells with pressure or overlap. Collective.
 
-    `gap` is h + A p, `before` the contact set that the returned Update is compared with.
+    `gap` is h + A p. Return the Update since the contact set `before`.
     """
     state.contact[...] = state.bounds.contact(state.p, gap)
     counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()

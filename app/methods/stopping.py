@@ -12,20 +12,20 @@ IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may 
 class InexactStop(StoppingTest):
     """Stopping test of the target and coarser grids.
 
-    On the target grid it is (5.1), ||r|| <= rtol ||h|| for the residual r, with a second limit from ||h|| on the
+    On the target grid the test is (5.1), ||r|| <= rtol ||h|| for the residual r, and a second limit from ||h|| on the
     contact set C alone.
 
     Parameters
     ----------
     coarse_rtol : float
-        Largest ||r|| / ||h|| on C with which a coarser grid is left.
+        Largest ||r|| / ||h|| on C for which a coarser grid is left.
     predictor : float
-        Factor on the predicted change of u by which cells enter C.
+        Factor that multiplies the predicted change of u, by which cells enter C.
     error_bound : float
-        Largest error bound of the certificate (`app.contact.certificate`) with which the target grid is solved.
+        Largest error bound (`app.contact.certificate`) for which the target grid counts as solved.
     defect_correction : float
-        Fraction of the residual at the last FFT product that multilevel products must reach before the next FFT
-        product. 0: all products are by FFT.
+        The next FFT product follows when multilevel products have reduced the residual to this fraction. If it is 0,
+        all products are by FFT.
     """
 
     coarse_rtol: float = 0.0
@@ -36,9 +36,9 @@ class InexactStop(StoppingTest):
     def allowed(self, state, h_on_contact=None):
         """Return the largest norm of the residual that passes the test [mm].
 
-        Collective, unless `h_on_contact`, the norm of h on C, is given [mm]. On the target grid the limit is
-        rtol ||h||, or 100 rtol ||h|| on C if smaller. On coarser grids it is coarse_rtol times the smaller of these
-        norms. If h vanishes on C it is rtol ||h||.
+        Collective, unless `h_on_contact`, the norm of h on C, is given [mm]. On the target grid the limit is rtol
+        ||h||, or 100 rtol times the norm of h on C if that is smaller. On coarser grids the limit is coarse_rtol times
+        the smaller of both norms. If h is zero on C, the limit is rtol ||h||.
         """
         norm = state.distance.norm()
         h_on_contact = state.on_contact(with_h=True).h if h_on_contact is None else h_on_contact
@@ -51,8 +51,8 @@ class InexactStop(StoppingTest):
     def certified(self, state, work=None):
         """Return whether the certificate proves an error of at most `error_bound`.
 
-        Collective. True without a test on coarse grids, and if rtol is so small that rounding prevents a smaller one.
-        `work`: array that may be overwritten.
+        Collective. On coarse grids the result is true without a test, and also if rtol is so small that rounding
+        prevents a smaller error. `work` is an array that may be overwritten.
         """
         if not self.final or IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL:
             return True
@@ -61,7 +61,7 @@ class InexactStop(StoppingTest):
     def is_weak(self, state, h_on_contact):
         """Return whether (5.1) is weak because contact is small.
 
-        This is the case if `h_on_contact`, the norm of h on C [mm], is below 1% of ||h||. Then the certificate is
+        The test is weak if `h_on_contact`, the norm of h on C [mm], is below 1% of ||h||. Then the certificate is
         checked before a verification product.
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
@@ -69,6 +69,6 @@ class InexactStop(StoppingTest):
     def for_coarse_grid(self):
         """Return the test of coarser grids, where contact may still change.
 
-        Step 3.b of Sec. 4.3 requires an unchanged contact set instead.
+        Step 3.b of Sec. 4.3 of the paper instead requires an unchanged contact set.
         """
         return replace(self, final=False)

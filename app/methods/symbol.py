@@ -1,20 +1,20 @@
 """Stencils that approximate A and its inverse on a periodic patch.
 
 The stencils of a hierarchy of grids make up a multilevel product (`app.methods.multilevel_product`). They are fitted to
-the eigenvalues lambda(q) of A at wave vectors q. A free patch is continued periodically: its eigenvalues are those of
-`app.halfspace.periodic_symbol` for ``love``, the uniform pressure on cells, except for q = 0. In units of a cell they
-depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the spectrum of
-one cell, `sinc sinc / |q|`, plus its aliases, whose sum is smooth in q and interpolated.
+the eigenvalues lambda(q) of A at wave vectors q. A free patch is continued periodically: except for q = 0, its
+eigenvalues are those of `app.halfspace.periodic_symbol` for ``love``, the uniform pressure on cells. In units of a cell
+they depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the spectrum
+of one cell, `sinc sinc / |q|`, plus its aliases. The sum of the aliases is smooth in q, and is interpolated.
 
-lambda, about 1 / |q|, and 1 / lambda are smooth except at q = 0. (For the ``spectral`` symbol, 1 / |q|, they also have
-a kink at the highest waves.) So a stencil approximates them for all but long waves. The remainder contains long waves
-only and is represented on a grid twice as coarse, and so on for level l = 0, 1, ...:
+lambda, about 1 / |q|, and 1 / lambda are smooth except at q = 0. (With the ``spectral`` symbol, 1 / |q|, they also have
+a kink at the highest waves.) So a stencil approximates them, except for long waves. The remainder contains only long
+waves, so it is represented on a grid twice as coarse, and so on for level l = 0, 1, ...:
 
     g_0 = lambda or 1 / lambda,    g_l(k) = n_l(k) + 4 c^6 g_(l+1)(2 k),    c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
 
-with k the wave numbers in units of the cells of level l, `n_l` the eigenvalues of a stencil of 5 x 5 cells, and 4 c^6
-the factor of restriction and interpolation. Long cells are first coarsened in their shorter direction only, until they
-are nearly square; the factor is then 2 cos(kx / 2)^6 or 2 cos(ky / 2)^6 in place of 4 c^6.
+Here k are the wave numbers in units of the cells of level l, `n_l` the eigenvalues of a stencil of 5 x 5 cells, and 4
+c^6 the factor of restriction and interpolation. Long cells are first coarsened only in their shorter direction, until
+they are nearly square. The factor is then 2 cos(kx / 2)^6 or 2 cos(ky / 2)^6 instead of 4 c^6.
 """
 
 from functools import lru_cache
@@ -51,7 +51,7 @@ class StencilLevel(NamedTuple):
 def coarsening_factors(near):
     """Return the number of finest cells per coarse cell in y, x.
 
-    The coarse cells are those of the grid below the levels `near`.
+    The coarse cells are those of the grid below the levels `near`, a sequence of StencilLevels.
     """
     return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
@@ -103,7 +103,7 @@ def _compute_directly(kind, dx, dy, x, y):
 def _smooth_part(dx, dy):
     """Return Chebyshev coefficients of the smooth part of eigenvalues.
 
-    It is the sum of aliases of the spectrum of a cell. Shape (terms in x, terms in y).
+    The smooth part is the sum of aliases of the spectrum of a cell. The shape is (terms in x, terms in y).
     """
     counts = [int(np.ceil(CHEBYSHEV_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
     x, y = map(chebyshev_nodes, counts)
@@ -111,7 +111,7 @@ def _smooth_part(dx, dy):
 
 
 def centre(grid):
-    """Return the 3 x 3 centre of B, in some unit.
+    """Return the 3 x 3 centre of B, up to a factor.
 
     B is the inverse of A continued periodically.
     """
@@ -127,9 +127,9 @@ def _centre(dx, dy):
 
 
 def fit_stencils(grid, power=-1):
-    """Fit stencils to A (`power` 1) or its inverse (-1).
+    """Fit stencils to A (`power` 1) or to its inverse (`power` -1).
 
-    Returns StencilLevels, finest first, for unit compliance and cells whose longer side is 1.
+    Return StencilLevels, finest first, for unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
@@ -159,9 +159,10 @@ def _stencils(kind, dx, dy, power):
 def near_field_correction(grid, levels):
     """Return the near-field correction of influence coefficients.
 
-    On the grid below `levels` levels with stencils, multilevel A needs the influence coefficients plus this correction.
-    It vanishes at large distances, where only the load of a cell matters, not its shape. Shape (offsets in y, offsets
-    in x), for unit compliance and cells of the finest grid whose longer side is 1.
+    On the grid below `levels` levels with stencils, multilevel A uses the influence coefficients plus this correction.
+    The correction vanishes at large distances, where only the load of a cell matters, not its shape. The result has the
+    shape (offsets in y, offsets in x). It is for unit compliance, and for cells of the finest grid whose longer side is
+    1.
     """
     side = max(grid.dx, grid.dy)
     return _near_field_correction(grid.dx / side, grid.dy / side, levels)
@@ -184,10 +185,10 @@ def _powers(kind, dx, dy, x, y, power):
 
 
 def coarsen_symbol(values, near, x, y):
-    """Return the remainder g_l of g_0 on the grid below levels `near`.
+    """Return the remainder g_l on the grid below the levels `near`.
 
-    `values`, shape (x, y), are g_0 at wave numbers x, y, divided by the highest ones of the finest grid. `near` are
-    StencilLevels in the unit of g_0.
+    g_l is that of the module docstring. `values`, shape (x.size, y.size), are g_0 at the wave numbers x and y, which
+    are divided by the highest ones of the finest grid. `near` are StencilLevels in the unit of g_0.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -7,36 +7,38 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
 
 - *Start.* Pressure and contact set come from the coarser grid by `lift`. The grid is solved in a window around contact
   (`windows`). The coarsest grid is solved directly.
-- *Sets.* `iteration` repeats the steps of Sec. 4.1. Each set is solved a little by conjugate gradients that start from
-  the known displacement (`tracking_cg`). The preconditioner is the inverse of A continued periodically (`circulant`),
-  applied to the residual extended past the contact edge (`contact_edge`) and between contact spots (`block_average`).
-  The preconditioner and the changes of u are multilevel products (`app.methods.multilevel_operators`); after some sets
-  a product by FFT corrects their error. The predictor adds cells to C by the predicted displacement.
-- *Stop.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one product
-  in double precision on all cells, which decides (5.1), and by the certificate. For a window all ranks compute that
+- *Contact sets.* `iteration` repeats the steps of Sec. 4.1. For each contact set, the system is solved roughly by
+  conjugate gradients that start from the known displacement (`tracking_cg`). The preconditioner is the inverse of A
+  continued periodically (`circulant`), applied to the residual extended past the contact edge (`contact_edge`) and
+  between contact spots (`block_average`). The preconditioner and the changes of u are multilevel products
+  (`app.methods.multilevel_operators`). After some contact sets a product by FFT corrects their error. The predictor
+  adds cells to C by the predicted displacement.
+- *Stop.* A coarse grid is left as soon as its residual is small compared with h on C. On the target grid, one product
+  in double precision on all cells decides (5.1), and the certificate is tested. For a window all ranks compute this
   product (`verification_product`).
-- *Load.* A prescribed load moves the approach in each iteration (`app.contact.prescribed_load`).
-- *Safeguard.* If the residual stagnates, `app.methods.safeguard` continues: slower, with a proof of convergence.
+- *Load.* If the load is prescribed, the approach changes in each iteration (`app.contact.prescribed_load`).
+- *Safeguard.* If the residual stagnates, `app.methods.safeguard` continues; it is slower, but convergence is proved.
 
 Terms:
 
 - *Defect correction.* Repeated solution with a nearby operator, here multilevel A (multilevel multi-summation of the
   lowest order), for the true residual, which costs a product by FFT.
-- *Updated displacement.* u that follows p by its changes. It costs no product to test which cells penetrate.
+- *Updated displacement.* u is changed together with p, so the test which cells penetrate costs no product.
 - *Lift.* Prolongation of the pressure by the displacement. Pressures have infinite slopes at the contact edge, so they
-  interpolate badly and displacements well; B leads back from displacement to pressure (Dirichlet to Neumann).
+  are interpolated badly, but displacements well. B computes the pressure from the displacement (Dirichlet to Neumann).
 - *Edge extension.* The inverse of A on C is a Schur complement of the inverse on all cells, which the preconditioner
   applies. Extending the residual over some cells around C approximates this complement.
-- *Forcing term.* Reduction of the residual of a contact set, as in inexact Newton methods.
-- *Predictor.* Estimate of u for a zero residual on C, by the same extension; cells that it closes enter C.
+- *Forcing term.* Factor by which the residual of a contact set is reduced, as in inexact Newton methods.
+- *Predictor.* Estimate of u for a zero residual on C, by the same extension. Cells without a gap for this u enter C.
 - *Tension.* The negative part of p, removed by step 4.a of Sec. 4.1.
-- *Rehearsal.* Steps 4 to 6 of Sec. 4.1 by the updated u, before the *verification product* in double precision on all
+- *Rehearsal.* Steps 4 to 6 of Sec. 4.1 with the updated u, before the *verification product* in double precision on all
   cells.
-- *Window.* A rectangle around contact. p = 0 outside, where only the verification product looks for penetration.
+- *Window.* A rectangle around contact. Outside p = 0, and only the verification product shows penetration there.
 
-The gain of each technique, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
-punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and other advantages.
-docs/notebook/performance.md also has them by load, and the effect of each constant.
+The table has the gain of each technique: operator applications if the technique is switched off by the option. The
+numbers are geometric means over 17 solves with a prescribed approach at 512 x 512 cells (Hertz, rough punches,
+self-affine surfaces from 1% to 99% contact). docs/notebook/performance.md also has the numbers for prescribed loads,
+and the effect of each constant.
 
 ===================  =========================  ===============================================================
 technique            off by                     applications without it, of 8.4 with all

@@ -1,20 +1,20 @@
 """Block means of the residual between contact spots.
 
-The extension E (`app.methods.free.contact_edge`) of a residual r makes steps that reach one cell each. ``B E r`` can
-only vanish between contact spots that are further apart if E extends r from one spot to the next. So the steps start
-from means of r over the contact nearby. r and the share of contact are averaged over square blocks of cells, smoothed
-over neighbouring blocks, and divided:
+The extension E (`app.methods.free.contact_edge`) continues a residual r from contact cells to other cells, one cell
+further in each step. If contact spots are further apart, ``B E r`` vanishes between them only if E extends r from one
+spot to the next. So the steps start from means of r over the contact nearby. To compute these, r and the share of
+contact are averaged over square blocks of cells and smoothed over neighbouring blocks; then r is divided by the share:
 
     x_o = P D S P^T r,    D = 1 / (S c + offset),    c = P^T 1 on C.
 
 x_o is the start of the steps outside the contact set C. P copies block values to cells, and P^T computes means over the
-cells of blocks. S makes two passes of binomial means over 3 x 3 blocks, with zeros outside the patch. Because of the
-offset x_o decays away from all contact, as the displacement does. The transpose for a field b,
+cells of blocks. S computes binomial means over 3 x 3 blocks twice, with zeros outside the patch. Because of the offset,
+x_o decays with the distance from contact, as the displacement does. The transpose for a field b is
 
-    b_c + P S D P^T b_o,
+        b_c + P S D P^T b_o
 
-follows the steps of E^T. All ranks have all blocks, and each rank sums the cells of its rows. If contact consists of a
-few large areas block means gain nothing, and the steps start from zero.
+    and is applied after the steps of E^T. All ranks have all blocks, and each rank sums the cells of its rows. If
+    contact consists of a few large areas, block means are of no use, and the steps start from zero.
 """
 
 import numpy as np
@@ -31,18 +31,18 @@ MIN_SCATTERED_FRACTION = 0.08  # smallest fraction of blocks in partial contact 
 class BlockAverage:
     """Extension of a residual by its block means, and the transpose.
 
-    Collective. Arrays hold the rows of this rank.
+    Collective. Arrays have the rows of this rank.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of the grid.
     slabs : Slabs or None
-        Distribution of the rows; None: all are on this rank.
+        Distribution of the rows; None if all rows are on this rank.
     comm : mpi4py communicator or None
         Ranks that share the grid.
     cells : int
-        Cells of a block in each direction.
+        Number of cells of a block in each direction.
     """
 
     def __init__(self, shape, slabs, comm, cells):
@@ -55,7 +55,7 @@ class BlockAverage:
     def set_contact(self, contact, r=None):
         """Set the contact set; return whether contact is scattered.
 
-        If a residual r is given, its block means are computed in the same reduction.
+        If a residual r is given, the same reduction over ranks computes its block means.
         """
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
@@ -97,8 +97,8 @@ class BlockAverage:
     def apply_transpose(self, r, b):
         """Apply the transpose of `extend` to b, in place; return r.b.
 
-        Only contact cells of b are changed. `r` must be the residual last passed to `extend`. Its block means are then
-        known, so r.b costs no further sum over ranks.
+        Only contact cells of b are changed. `r` must be the residual last passed to `extend`, because its block means
+        are then known, and r.b costs no further sum over ranks.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)

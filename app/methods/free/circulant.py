@@ -1,13 +1,13 @@
 """Preconditioner ``C B C`` on the contact set C.
 
-C, as a matrix, sets cells outside the contact set to zero. B is the inverse of A continued periodically. On a
-periodic patch A itself is circulant, and B is computed by FFT. A free patch is continued periodically with a gap
-between its copies. On large grids its B is a multilevel product, which takes a third of the time
-(`app.methods.multilevel_operators`). The eigenvalues 1 / lambda of B (`app.methods.symbol`) are positive. The
-periodic matrix of the zero-padded grid has negative eigenvalues and cannot be used.
+As a matrix, C sets cells outside the contact set to zero. B is the inverse of A continued periodically. On a periodic
+patch A itself is circulant, and B is computed by FFT. A free patch is continued periodically with a gap between its
+copies. On large grids B is then a multilevel product, which takes a third of the time of an FFT
+(`app.methods.multilevel_operators`). The eigenvalues 1 / lambda of B (`app.methods.symbol`) are positive. The periodic
+matrix of the zero-padded grid has negative eigenvalues and cannot be used.
 
-The residual may be extended past the contact edge before B is applied, see `Circulant`. It is a PC for the target grid,
-and a multigrid smoother, which must be damped (``-mg_levels_ksp_richardson_scale``)::
+The residual may be extended past the contact edge before B is applied, see `Circulant`. The preconditioner is used on
+the target grid, or as a multigrid smoother, which must be damped (``-mg_levels_ksp_richardson_scale``)::
 
     -pc_type python -pc_python_type app.methods.free.circulant.Circulant
     -mg_levels_pc_type python -mg_levels_pc_python_type app.methods.free.circulant.Circulant
@@ -35,7 +35,7 @@ MAX_SCALED_ASPECT = (
 def _create_periodic_inverse(grid, kernel, layout):
     """Return the inverse of the influence matrix A of a periodic patch.
 
-    A has eigenvalue 0 for constants; here it is replaced by that of the longest wave.
+    The eigenvalue of A for constants, 0, is replaced by that of the longest wave.
     """
     eigenvalues = partial(kernel.eigenvalues, grid)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
@@ -52,8 +52,8 @@ def _create_periodic_inverse(grid, kernel, layout):
 def circulant_inverse(operator, apart=False):
     """Return B, the inverse of the influence matrix A continued periodically.
 
-    Collective over the ranks of the `operator`. B is created on first use; on a periodic patch it is exact. `apart`:
-    leave a gap between the copies of a free patch, as in `create_circulant_inverse`.
+    Collective over the ranks of the `operator`. B is created on first use. On a periodic patch B is exact. If `apart`
+    is true, there is a gap between the copies of a free patch, as in `create_circulant_inverse`.
     """
     if not operator.active:
         return operator.product
@@ -65,11 +65,11 @@ def circulant_inverse(operator, apart=False):
 class Circulant:
     """Preconditioner ``C E^T B E C`` on contact, as a PC context.
 
-    Collective. It is for an `InfluenceOperator`. C restricts fields to contact, B is the inverse of A continued
-    periodically. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3 centre of B
-    (`app.methods.free.contact_edge`). This iteration starts from zero or, on a free patch with scattered contact, from
-    means of the residual over blocks (`app.methods.free.block_average`). For block means the centre is scaled to keep
-    constants, unless cells are long.
+    Collective. The matrix is that of an `InfluenceOperator`. C restricts fields to contact, and B is the inverse of A
+    continued periodically. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3
+    centre of B (`app.methods.free.contact_edge`). The iteration starts from zero or, on a free patch with scattered
+    contact, from means of the residual over blocks (`app.methods.free.block_average`). For block means the centre is
+    scaled so that constants are not changed, unless cells are long.
 
     Options: ``-pc_circulant_extend k``, the number of steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells
     of a block in each direction (default 0: no block means).
@@ -86,7 +86,7 @@ class Circulant:
         self.reset(pc)
 
     def reset(self, pc):
-        """Forget the operator, so that the next `setUp` prepares again."""
+        """Drop the operator, so that the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
@@ -130,10 +130,11 @@ class Circulant:
     def precondition(self, r, z, reduced=None):
         """Apply the preconditioner to a residual on contact.
 
-        It is z = E^T B E r, with E the extension and B the inverse of A. r and z are float64 or float32 and may be the
-        same array. r vanishes outside contact; z is arbitrary there. `reduced` saves a sum over ranks if r is the
-        residual of the last call on this contact set minus share * q. It is ``(share, terms)``, with `terms` the sum
-        of `local_terms(q)` over the ranks. Returns r.z if it is known at no cost, otherwise None.
+        The result is z = E^T B E r. E is the extension of `Circulant`, B the inverse of A. r and z are float64 or
+        float32, and may be the same array. r must be zero outside contact; there z is arbitrary. If r is the residual
+        of the last call on this contact set minus share * q, pass ``reduced = (share, terms)`` to save a sum over
+        ranks; `terms` is the sum of `local_terms(q)` over the ranks. Return r.z if it is known at no cost, otherwise
+        None.
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
@@ -148,15 +149,15 @@ class Circulant:
     def local_terms(self, q):
         """Return this rank's block means of q, for `precondition`.
 
-        They are empty if they would save nothing: without block means or on a single rank.
+        The terms are empty if they save nothing, that is without block means or on a single rank.
         """
         return self.average.local_means(q) if self._scattered and self.operator.comm is not None else ()
 
     def extend(self, r, out=None, reduced=None):
         """Extend the residual r past the contact edge: out = E r.
 
-        E keeps r on contact, and continues it outside by steps with the centre of B. Default `out`: r. `reduced`
-        saves a sum over ranks, as in `precondition`.
+        E does not change r on contact, and continues it outside by steps with the centre of B. `out` is by default r.
+        `reduced` saves a sum over ranks, as in `precondition`.
         """
         out = r if out is None else out
         if self._contact_version != self.operator.contact_version:

@@ -1,21 +1,22 @@
 """Extension E of a residual past the contact edge, and its transpose.
 
-B is nearly the inverse of A on all cells. The inverse of A on the contact set c is, with o the cells outside, by the
-formula of block inverses (a Schur complement)
+B is nearly the inverse of A on all cells. Let c be the contact set and o the cells outside. By the formula of block
+inverses (a Schur complement), the inverse of A on c is
 
     A_cc^-1 = B_cc - B_co B_oo^-1 B_oc = E^T B E,       E r:  r on c,  -B_oo^-1 B_oc r outside.
 
 So `E` extends a residual such that B E r vanishes outside contact. We approximate `E` near the contact edge by `k`
-Richardson steps with the 3 x 3 centre of B, which start from zero. With `N` the weights of the eight neighbours, over
-the weight of the cell itself, and the step lengths t of Chebyshev's iteration,
+Richardson steps with the 3 x 3 centre of B, which start from zero. Let `N` be the weights of the eight neighbours,
+divided by the weight of the cell itself, and let t be the step lengths of Chebyshev's iteration:
 
     E r:    x_c = r,  x_o = 0;             for each t        x_o += t (-N_oc r - N_oo x_o - x_o);
     E^T b:  s_o = t b_o for the first t;   for each later t  s_o += t (b_o - N_oo s_o - s_o);   result  b_c - N_co s_o.
 
 The steps may also start from block means of the residual (`app.methods.free.block_average`).
 
-One pass over the rows makes all steps, each step a row behind the one before, so that the rows stay in the cache. Rows
-more than `k` away from contact are left out. On several ranks the halo has `k` rows, on which the steps are repeated.
+One pass over the rows makes all steps, so that the rows stay in the cache: each step is one row behind the step before.
+Rows at a distance of more than `k` from contact are left out. On several ranks the halo has `k` rows, on which the
+steps are repeated.
 """
 
 import numpy as np
@@ -34,7 +35,7 @@ MIN_EIGENVALUE_RATIO = 0.05  # smallest over largest eigenvalue of the stencil
 class EdgeExtension:
     """Extension E of a residual past the contact edge, and its transpose.
 
-    Collective. Arrays hold the rows of this rank.
+    Collective. Arrays have the rows of this rank.
 
     Parameters
     ----------
@@ -47,12 +48,12 @@ class EdgeExtension:
     steps : int
         Number of steps `k`; for 0 steps `E` is the identity.
     periodic : bool
-        The patch is periodic.
+        True on a periodic patch.
 
     Attributes
     ----------
     rows : ndarray of bool
-        Local rows at most `k` away from contact cells; the others are zero or not read.
+        Local rows at a distance of at most `k` from contact. Other rows are zero, or not read.
     contact : ndarray of bool, shape (local rows, nx)
         Contact set.
     """
@@ -95,14 +96,14 @@ class EdgeExtension:
         self.contact = self._contact[len(before) :][: len(mask)]
 
     def include_all_rows(self):
-        """Include rows far from contact, for fields that are nonzero there."""
+        """Include all rows, for fields that are nonzero far from contact."""
         self._away[:], self.rows[:] = 0, True
 
     def extend(self, x, out=None):
         """Extend a residual past the contact edge: out = E x.
 
-        x is the residual on the contact set; elsewhere it has the values from which the extension steps start. Arrays
-        are C-contiguous, float64 or float32. Default `out`: x.
+        On the contact set, x is the residual; in all other cells it has the values from which the extension steps
+        start. Arrays are C-contiguous, float64 or float32. `out` is by default x.
         """
         out = x if out is None else out
         if not self.steps and out is not x:
@@ -112,7 +113,7 @@ class EdgeExtension:
     def restrict(self, x):
         """Apply E^T, the transpose of the extension, to x in place.
 
-        The result outside the contact set is the part of E^T x that belongs to the values from which the steps start.
+        Outside the contact set, the result is the part of E^T x that belongs to the values from which the steps start.
         """
         self._sweep(x, x, back=True)
 
@@ -139,7 +140,7 @@ class EdgeExtension:
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first Richardson step of the product E^T b in a row."""
+    """Make the first Richardson step of E^T b in a row."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -148,7 +149,7 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make a later Richardson step of the product E^T b in a row.
+    """Make a later Richardson step of E^T b in a row.
 
     `source` is the row of b; if it is zero this is a step of the extension E. `above`, `here` and `below` are rows of
     the field before the step, and `length` is the step length.
@@ -163,10 +164,11 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Finish the product E^T b in a row with contact: b -= s + N s.
+    """Finish the product E^T b in a row with contact.
 
-    E is the extension of the module. s is the field after the last Richardson step, `above`, `here` and `below` are
-    three successive rows of s. N s is the sum over the neighbours of a cell, with `weights`.
+    s + N s is subtracted from b. E is the extension of the module. s is the field after the last Richardson step;
+    `above`, `here` and `below` are three successive rows of s. N s is the weighted sum over the neighbours of a cell,
+    with `weights`.
     """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
@@ -177,8 +179,8 @@ def _finish_row(above, here, below, weights, b):
 def _set_contact(before, mask, after, steps, contact, away, rows):
     """Copy a contact set with its halo; compute distances from contact.
 
-    `away` is the distance of each row from the nearest row with contact, at most steps + 1. `rows` marks the rows at
-    most `steps` away.
+    `away` receives the distance of each row from the nearest row with contact, at most steps + 1. `rows` marks the rows
+    at a distance of at most `steps`.
     """
     first, count = len(before), len(contact)
     for j in range(count):
@@ -202,7 +204,7 @@ def _pad_ends(row, periodic):
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
     """Make all Richardson steps of the extension, out = E x.
 
-    `back`: apply the transpose E^T to x instead, in place.
+    If `back` is true, apply the transpose E^T to x in place instead.
     """
     steps, rows = lengths.size, len(contact)
     rings[...] = 0

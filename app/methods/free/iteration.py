@@ -1,18 +1,18 @@
 """Active set iteration of the default method on one grid.
 
-It has the steps of `app.contact.active_set.active_set`, with six differences:
+The steps are those of `app.contact.active_set.active_set`, with six differences:
 
-- *Inexact solves.* Each system is solved until its residual is smaller by the forcing term (``-ksp_rtol``).
+- *Inexact solves.* Each system is solved until its residual has fallen by the forcing term, a factor (``-ksp_rtol``).
 - *Updated displacement.* u is updated by A times the changes of p, by multilevel products
   (`app.methods.multilevel_operators`), which are nearly A.
 - *Defect correction.* u is recomputed by FFT when the residual reaches the error of the multilevel products.
 - *Predictor.* Far from the solution, cells enter C by the displacement that is predicted for a zero residual.
 - *Verification.* The target grid is accepted by a product in double precision. That product is
   expensive, so a rehearsal comes first: the same steps and test with the updated displacement.
-- *Coarse grids are left early*, when the residual is small, next to no pressure is negative and a load is nearly met.
+- *Coarse grids* are left early: when the residual is small, almost no pressure is negative, and a load is nearly met.
   The contact set may still change then.
 
-Without progress the iteration raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
+If there is no progress, the iteration raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
 """
 
 from typing import NamedTuple
@@ -33,8 +33,8 @@ MIN_LOAD_FRACTION = 0.01  # of the largest load since u was computed: less is lo
 def inexact_active_set(state, solver, loading, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of `state`, whose contact set and pressure are the initial ones. Parameters and result as
-    of `active_set`; the solver is a TrackingSolver.
+    Collective over the ranks of `state`, which has the initial contact set and pressure. Parameters and result are
+    those of `active_set`; the solver is a TrackingSolver.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class _ContactSets:
     Attributes
     ----------
     stop : InexactStop
-        Stopping test. It becomes tighter where the certificate shows that (5.1) was too loose.
+        Stopping test. It becomes stricter if the certificate shows that (5.1) was not strict enough.
     progress : HalvingTest
         Test that the residual falls.
     """
@@ -105,7 +105,7 @@ class _ContactSets:
     def _max_multilevel_error(self, allowed):
         """Return the largest acceptable error of multilevel products [mm].
 
-        If the residual recomputed by FFT is larger, they are no longer used.
+        If the residual, recomputed by FFT, is larger, multilevel products are no longer used.
         """
         return max(allowed, 0.5 * self._computed_norm)
 
@@ -124,9 +124,9 @@ class _ContactSets:
     def exchange(self, solved):
         """Update the contact set, by steps 4 to 6 of Sec. 4.1.
 
-        A contact set that may be the last one is verified on the target grid; on a coarse grid it is updated for the
-        last time. Otherwise the iteration goes on. A set may be the last one if its system is solved and, on the target
-        grid, next to no pressure is negative.
+        A contact set may be the last one if its system is solved and, on the target grid, almost no pressure is
+        negative. On the target grid such a contact set is verified; on a coarse grid it is updated for the last time.
+        Any other contact set is updated, and the iteration continues.
         """
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
@@ -163,7 +163,7 @@ class _ContactSets:
     def _go_on(self, solved):
         """Update a contact set that is not the last one.
 
-        The displacement is updated by the last change of p, or recomputed by FFT if that is too inaccurate.
+        The displacement is updated by the last change of p. If this is too inaccurate, it is recomputed by FFT.
         """
         state, solver, allowed = self.state, self.solver, solved.allowed
         computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)
@@ -179,9 +179,9 @@ class _ContactSets:
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.
 
-        Only the target grid is verified. A rehearsal mostly comes first: the same steps and test,
-        with the updated displacement instead of a recomputed one. If the rehearsal fails, the expensive product is not
-        computed. An accepted solution meets a prescribed load exactly.
+        Only the target grid is verified. In most cases a rehearsal comes first: the same steps and the same test, with
+        the updated displacement instead of a recomputed one. If the rehearsal fails, the expensive product is not
+        computed. An accepted solution has exactly the prescribed load.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
         # By approach a release of next to no pressure needs no rehearsal. By load the approach may move by it.
@@ -224,7 +224,8 @@ class _ContactSets:
     def _leave_coarse(self, solved, tension):
         """Update the contact set of a coarse grid for the last time.
 
-        If the load is nearly met, u is not updated for the cells released now, since the finer grid computes its own u.
+        If the load is nearly met, u is not updated for the cells released now, because the finer grid computes its own
+        u.
         """
         state, solver, loading = self.state, self.solver, self.loading
         if tension > MAX_RELEASED_SHARE:

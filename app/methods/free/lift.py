@@ -1,15 +1,15 @@
 """Lift: prolongation of the pressure to a finer grid, by displacements.
 
-B is the inverse of A continued periodically. The pressure p of the fine grid is computed as p = B T, with T its
-displacement on the periodic patch. The coarse grid has pressure p_H, displacement u_H and T_H = B_H^-1 p_H; I is
-interpolation to the fine grid:
+B is the inverse of A continued periodically. The pressure p of the fine grid is computed as p = B T, where T is the
+displacement by p on the periodic patch. The coarse grid has the pressure p_H, the displacement u_H, and T_H = B_H^-1
+p_H. I is the interpolation to the fine grid:
 
 1. T = I T_H on all cells of the fine grid.
-2. The contact set C consists of that of the coarse grid and of the cells with h + I u_H <= 0. There the gap must close,
-   u = -h. T differs from u by T_H - u_H, known on the coarse grid, so T = -h + I (T_H - u_H).
-3. p = B T; cells without p > 0 leave C.
+2. The contact set C consists of the contact cells of the coarse grid and of the cells with h + I u_H <= 0. In C the gap
+   must close, u = -h. T differs from u by T_H - u_H, which is known on the coarse grid, so T = -h + I (T_H - u_H).
+3. p = B T. Cells with p <= 0 leave C.
 
-Cells that are plastic after a local Jacobi step are not in C, and keep p = H.
+Cells that become plastic in a local Jacobi step are not in C, and have p = H.
 
 Option ``-lcp_prolongation lift|copy``. For the gain see `app.methods.free`.
 """
@@ -25,7 +25,7 @@ def lift(transfer, coarse, state):
     """Set contact set and pressure of `state` from the coarser grid.
 
     Collective. On entry u of `state` must be the interpolated displacement of the coarser grid; `coarse.u` is
-    overwritten. Returns False if the loads of the grids differ so much that the coarse grid cannot be trusted.
+    overwritten. Return False if the loads of both grids differ so much that the coarse grid is not accurate enough.
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
@@ -58,9 +58,9 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Add overlapping cells to contact; close the gap there.
+    """Add overlapping cells to contact; close the gap of contact cells.
 
-    The gap h + u of contact cells is subtracted from `target`, the displacement on the periodic patch.
+    To close it, the gap h + u is subtracted from `target`, the displacement on the periodic patch.
     """
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

@@ -31,7 +31,7 @@ def nested_iteration(
     hierarchy, distances, loading, stop, history, nested, beta
         See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
     lifted : bool
-        Pressures are transferred to finer grids by `lift`, otherwise copied.
+        True to transfer pressures to finer grids by `lift`; otherwise they are copied.
     coarse_minimum : ndarray or None
         Least undeformed distance of target cells in each cell of the finest grid without a window
         (`Hierarchy.coarse_minimum`).
@@ -87,7 +87,7 @@ def nested_iteration(
 def solve_level(hierarchy, number, state, loading, stop, history, first, cache):
     """Solve on one grid, by the safeguard if the default method stagnates.
 
-    Collective over the ranks of `state`. `first`: it is the coarsest grid, solved directly if it is small.
+    Collective over the ranks of `state`. `first` is true on the coarsest grid, which is solved directly if it is small.
     """
     operator = state.operator
     if first and starts_directly(hierarchy, number):

@@ -17,12 +17,13 @@ class TrackingSolver(LinearSolver):
     """Linear solver whose KSP is TrackingCG. Collective.
 
     After `improve` has changed the pressure p, an iteration updates the displacement u by `release` or
-    `update_displacement`, or recomputes it. After a `release` it may call `predict`. Parameters as of `LinearSolver`.
+    `update_displacement`, or recomputes u. After a `release` it may call `predict`. The parameters are those of
+    `LinearSolver`.
 
     Attributes
     ----------
     multilevel : bool
-        Changes of u are computed by multilevel products, otherwise by FFT. May be set to False.
+        True if changes of u are computed by multilevel products, otherwise by FFT. May be set to False.
 
     Raises
     ------
@@ -44,7 +45,7 @@ class TrackingSolver(LinearSolver):
     def begin(self, multilevel):
         """Prepare the solution on a grid.
 
-        `multilevel`: use multilevel products if the grid is large enough for them.
+        If `multilevel` is true, multilevel products are used on grids that are large enough.
         """
         self.multilevel = multilevel and multilevel_influence(self.operator) is not None
         self._change_not_in_u = False
@@ -52,8 +53,8 @@ class TrackingSolver(LinearSolver):
     def improve(self, state, allowed, norm):
         """Reduce the residual of the contact set's system (2.11) by CG.
 
-        The residual is the gap h + A p of contact cells, and this is step 3 of Sec. 4.1. p changes and u does not:
-        `release` or `update_displacement` then updates u.
+        This is step 3 of Sec. 4.1. The residual is the gap h + A p of contact cells. Only p is changed; `release` or
+        `update_displacement` then updates u.
 
         Parameters
         ----------
@@ -68,7 +69,7 @@ class TrackingSolver(LinearSolver):
         -------
         iterations : int
         failure : str
-            Why CG failed, or empty; see `LinearSolver.solve`.
+            Why CG failed; empty if it did not. See `LinearSolver.solve`.
         residual : float
             Norm of the residual [mm].
         """
@@ -87,13 +88,13 @@ class TrackingSolver(LinearSolver):
         return iterations, failure, self._cg.residual
 
     def _multiply(self, p, u):
-        """Compute u = A p, or a multilevel approximation."""
+        """Compute u = A p, exactly or by a multilevel product."""
         if not self.multilevel:
             return self.operator.displacement(p, u)
         apply_logged(_event, multilevel_influence(self.operator), p, u)
 
     def free_work(self):
-        """Free work arrays; drop a pending change of u.
+        """Free work arrays; a pending change of u is lost.
 
         The caller recomputes u.
         """
@@ -104,7 +105,7 @@ class TrackingSolver(LinearSolver):
     def check_multilevel(self, state, most):
         """Stop using multilevel products if their error was too large.
 
-        This is the case if the residual, just recomputed by FFT, exceeds `most` [mm].
+        Multilevel products were too inaccurate if the residual, which was just recomputed by FFT, exceeds `most` [mm].
         """
         if self.multilevel:
             self.multilevel = state.on_contact().residual <= most
@@ -112,8 +113,8 @@ class TrackingSolver(LinearSolver):
     def release(self, state, tension=None, update=True):
         """Release tensile cells from the contact set, and update u.
 
-        This is step 4.a of Sec. 4.1. Returns a true value if cells were released. `tension`: result of
-        `ContactState.tension`, if known. `update`: False if the caller recomputes u.
+        This is step 4.a of Sec. 4.1. Return a true value if cells were released. `tension` is the result of
+        `ContactState.tension`, if known. If `update` is false, u is not updated, because the caller recomputes it.
         """
         change = self._cg.change
         if not self._change_not_in_u:
@@ -126,7 +127,7 @@ class TrackingSolver(LinearSolver):
     def update_displacement(self, state):
         """Update u by the last change of p, unless already done.
 
-        It adds A times this change, by a multilevel product or by FFT.
+        A times this change is added to u, by a multilevel product or by FFT.
         """
         if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
@@ -136,10 +137,10 @@ class TrackingSolver(LinearSolver):
     def predict(self, state, factor):
         """Predict the change of u outside contact for a zero residual [mm].
 
-        Between plastic cells the mean residual on C also displaces cells far from C. The preconditioner's method
-        ``extend`` continues the residual past the contact edge. It uses the contact set of
-        the last solve, so that released cells are not predicted to return. Returns `factor` times this change, in a
-        work array of the solver; None if `factor` is 0 or the preconditioner has no ``extend``.
+        The preconditioner's method ``extend`` continues the residual past the contact edge. It uses the contact set of
+        the last solve, so that released cells are not predicted to return. Between plastic cells the mean residual on C
+        also displaces cells far from C. Return `factor` times the change, in a work array of the solver. Return None if
+        `factor` is 0 or the preconditioner has no ``extend``.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None

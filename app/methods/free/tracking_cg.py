@@ -83,8 +83,8 @@ def _dots_row(d, q, r, contact):
 def _first_residual(b, shift, u, contact, spans, r):
     """Compute the first residual r in contact cells.
 
-    It is b + shift - u. `spans` receives the bounds of contact in each row. Returns r.r and the number of
-    cells in these spans.
+    The residual is r = b + shift - u. `spans` receives the first and end column of contact in each row. Return r.r, and
+    the number of cells in these spans.
     """
     squares, cells = 0.0, 0
     for j in range(r.shape[0]):
@@ -101,7 +101,7 @@ def _first_residual(b, shift, u, contact, spans, r):
 def _advance(change, r, d, q, contact, spans, alpha):
     """Make a step of CG; return r.r.
 
-    It adds alpha d to `change` and subtracts alpha q from r.
+    The step adds alpha d to `change`, and subtracts alpha q from r.
     """
     squares = 0.0
     for j in range(r.shape[0]):
@@ -157,13 +157,13 @@ class TrackingCG(KspContext):
     displacement : ndarray, shape (local rows, nx), or None
         u = A x for the initial guess x. Set by the caller, together with a nonzero x.
     shift : float
-        Constant that is added to b, the depth. Set by the caller.
+        Constant that is added to b; it is the depth. Set by the caller.
     first_norm : float or None
         Norm of the first residual, if known. Set by the caller for one solve.
     multiply : callable
-        ``multiply(d, q)`` computes q = A d, exactly or approximately. May be replaced by the caller.
+        Function ``multiply(d, q)`` that computes q = A d, exactly or approximately. The caller may replace it.
     residual : float
-        Norm of the residual after the last solve, computed by these products.
+        Norm of the residual after the last solve, according to `multiply`.
     change : ndarray, shape (local rows, nx)
         Change of x in the last solve, in the operator's precision.
     work : ndarray, shape (local rows, nx)
@@ -193,7 +193,7 @@ class TrackingCG(KspContext):
     def change(self):
         """Change of x in the last solve.
 
-        It is in spare storage of the operator, or in an array that `free_work` frees.
+        The array is in spare storage of the operator, or `free_work` frees it.
         """
         if self._lent is not None:
             return self._lent
@@ -250,7 +250,7 @@ class TrackingCG(KspContext):
     def _direction_array(self, z):
         """Return a work array for the direction d.
 
-        In single precision it is the half of `work` that `product` leaves free.
+        In single precision it is that half of `work` which `product` does not use.
         """
         halves = self.work.reshape(-1).view(self._operator.dtype)
         if z is not self.work and halves.size > z.size:
@@ -262,9 +262,9 @@ class TrackingCG(KspContext):
     def _preconditioner(self, pc):
         """Return two functions of the preconditioner, and the arrays r and z.
 
-        The first function computes z from r. The second computes the `local_terms` of q, which save a sum over ranks. A
-        PC such as `Circulant` has both as methods; r and z then have the operator's precision. For other PCs there are
-        no local terms, and r and z are in double precision.
+        The first function computes z from r. The second computes the `local_terms` of q, which save a sum over ranks.
+        If the PC has both as methods, as `Circulant` does, r and z have the operator's precision. Other PCs have no
+        local terms, and r and z are in double precision.
         """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)
@@ -283,8 +283,8 @@ class TrackingCG(KspContext):
     def _start(self, ksp, b, x, r):
         """Compute the first residual r = b + shift - u.
 
-        u is `displacement`; if that is None, it is computed as A x. Returns the norm of r, and the number of cells in
-        the spans of contact.
+        u is `displacement`; if that is None, u is computed as A x. Return the norm of r, and the number of cells in the
+        spans of contact.
         """
         u, norm, self.first_norm = self.displacement, self.first_norm, None
         if u is None:

@@ -1,7 +1,7 @@
 """Verification product of a window, on all cells of the grid.
 
-It is u = A p in double precision and shows whether the bodies penetrate outside the window. Ranks outside the window
-wait in `VerificationProduct.end` while the window is solved, and take part in each product.
+The product u = A p is in double precision. It shows whether the bodies penetrate outside the window. While the window
+is solved, ranks outside the window wait in `VerificationProduct.end`, and take part in each product.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ _PRODUCT = "product"  # broadcast to waiting ranks before a product
 class VerificationProduct:
     """Product of a window with A on all cells, in double precision.
 
-    It verifies the pressure of the window, and serves as the exact product of the window's operator.
+    This product verifies the pressure of the window, and is the exact product of the window's operator.
 
     Parameters
     ----------
     target : InfluenceOperator
-        Operator of the whole grid, which also counts the products.
+        Operator of the whole grid; it also counts the products.
     scatter : Scatter
         Transfer of fields between the grid and the window.
     inner : Slabs
@@ -41,7 +41,7 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window. Collective over its ranks.
 
-        The other ranks of the grid wait in `end`; a message makes them take part in the product.
+        The other ranks of the grid wait in `end`; a message makes them take part.
         """
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)
@@ -50,7 +50,7 @@ class VerificationProduct:
     def apply_on_all(self, p, u):
         """Compute A p on the whole grid. Collective.
 
-        `u` receives the part in the window.
+        `u` receives the part of the product in the window.
         """
         if self.u is None:
             self.u = np.empty(self._target.local_shape)
@@ -60,14 +60,15 @@ class VerificationProduct:
         self._scatter.forward(self.u, u)
 
     def forget(self):
-        """Free the last product, which is wrong once p changes."""
+        """Free the last product, which is no longer valid if p changes."""
         self.u = None
 
     def end(self, state):
         """End the products of a window. Collective.
 
-        Ranks outside the window take part in products until the window's ranks call this. They then receive the factor
-        by which p of `state` was scaled since the last product, or None if that product was forgotten.
+        Ranks outside the window call this first, and take part in products until the ranks of the window call it, too.
+        Then they receive the factor by which p of `state` was scaled since the last product, or None if this product
+        was freed by `forget`.
         """
         self._scaled = None if self.u is None else state.scaled
         if self._waiting and self._inner.active:
@@ -81,7 +82,7 @@ class VerificationProduct:
     def displacement(self, state, converged):
         """Return A p on all cells, for the final p. Collective.
 
-        `state` is that of the window. The last product is reused if the window has `converged`.
+        `state` is that of the window. If the window has `converged`, the last product is used.
         """
         if self._scaled is None or not converged:
             self.apply_on_all(state.p, state.u)

@@ -1,8 +1,8 @@
 """Cache of linear solvers and of operators of windows.
 
 Solvers and operators depend on the number and size of cells, not on the place of a window. So a window of the same
-shape, at another load or gap, needs no new spectra and no new PETSc objects. A large window is not cached, but its
-spectra are reused for the next window with the same FFT length, as along a load path.
+shape needs no new spectra and no new PETSc objects. A large window is not cached, but its spectra are used again for
+the next window with the same FFT length, for example in the next step of a load path.
 """
 
 from app.halfspace.fft.multiplier import SpectrumCache
@@ -29,8 +29,8 @@ class WindowCache(SolverCache):
     def window(self, place, grid, slabs, comm, verification=None):
         """Return the operator of a window. Collective over `comm`.
 
-        `place` is a hashable key that names the window's purpose; the last small window of each key is cached. `grid`
-        and `slabs` are those of the window. `verification`: its VerificationProduct on the target grid.
+        `place` is a hashable key for the purpose of the window; the last small window of each key is cached. `grid` and
+        `slabs` are those of the window. `verification` is its VerificationProduct on the target grid.
         """
         operator = self._windows.get(place)
         if operator is None or (operator.grid.shape, operator.slabs.starts) != (grid.shape, slabs.starts):
@@ -50,7 +50,7 @@ class WindowCache(SolverCache):
     def direct(self, number, operator):
         """Return the direct solver of level `number`.
 
-        This is the coarsest level, or a finer one if the coarsest has no admissible cell.
+        The level is the coarsest one, or a finer one if the coarsest has no admissible cell.
         """
         if operator not in self._direct:
             self._direct[operator] = DirectSolver(operator, number)
@@ -59,7 +59,8 @@ class WindowCache(SolverCache):
     def close(self, operator):
         """Finish with a window: count its work, and free its operator. Collective.
 
-        The products since the last count are added to the work of the hierarchy. A cached operator is not freed.
+        The products since the last count are added to the work of the hierarchy. If the operator is cached, it is not
+        freed.
         """
         self._hierarchy.count_window(operator)
         operator.spectra.drop_unused()
@@ -69,9 +70,10 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Close all cached windows after an error, which skipped `close`.
+        """Close all cached windows after an error, which has skipped `close`.
 
-        Add their new products to the work of the hierarchy, and free their products on all cells of the grid.
+        Their new products are added to the work of the hierarchy, and their products on all cells of the grid are
+        freed.
         """
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)

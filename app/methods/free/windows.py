@@ -1,12 +1,12 @@
 """Windows: rectangles around the contact area of the coarser grid.
 
-A grid is solved in a window, outside which the pressure is zero. The verification product on all cells of the target
-grid shows whether the bodies penetrate outside the window. If so, the iteration continues on all cells, which is
-expensive. Therefore each window also contains predicted contact: the cells where asperities of the target grid may
-touch that are too small for the cells of the finest grid without a window (`Hierarchy.coarse_minimum`).
+A grid is solved in a window; outside the window the pressure is zero. The verification product on all cells of the
+target grid shows whether the bodies penetrate outside the window. If they do, the iteration continues on all cells,
+which is expensive. Therefore each window also contains predicted contact: cells in which asperities may touch that only
+the target grid resolves, not the finest grid without a window (`Hierarchy.coarse_minimum`).
 
-Option ``-lcp_window``: width added on each side, as a share of the extent of contact (0: no windows). For the gain see
-`app.methods.free`.
+The option ``-lcp_window`` is the margin on each side, divided by the extent of contact (0: no windows). For the gain
+see `app.methods.free`.
 """
 
 from typing import NamedTuple
@@ -30,7 +30,7 @@ MAX_WINDOW_FRACTION = (
 
 
 class CoarseSolution(NamedTuple):
-    """Solution of the coarser grid, cut out around the window."""
+    """Solution of the coarser grid, restricted to the cells around the window."""
 
     operator: InfluenceOperator
     u: np.ndarray
@@ -40,9 +40,9 @@ class CoarseSolution(NamedTuple):
 
 
 class WindowState(ContactState):
-    """State of a window, which owns its undeformed distance.
+    """State of a window; it owns the window's undeformed distance.
 
-    `scaled` is the factor by which p and u were scaled since the last product in double precision.
+    `scaled` is the factor by which p and u were multiplied since the last product in double precision.
     """
 
     scaled = 1.0
@@ -58,7 +58,7 @@ class WindowState(ContactState):
     def first_touch(self):
         """Return the depth of first touch in the window [mm]. Collective.
 
-        It is computed, since windows do not store it.
+        The depth is computed, because windows do not store it.
         """
         return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
@@ -94,7 +94,7 @@ class WindowedLevel:
     distance : UndeformedDistance
         Undeformed distance on all cells of the level.
     coarse : ContactState or None
-        Solution of the coarser grid; None: no window.
+        Solution of the coarser grid. Without it (None) there is no window.
     boxes : Boxes or None
         Result of `boxes_for_next` of the coarser level.
 
@@ -103,11 +103,11 @@ class WindowedLevel:
     state : ContactState
         State of the window, or of all cells.
     coarse : ContactState or CoarseSolution
-        Coarse solution on the cells below `state`. To be set to None when its arrays may be freed.
+        Coarse solution on the cells of `state`. Set it to None when its arrays may be freed.
     transfer : Transfer
         Transfer between the grids of `coarse` and `state`.
     windowed : bool
-        `state` is that of a window.
+        True if `state` is that of a window.
     verification : VerificationProduct or None
         Product on all cells, for a window of the target grid.
     """
@@ -150,11 +150,11 @@ class WindowedLevel:
         self.state = WindowState(fine, part)
 
     def boxes_for_next(self, coarse_minimum, depth):
-        """Return the Boxes that determine the next finer window.
+        """Return the Boxes from which the next finer window is chosen.
 
-        Collective over the ranks of the state. None below the finest grid without a window. That grid predicts contact
-        from `coarse_minimum`, the least undeformed distance of target cells in its cells, and from `depth`, the depth
-        predicted on the next finer grid [mm].
+        Collective over the ranks of the state. None on grids coarser than the finest grid without a window. On this
+        grid, contact is predicted from `coarse_minimum`, the least undeformed distance of target cells in its cells,
+        and from `depth`, the depth predicted on the next finer grid [mm].
         """
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:
@@ -177,8 +177,8 @@ class WindowedLevel:
     def expand_to_grid(self, converged):
         """Return the state on all cells, and whether it is final.
 
-        It is not final if the window has `converged`, but the bodies penetrate outside it. The state of the window is
-        freed.
+        The result is not final if the window has `converged` but the bodies penetrate outside the window. The state of
+        the window is freed.
         """
         inside, scatter = self.state, self._scatter
         u = self.verification.displacement(inside, converged)
@@ -197,9 +197,9 @@ class WindowedLevel:
 def _choose_window(boxes, patch, margin, possible):
     """Return the window of the next finer grid, or None.
 
-    It is counted in cells of the coarser grid. It contains contact of the coarser grid with its `margin`, and
-    predicted contact. If a smaller window saves no time, it is the window of the coarser grid, or None if that had
-    none. `possible`: window around all cells where contact is possible.
+    The window is counted in cells of the coarser grid. It contains contact of the coarser grid with its `margin`, and
+    predicted contact. If a smaller window saves no time, return the window of the coarser grid, or None if there was
+    none. `possible` is the window around all cells where contact is possible.
     """
     outer, contact = boxes.outer, boxes.contact
     fallback, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)
@@ -217,7 +217,7 @@ def _choose_window(boxes, patch, margin, possible):
 def _widen(first, last, margin, lowest, highest):
     """Widen an interval of cells on both sides, within bounds.
 
-    `margin` is a share of its length.
+    `margin` is the width added on each side, divided by the length of the interval.
     """
     by = max(MIN_MARGIN, int(np.ceil(margin * (last - first))))
     return max(first - by, lowest), min(last + by, highest)
@@ -226,7 +226,7 @@ def _widen(first, last, margin, lowest, highest):
 def _round_up_size(first, last, lowest, highest):
     """Round up an interval to a cached size or fast FFT length.
 
-    It stays within `lowest` and `highest`; an empty interval stays empty.
+    The interval stays within `lowest` and `highest`; an empty interval stays empty.
     """
     first, last = max(first, lowest), min(last, highest)
     if first >= last:

@@ -1,8 +1,9 @@
-"""State of the primal form with a hardness H, an upper bound of the pressure.
+"""State of the primal form with a hardness H, the largest pressure.
 
-Outside the contact set C, where 0 < p < H and the gap is closed, a cell is open or *plastic*. Then p must be 0 or H,
-and in both cases w is unknown. So plastic cells are free cells, too. Their pressure is stored minus H, in the state as
-in ``solver.carried``: on all free cells the stored pressure must vanish, and CG and its preconditioner do not change.
+In the contact set C, the gap is closed and 0 < p < H. A cell outside C is open (p = 0) or *plastic* (p = H); in both
+cases w is unknown. So plastic cells are free cells, too. The state and ``solver.carried`` store p - H instead of p in
+plastic cells. Then the stored pressure must vanish on all free cells, and CG and its preconditioner are the same as
+without a hardness.
 """
 
 import zlib
@@ -18,7 +19,10 @@ from app.parallel.reductions import sums_and_minima
 
 
 def primal_state(state, inverse, loading):
-    """Make the state of the primal form on a grid, for parameters as of `PrimalState`."""
+    """Make the state of the primal form on a grid.
+
+    With a hardness it is a `CappedPrimalState`. The parameters are those of `PrimalState`.
+    """
     kind = CappedPrimalState if state.bounds.capped else PrimalState
     return kind(state, inverse, loading)
 
@@ -49,7 +53,10 @@ class CappedPrimalState(PrimalState):
         self._subtract_hardness(self.state.values)
 
     def interpolate_from(self, coarse, transfer):
-        """Interpolate w and p, and copy the plastic cells, from the coarser grid."""
+        """Start from the coarser grid.
+
+        w and p are interpolated, plastic cells are copied.
+        """
         mean, bounds, copied = self.mean_pressure, self.state.bounds, np.empty(self.w.shape)
         super().interpolate_from(coarse, transfer)
         before = coarse.state.bounds.plastic(coarse.state.p) & ~coarse.state.contact
@@ -59,7 +66,7 @@ class CappedPrimalState(PrimalState):
             self.add_mean_pressure(mean - self.mean_pressure)
 
     def start(self, solver):
-        """Put plastic cells with a gap in contact; see `PrimalState.start`."""
+        """Put plastic cells with a gap into contact; see `PrimalState.start`."""
         opened = self.plastic & (self.w > self.state.distance.b)
         self.plastic &= ~opened
         self.state.contact |= opened
@@ -97,10 +104,11 @@ class CappedPrimalState(PrimalState):
         self._fill_up(self.w)
 
     def _fill_up(self, w, excess=None):
-        """Make the lowest cells plastic until they carry the load; shift w by a constant.
+        """Make the lowest cells plastic until they carry the load.
 
-        The next cell is in contact, without a gap. Of all constants, this one has the least energy. `w` has the
-        displacement. Of cells with one gap those with the largest `excess` are the first.
+        `w` is the displacement minus the approach [mm]. w is shifted by a constant, so that the next cell is in
+        contact, without a gap. Of all constants, this constant has the least energy. Among cells with the same gap,
+        cells with a larger `excess` become plastic first.
         """
         state, upper = self.state, self.state.bounds.upper
         gap, total = np.where(state.admissible, w - state.distance.b, np.inf), self.mean_pressure * self.cells
@@ -124,7 +132,10 @@ class CappedPrimalState(PrimalState):
         return update
 
     def _exchange_cells(self, solver, *limits):
-        """Exchange cells of this rank; only the worst one if these sets were left before."""
+        """Exchange cells of this rank.
+
+        If the same sets occurred before, only the cell with the worst violation is exchanged.
+        """
         state = self.state
         if self._sets in self._left:
             return self._exchange_worst(solver, *limits)
@@ -132,7 +143,10 @@ class CappedPrimalState(PrimalState):
         return state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
 
     def _exchange_worst(self, solver, slack, least_gap, compliance, far, captured):
-        """Exchange the cell that violates its condition most, which ends a cycle of sets."""
+        """Exchange only the cell with the worst violation.
+
+        This ends a cycle of contact sets.
+        """
         state, upper, contact, plastic = self.state, self.state.bounds.upper, self.state.contact, self.plastic
         p, new_w = solver.carried.astype(float), self.w + solver.change
         e = new_w - state.distance.b
@@ -187,7 +201,10 @@ class CappedPrimalState(PrimalState):
         np.copyto(self.state.values, self.state.bounds.upper, where=self.plastic)
 
     def project(self, p):
-        """Store p within its bounds, and at a bound outside C; see `PrimalState.project`."""
+        """Project p onto its bounds; see `PrimalState.project`.
+
+        Outside C, p is set to a bound.
+        """
         state, upper = self.state, self.state.bounds.upper
         total = PressureBounds.project(
             as_writable(state.p), state.contact, p
@@ -201,7 +218,7 @@ class CappedPrimalState(PrimalState):
     def meet_load(self, p, total):
         """Bring p to the load by a constant on C; see `PrimalState.meet_load`.
 
-        Without plastic cells a factor does it, as without a hardness.
+        If there are no plastic cells, p is multiplied by a factor instead.
         """
         state, load = self.state, self.loading.load
         if load is None:
@@ -233,7 +250,7 @@ class CappedPrimalState(PrimalState):
 def _feasible(loading, state):
     """Return the loading, reduced if a coarse grid cannot reach it.
 
-    Coarse cells may have less area, and are elastic if one of their children is.
+    The area of coarse cells may be smaller. A coarse cell is elastic if one of its fine cells is.
     """
     distance, largest = state.distance, state.bounds.largest_load
     if loading.load is not None:
@@ -245,10 +262,11 @@ def _feasible(loading, state):
 
 
 def _fill(gap, upper, total, comm):
-    """Return the gap up to which cells at the hardness carry more than a sum of pressures.
+    """Return the gap up to which cells at the hardness carry a load.
 
-    Collective over `comm`. `gap` is infinite in cells that carry none [mm], `total` the sum of pressures [N/mm2]. If it
-    is too large, the largest gap is returned. The second result is what cells with smaller gaps leave of the sum.
+    Collective over `comm`. `gap` [mm] is infinite in cells that cannot carry pressure; `total` is the sum of pressures
+    [N/mm2]. Return the least gap for which the cells up to it, at the hardness, carry more than `total`. If all cells
+    carry less, return the largest gap. The second result is `total` minus the pressures of the cells with smaller gaps.
     """
     inside = gap < np.inf
     gap, upper, carried = gap[inside], upper[inside], 0.0

@@ -1,13 +1,14 @@
 """Conjugate gradients for the displacement of free cells.
 
-The pressure ``p = B w + mean pressure`` must vanish on the free cells O, so p is the residual. w is the displacement
-minus the approach, B the inverse of A. A step alpha d along the direction d updates p on all cells and the change of w
-in one pass: ``change += alpha d``, ``carried += alpha B d``. The right-hand side of the KSP is not used.
+The pressure ``p = B w + mean pressure`` must vanish on the free cells O, so p is the residual. Here w is the
+displacement minus the approach, and B is the inverse of A. A step alpha d along the direction d updates p on all cells
+and the change of w in one pass: ``change += alpha d``, ``carried += alpha B d``. The right-hand side of the KSP is not
+used.
 
-B may be a multilevel product, which has an error of some percent. Then the solve reduces only a part of the residual,
+B may be a multilevel product, which has an error of some percent. Then the solve reduces the residual only by a part,
 and the caller recomputes p from the change (defect correction, as in `app.methods.free`). The norm is that of the
-preconditioned residual, which is about the error of w. Directions are those of flexible CG, since the preconditioner is
-not quite symmetric. This KSP can only be used by the options of -lcp_type primal::
+preconditioned residual, which is about the error of w. Directions are those of flexible CG, because the preconditioner
+is not quite symmetric. This KSP can only be used by the options of -lcp_type primal::
 
     -ksp_type python -ksp_python_type app.methods.periodic.cg.CarryingCG
 """
@@ -42,7 +43,7 @@ def _dots_row(d, q, p, free):
 def _dots(d, q, p, free):
     """Return scalar products of direction, its product and pressure.
 
-    With q = B d they are d.q and d.p on all cells, and p.p, p.q and q.q on free cells.
+    The product is q = B d. The scalar products are d.q and d.p over all cells, and p.p, p.q and q.q over free cells.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
@@ -61,7 +62,7 @@ def _first_step_row(p, d, q, alpha, left, change):
 def _first_step(p, d, q, alpha, left, change):
     """Make the first step of CG along the direction d.
 
-    With q = B d it sets `change` to alpha d, and the updated pressure `left` to p + alpha q.
+    With q = B d, `change` is set to alpha d, and the updated pressure `left` to p + alpha q.
     """
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
@@ -71,7 +72,7 @@ def _first_step(p, d, q, alpha, left, change):
 def _step(d, q, alpha, left, change):
     """Make a further step of CG along the direction d.
 
-    With q = B d it adds alpha d to `change`, and alpha q to the updated pressure `left`.
+    With q = B d, alpha d is added to `change`, and alpha q to the updated pressure `left`.
     """
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])
@@ -113,29 +114,30 @@ def _direct(d, z, beta):
 class CarryingCG(KspContext):
     """Conjugate gradients that update p on all cells. Collective.
 
-    It is a KSP context for an `InverseOperator` and a `TwoGrid`, which reads p on the free cells only and returns zero
-    elsewhere. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. For -ksp_rtol the norm is estimated from the reduction
-    of p on the free cells, which saves the last application of the preconditioner.
+    The class is a KSP context for an `InverseOperator` and a `TwoGrid`. The `TwoGrid` reads p only on the free cells,
+    and returns zero on other cells. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. For -ksp_rtol the norm is
+    estimated from the reduction of p on the free cells, which saves the last application of the preconditioner.
 
     The solution x of the KSP is not used, and `pressure` is not changed. The results are `change` and `carried`, in the
-    precision of the products. This precision is enough for some contact sets, after which the caller recomputes p.
+    precision of the products. This precision is enough for a few contact sets; then the caller recomputes p.
 
     Attributes
     ----------
     multilevel_share : float
-        Products are multilevel until the residual has fallen to this fraction; 0: all are by FFT. Set by the caller.
+        Products are multilevel until the residual has fallen to this fraction; if it is 0, all are by FFT. Set by the
+        caller.
     carried : ndarray, shape (local rows, nx)
-        Updated p [N/mm2]. Its storage is set by the caller, in double precision if B is by FFT.
+        Updated p [N/mm2]. The caller sets its storage, in double precision if B is by FFT.
     pressure : Vec
         p at the start of the solve. Set by the caller.
     resumes : bool
-        True: start from `carried` in place of `pressure`, and add to `change`. Set by the caller.
+        True to start from `carried` instead of `pressure`, and to add to `change`. Set by the caller.
     change : ndarray, shape (local rows, nx)
         Change of w [mm].
     residual : float
         Norm of the preconditioned residual after the last solve [mm].
     uncertainty : float
-        Error bound of `residual` by multilevel products [mm]; 0 by FFT.
+        Bound of the error of `residual` due to multilevel products [mm]; 0 with FFT.
     scratch : ndarray, shape (local rows, nx)
         Work array in double precision, free for other use between solves. In single precision it contains `change`.
     direction, product : ndarray, shape (local rows, nx)

@@ -1,8 +1,8 @@
 """Active set iteration of the primal form on one grid.
 
-It has the steps of Sec. 4.1 with pressure and gap exchanged: the free cells O take the place of the contact set C, the
-gap e takes the place of p, and the pressure p = B w + mean pressure that of e. B is the inverse of A on fields without
-mean, w the displacement minus the approach.
+The steps are those of Sec. 4.1 with pressure and gap exchanged: the free cells O replace the contact set C, the gap e
+replaces p, and the pressure p = B w + mean pressure replaces e. B is the inverse of A on fields without mean, and w is
+the displacement minus the approach.
 """
 
 from contextlib import nullcontext
@@ -36,9 +36,9 @@ NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 def primal_active_set(primal, solver, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of the state. The PrimalState `primal` has the first displacement and pressure. `solver`
-    is a PrimalSolver; the other parameters and the result are as of `active_set`. Raises `NeedsSafeguard` without
-    progress.
+    Collective over the ranks of the state. The PrimalState `primal` has the initial displacement and pressure. `solver`
+    is a PrimalSolver; the other parameters and the result are those of `active_set`. Raises `NeedsSafeguard` if there
+    is no progress.
     """
     state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
     solver.begin(state, primal.loading, stop.defect_correction)
@@ -95,10 +95,10 @@ def primal_active_set(primal, solver, stop, history):
 
 
 def _finish_unsolved(primal, solver):
-    """Set a valid pressure and displacement after a failed solve.
+    """Set a valid pressure and displacement after a failed solve. Collective.
 
-    Collective. If there is no pressure in contact, the load is spread evenly over the contact set. Returns the relative
-    residual of (5.1).
+    If there is no pressure in contact, the load is spread evenly over the contact set. Return the relative residual of
+    (5.1).
     """
     primal.commit(solver)
     state, p = primal.state, solver.scratch
@@ -121,9 +121,9 @@ class _Accuracy:
     aim : float
         Error that the solver tries to reach, by its preconditioned residual [mm].
     verification_failed : bool
-        A verification has failed: p is recomputed before the next one.
+        True after a failed verification. Then p is recomputed before the next one.
     exhausted : bool
-        A verification has failed at the smallest possible aim.
+        True if a verification has failed at the smallest possible aim.
     """
 
     def __init__(self, allowed):
@@ -133,8 +133,8 @@ class _Accuracy:
     def lower(self, reached, error, lowest):
         """Lower the aim after a failed verification.
 
-        `reached` is the error by the preconditioned residual, `error` that by the verification (NaN without pressure),
-        and `lowest` the rounding error [mm].
+        `reached` is the error estimated by the preconditioned residual, `error` the error found by the verification
+        (NaN without pressure), and `lowest` the rounding error [mm].
         """
         no_pressure = np.isnan(error)
         self.exhausted = no_pressure and self.aim <= lowest
@@ -170,10 +170,10 @@ def _judge(primal, p, stop, allowed):
 
 
 def _continue(verdict, primal, solver, accuracy, reached, captured):
-    """Recompute p or lower the aim after a failed verification.
+    """Recompute p, or lower the aim, after a failed verification.
 
-    Collective. `reached` is the error by the solver's residual [mm]; `captured` is true if the last exchange added
-    cells to contact.
+    Collective. `reached` is the error estimated by the solver's residual [mm]; `captured` is true if the last exchange
+    added cells to contact.
     """
     primal.restore_contact()
     drifted = verdict.error > MAX_ERROR_RATIO * reached
@@ -189,12 +189,12 @@ def _continue(verdict, primal, solver, accuracy, reached, captured):
 
 
 def allowed_gap(primal, stop):
-    """Return the root mean square gap on contact that passes [mm]. Collective.
+    """Return the largest rms gap on contact that is accepted [mm]. Collective.
 
-    It is rtol times a length. In (5.1) that is the root mean square of h; here it is the deviation of the shape from
-    its mean, which does not depend on the load. For flat surfaces with holes it is the depth, or the displacement of a
-    cell by the mean pressure if that is larger. On a coarse grid it is the approach beyond first touch if that is
-    smaller: a contact that is small in its patch needs a smaller error.
+    The limit is rtol times a length. In (5.1) this length is the root mean square of h. Here it is the deviation of the
+    shape from its mean, which does not depend on the load. For flat surfaces with holes it is the depth, or the
+    displacement of a cell by the mean pressure if that is larger. On a coarse grid it is the approach beyond first
+    touch if that is smaller, because a small contact on a large patch needs a smaller error.
     """
     distance = primal.state.distance
     rtol = stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL)
@@ -212,8 +212,8 @@ def verify(primal, p):
     """Verify a valid pressure by one exact product.
 
     Collective. `p` receives the pressure without tension and with the prescribed load, to be passed to `accept`. The
-    state receives u = A p, the depth, and overlapping cells in its contact set. Returns the Update; None if a load is
-    prescribed and there is no pressure in contact, because it is smaller than the error on the free cells.
+    state receives u = A p, the depth, and overlapping cells in its contact set. Return the Update. Return None if a
+    load is prescribed, but the pressure in contact is smaller than the error on the free cells.
     """
     state, loading = primal.state, primal.loading
     if not primal.meet_load(p, primal.project(p)):

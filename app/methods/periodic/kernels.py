@@ -1,7 +1,7 @@
 """Compiled loops of the primal active set.
 
-Arrays have shape (rows, nx), the rows of this rank. w is the displacement minus the approach, b minus the shape, and
-the gap is ``e = w - b``.
+Arrays have the shape (rows, nx), with the rows of this rank. w is the displacement minus the approach, b is minus the
+shape, and the gap is ``e = w - b``.
 """
 
 import numpy as np
@@ -19,10 +19,10 @@ def _close_row(w, b, captured, z, share, change):
 
 @njit_reassoc
 def close(w, b, captured, z, share, change):
-    """Add a step to the displacement w; close the gap of captured cells.
+    """Add a step to the displacement w; close gaps of captured cells.
 
-    The step is `change` plus `share` times z. In captured cells w becomes b, minus the shape, instead. `change`
-    receives the change of w.
+    The step is `change` plus `share` times z. In captured cells w is set to b, minus the shape, instead. `change`
+    receives the whole change of w.
     """
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
@@ -59,9 +59,8 @@ def _guess_row(p, w, b, admissible, scale, force, lowest):
 def guess_sources(p, w, b, admissible, scale, force, lowest):
     """Compute data of an obstacle problem for the change of w.
 
-    Its unknown x is the change of the displacement w. `force` receives the right-hand side, minus the pressure p
-    times `scale`. `lowest` receives the lower bound of x, minus the gap w - b; it is -inf where contact is
-    impossible.
+    The unknown x of the problem is the change of the displacement w. `force` receives the right-hand side -scale p.
+    `lowest` receives the lower bound of x, which is minus the gap w - b, or -inf where contact is impossible.
     """
     for j in range(p.shape[0]):
         _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])

@@ -28,8 +28,9 @@ _SAFEGUARD = {
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
     """Solve on all periodic grids, from the coarsest to the target.
 
-    Collective. Parameters and result as of `app.methods.free.nested.nested_iteration`, but the cache contains
-    PrimalSolvers. `start` is a Solution on the target grid to start from; then coarser grids are left out.
+    Collective. Parameters and result are those of `app.methods.free.nested.nested_iteration`, but the cache contains
+    PrimalSolvers. If `start`, a Solution on the target grid, is given, the iteration starts from it, and coarser grids
+    are left out.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if loading.approach_is_known:
@@ -79,9 +80,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
-    """Solve on one grid, by the safeguard if the iteration stagnates; return the Outcome.
+    """Solve on one grid, and return the Outcome.
 
-    With a layer, the iteration is first repeated without extrapolation.
+    If the iteration stagnates, the safeguard solves. With a layer, the iteration is first repeated without
+    extrapolation.
     """
     start, failed = None if primal.state.operator.kernel.scale_free else primal.copy_start(), None
     try:

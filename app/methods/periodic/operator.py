@@ -1,4 +1,7 @@
-"""Matrix O B O: B, the inverse of A, restricted to free cells by O."""
+"""Matrix O B O of the primal form.
+
+B is the inverse of A. O restricts fields to free cells, those outside contact.
+"""
 
 import numpy as np
 from petsc4py import PETSc
@@ -18,9 +21,9 @@ class InverseOperator:
     Parameters
     ----------
     influence : InfluenceOperator
-        A on the same grid, with the same ranks and precision. It also counts the products.
+        Operator A on the same grid, with the same ranks and precision. It also counts the products.
     coarser : InfluenceOperator or None
-        A on a coarser grid, for the long waves of a preconditioner.
+        Operator A on a coarser grid, for the long waves of a preconditioner.
 
     Attributes
     ----------
@@ -49,7 +52,7 @@ class InverseOperator:
     def spare_fields(self, *types):
         """Return work fields in unused storage of A, or None for each.
 
-        See `InfluenceOperator.spare_fields`. Products on the coarser grid do not overwrite them.
+        See `InfluenceOperator.spare_fields`. Products on the coarser grid do not overwrite the fields.
         """
         coarser = self.coarser
         others = [coarser.screened_product] if coarser is not None and coarser.active else []
@@ -61,15 +64,15 @@ class InverseOperator:
         return multilevel_inverse(self.influence)
 
     def mat(self, comm):
-        """Return a Mat with this context. Collective over `comm`."""
+        """Return a Mat with this operator as context. Collective over `comm`."""
         return symmetric_mat(self, comm)
 
     def mask_changed(self):
-        """Record that the free cells have changed, for the preconditioner."""
+        """Register that the free cells have changed, for the preconditioner."""
         self.contact_version += 1
 
     def pressure(self, d, q):
-        """Compute the pressure q = B d on all cells."""
+        """Compute the pressure q = B d of a displacement d."""
         apply_logged(_mult_event, self.product, d, q)
 
     def multilevel_pressure(self, d, q):
@@ -81,7 +84,10 @@ class InverseOperator:
         apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
-        """Compute y = O B O x for PETSc; O sets contact cells to zero."""
+        """Compute y = O B O x for PETSc.
+
+        O sets contact cells to zero.
+        """
         self.products += 1
         with y as out:
             d = x.getArray(readonly=True).reshape(self.local_shape)

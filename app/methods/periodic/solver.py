@@ -1,4 +1,4 @@
-"""Linear solver of the primal form, which updates p with w."""
+"""Linear solver of the primal form, which updates p together with w."""
 
 from importlib import import_module
 
@@ -20,9 +20,9 @@ LONG_WAVE_LEVELS = 2  # levels down to the grid of the long waves in the precond
 class PrimalSolver(LinearSolver):
     """Linear solver for the displacement of free cells. Collective.
 
-    Its matrix is O B O, with O the free cells and B the inverse of A. Its KSP is CarryingCG, its PC TwoGrid.
-    Parameters as of `LinearSolver`. To save
-    memory, parts that work in turn share fields:
+    The matrix is O B O, where O restricts to the free cells and B is the inverse of A. The KSP is CarryingCG, the PC is
+    TwoGrid. The parameters are those of `LinearSolver`. To save memory, parts that never work at the same time share
+    fields:
 
     ===========  ==================================  ===========================================  ==================
     field        in CG                               between contact sets                         verification
@@ -40,11 +40,11 @@ class PrimalSolver(LinearSolver):
         B, with the free cells.
     preconditioner : TwoGrid
     guess_sweeps : int
-        Number of sweeps of `PrimalState.guess`.
+        Number of sweeps in `PrimalState.guess`.
     guess_halo : Halo
         Halo for these sweeps.
     change, carried, uncertainty
-        Change of w, updated p and error bound of the residual, see `CarryingCG`.
+        Change of w, updated p, and bound of the residual's error, see `CarryingCG`.
 
     Raises
     ------
@@ -77,9 +77,9 @@ class PrimalSolver(LinearSolver):
     def begin(self, state, loading, multilevel_share=0.0):
         """Prepare the solution on a grid.
 
-        With a prescribed approach the solver keeps the mean of w. Until the verification, or `end`, the u of `state`
-        stores `carried`. Products are multilevel until the residual has fallen to the fraction `multilevel_share`; 0:
-        all are by FFT.
+        If the approach is prescribed, the solver does not change the mean of w. Until the verification, or `end`, the
+        array u of `state` stores `carried`. Products are multilevel until the residual has fallen to the fraction
+        `multilevel_share`; if it is 0, all are by FFT.
         """
         if multilevel_share and self.inverse.multilevel is None:
             multilevel_share = 0.0
@@ -89,20 +89,20 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def _set(self):
-        """Set attributes of KSP and PC, new after an interrupted solve."""
+        """Set attributes of KSP and PC, which are new after an interrupt."""
         self.preconditioner.constrained = self._constrained
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
     def end(self):
-        """Release the storage of `carried`."""
+        """Give back the storage of `carried` to the state."""
         self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
         """Reduce the pressure on the free cells by CG.
 
-        It must vanish there. Computes `change` of w, and `carried`, the updated p. CG stops at the norm `allowed` of
-        the preconditioned residual, which is about the error of w [mm]. Returns the number of iterations, why CG
-        failed (or empty), and this norm.
+        The pressure must vanish there. The results are `change`, that of w, and `carried`, the updated p. CG stops when
+        the norm of the preconditioned residual, which is about the error of w, is at most `allowed` [mm]. Return the
+        number of iterations, a text why CG failed (empty if it did not), and this norm.
         """
         if self.preconditioner.constrained:
             primal.balance_free_cells(self)
@@ -118,7 +118,7 @@ class PrimalSolver(LinearSolver):
 
     @property
     def uncertainty(self):
-        """Error bound of the residual of `improve` [mm]."""
+        """Bound of the error of the residual of `improve` [mm]."""
         return self._cg.uncertainty
 
     def _atol_for(self, allowed):
@@ -134,7 +134,7 @@ class PrimalSolver(LinearSolver):
 def prepare(hierarchy, multilevel):
     """Create the products with A and its inverse on all grids. Collective.
 
-    `multilevel`: also create the multilevel products.
+    If `multilevel` is true, also create the multilevel products.
     """
     hierarchy.target.prepare("exact_inverse")
     for number, operator in enumerate(hierarchy.levels):
@@ -160,7 +160,7 @@ def _check_kinds(options):
 
 
 def coarser_operator(hierarchy, number):
-    """Return A on the coarser grid of a level's preconditioner.
+    """Return A on the coarser grid that a level's preconditioner uses.
 
     None for the coarsest level.
     """

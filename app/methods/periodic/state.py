@@ -16,13 +16,13 @@ CLOSING_DAMPING = 0.9  # factor on the residual that is added to w when captured
 class PrimalState:
     """Displacement w and pressure p of the primal form.
 
-    Collective. w is u - approach, and p = B w + mean pressure, with B the inverse of A on fields without mean. The gap
-    is e = shape + w. Lengths are counted from the reference of the undeformed distance.
+    Collective. w is u - approach, and p = B w + mean pressure, where B is the inverse of A on fields without mean. The
+    gap is e = shape + w. Depths are approaches beyond the reference of the undeformed distance.
 
     Parameters
     ----------
     state : ContactState
-        Its contact set and pressure are changed in place. Before `verify` its depth is 0 and its u is not A p.
+        State whose contact set and pressure are changed in place. Before `verify` its depth is 0, and its u is not A p.
     inverse : InverseOperator
         B, with the free cells.
     loading : Loading
@@ -33,13 +33,13 @@ class PrimalState:
     w : ndarray, shape (local rows, nx), [mm]
         Displacement minus approach; must be set by the caller first.
     pending : bool
-        Whether the newest w and p are in the solver only, as w + ``solver.change`` and ``solver.carried``. `commit`
-        copies them here.
+        True if only the solver has the newest w and p, as w + ``solver.change`` and ``solver.carried``. `commit` copies
+        them here.
     approximate : bool
-        p contains the error of multilevel products.
+        True if p contains the error of multilevel products.
     extrapolates : bool
-        Projected sweeps guess contact sets, and captured cells take their neighbours along. This saves iterations, but
-        may cycle with layers.
+        Projected sweeps guess contact sets, and captured cells take their neighbours along. Extrapolation saves
+        iterations, but the sets may cycle with layers.
     """
 
     def __init__(self, state, inverse, loading):
@@ -58,7 +58,7 @@ class PrimalState:
     def prescribed_depth(self):
         """Prescribed depth, which is minus the mean of w [mm].
 
-        Infinite under a prescribed load.
+        It is infinite if the load is prescribed.
         """
         return self.loading.depth_on(self.state.distance)
 
@@ -72,16 +72,16 @@ class PrimalState:
         return -self.mean(self.w)
 
     def largest(self):
-        """Return the largest |w| = |u - approach|, the scale of rounding errors [mm]."""
+        """Return the largest |w|, the scale of rounding errors [mm]."""
         return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
 
     @property
     def load(self):
-        """Load of the pressure [N], by its mean."""
+        """Load of the pressure [N], from its mean."""
         return self.mean_pressure * self.cells * self.state.grid.cell_area
 
     def reset_for_safeguard(self):
-        """Set contact in all admissible cells, and a finite pressure."""
+        """Put all admissible cells into contact, and set a finite pressure."""
         self.mean_pressure = float(np.nan_to_num(self.mean_pressure, posinf=0.0, neginf=0.0))
         self.state.contact[...] = self.state.admissible
         p = self.state.values
@@ -91,9 +91,9 @@ class PrimalState:
             p[...] = self.mean_pressure
 
     def refresh(self, exact=False):
-        """Recompute the pressure p from the displacement w by FFT.
+        """Recompute the pressure p = B w + mean pressure by FFT.
 
-        p = B w + mean pressure, with B the inverse of A. `exact`: in double precision.
+        B is the inverse of A, w the displacement. If `exact` is true, the product is in double precision.
         """
         p = self.state.values
         compute = self.inverse.exact_pressure if exact else self.inverse.pressure
@@ -121,8 +121,8 @@ class PrimalState:
     def shift_to_depth(self, depth, predicted):
         """Shift w from the coarse `depth` to the depth `predicted` here [mm].
 
-        A constant changes no pressure. If the bodies retreat, they keep a part of the depth beyond first touch, so that
-        contact remains, and cells that touched before the shift are put in contact.
+        A constant does not change the pressure. If the bodies move apart, a part of the depth beyond first touch is
+        left, so that there is contact, and cells that touched before the shift are put into contact.
         """
         back, state = depth - predicted, self.state
         if back > 0:
@@ -149,9 +149,10 @@ class PrimalState:
             solver.preconditioner.shift(missing, self.w, *changes)
 
     def start(self, solver):
-        """Close overlaps, set a prescribed mean of w, compute p.
+        """Close overlaps, set a prescribed mean of w, and compute p.
 
-        If p was interpolated from the coarser grid, only the 3 x 3 centre of B corrects it for the closed overlaps.
+        If p was interpolated from the coarser grid, it is corrected for the closed overlaps by the 3 x 3 centre of B
+        only.
         """
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, self._touchable(), state.contact, change)
@@ -166,7 +167,7 @@ class PrimalState:
         return self.w, self.state.values, self.state.contact
 
     def copy_start(self):
-        """Return a copy of the fields that `primal_active_set` starts from."""
+        """Return a copy of the fields before `primal_active_set`."""
         return [self.mean_pressure, self._has_pressure, *(field.copy() for field in self._start_fields())]
 
     def restart(self, start):
@@ -188,7 +189,7 @@ class PrimalState:
     def guess(self, solver, exact=False):
         """Guess the contact set by projected sweeps; update w and p.
 
-        `exact`: compute p by a product in double precision, since changes are added to it later.
+        If `exact` is true, p is computed in double precision, because changes are added to it later.
         """
         state, shape, weights = self.state, self.w.shape, solver.preconditioner.weights
         force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)
@@ -215,19 +216,19 @@ class PrimalState:
     def _guess_sources(self, scale, force, lowest):
         """Compute the data of the guess; see `kernels.guess_sources`.
 
-        Returns the displacement of a cell by the highest pressure on it, or None if there is no limit.
+        Return the displacement of a cell by the highest possible pressure on it, or None if there is no limit.
         """
         state = self.state
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)
 
     def _apply_guess(self, x, lowest):
-        """Add the change x to w, and set the contact set; see `kernels.apply_guess`."""
+        """Add x to w, and set C; see `kernels.apply_guess`."""
         loops.apply_guess(x, lowest, self.w, self.state.distance.b, self.state.contact)
 
     def _touch(self):
         """Shift w so that the cells with the smallest gap touch.
 
-        They become the contact set.
+        These cells become the contact set.
         """
         state = self.state
         gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
@@ -238,10 +239,10 @@ class PrimalState:
     def exchange(self, solver, slack, least_gap, far, residual):
         """Release cells with p < -slack; capture those with e < least_gap.
 
-        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass. p is the pressure and e the gap. The next
-        system must have a solution. So at least one cell stays in contact under a prescribed load, and at least one
-        stays open under an approach below that of full contact. Returns an Update with the given `residual` [mm]. Its
-        `moves` are infinite if a released or captured cell moves by more than `far` [mm].
+        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass. p is the pressure and e the gap. So that
+        the next system has a solution, at least one cell stays in contact if the load is prescribed, and at least one
+        cell stays open if the approach is below that of full contact. Return an Update with the given `residual` [mm].
+        Its `moves` are infinite if a released or captured cell moves by more than `far` [mm].
         """
         state = self.state
         limits = slack, least_gap, solver.preconditioner.weights[0], far, self._captured
@@ -265,9 +266,10 @@ class PrimalState:
         return state.bounds.exchange(*fields, *limits)
 
     def _keep_contact(self, solver, released):
-        """Keep a cell in contact after the release of all `released` cells.
+        """Keep a cell in contact if all cells would be released.
 
-        Returns the numbers of contact cells, of captured and of released cells, and the moves of the `Update`.
+        `released` is the number of released cells. Return the numbers of contact cells, of captured and of released
+        cells, and the moves of the `Update`.
         """
         self.restore_contact()
         return released, 0, 0, 0.0
@@ -303,10 +305,9 @@ class PrimalState:
         state.displacement_status, self.pending = Displacement.STALE, False
 
     def commit(self, solver):
-        """Copy the solver's displacement and pressure here, unless copied before.
+        """Copy displacement and pressure from the solver, unless copied before.
 
-        They are w plus the solver's `change`, with w the displacement minus the approach, and its `carried`, the
-        pressure p.
+        The displacement is w plus the solver's `change`, the pressure is its `carried`.
         """
         if not self.pending:
             return
@@ -316,32 +317,35 @@ class PrimalState:
         self.state.displacement_status, self.pending = Displacement.STALE, False
 
     def finish(self, solver):
-        """Commit, and make p the pressure of a coarser grid."""
+        """Commit, and set p to a valid pressure of a coarser grid."""
         self.commit(solver)
 
     def project(self, p):
-        """Store p within its bounds, zero outside contact, in `p`; return its sum."""
+        """Store p within its bounds, 0 outside contact; return its sum."""
         state = self.state
         return float(state.sum([state.bounds.project(as_writable(state.p), state.contact, p)])[0])
 
     def meet_load(self, p, total):
-        """Bring the pressure p, with the sum `total`, to a prescribed load.
+        """Bring the pressure p to a prescribed load; return success.
 
-        Returns success.
+        `total` is the sum of p.
         """
         return self.loading.scale_pressure(p, total, self.state.grid.cell_area)
 
     def spread_load(self):
-        """Set an even pressure in contact."""
+        """Set the same pressure in all contact cells."""
         self.state.values[...] = self.state.contact
 
     def _pressure_of(self, carried):
-        """Return the pressure that callbacks see."""
+        """Return the pressure that callbacks receive."""
         return carried
 
     @contextmanager
     def shown(self, solver):
-        """Context in which the state has the solver's pressure p, for callbacks."""
+        """Return a context in which the state has the solver's pressure p.
+
+        Callbacks are called in this context.
+        """
         before = self.state.p.copy()
         self.state.values[...] = self._pressure_of(solver.carried)
         try:
@@ -354,6 +358,6 @@ class PrimalState:
         np.logical_not(self.inverse.mask, out=self.state.contact)
 
     def _update_free_cells(self, solver):
-        """Set the free cells of the operator to those without contact."""
+        """Set the free cells of the operator: all cells without contact."""
         np.logical_not(self.state.contact, out=self.inverse.mask)
         solver.set_contact()

@@ -1,10 +1,10 @@
 """Compiled sweeps with the 3 x 3 centre of B.
 
-B, the inverse of A, decays like 1 / r^3, so its centre is enough for short waves. One pass over the rows makes all
-sweeps of a call, so that the rows stay in the cache: at time t sweep m is made on row j = t - m + 1. ``swept[m]``
-contains the last three rows after sweep m, ``sources`` the right-hand sides of rows until their last sweep. The halo is
-swept too, one row less with each sweep; columns are periodic. Arrays hold the rows of this rank; work rows have one
-more cell on either side. Work is in single precision, which is enough for a preconditioner and a guess.
+B, the inverse of A, decays like 1 / r^3, so its 3 x 3 centre is enough for short waves. One pass over the rows makes
+all sweeps, so that the rows stay in the cache: at time t, sweep m is made on row j = t - m + 1. ``swept[m]`` has the
+last three rows after sweep m. ``sources`` has the right-hand sides of rows until their last sweep. The halo is swept,
+too, one row less with each sweep; columns are periodic. Arrays have the rows of this rank; work rows have one more cell
+at each end. Work arrays are in single precision, which is enough for a preconditioner and a guess.
 """
 
 import numpy as np
@@ -144,10 +144,10 @@ def _contact_row(free, out):
 
 @njit()
 def free_in_cells(s, free, scale, coarse, skipped, factors, row):
-    """Compute means of scale times s over coarse cells, into `coarse`.
+    """Compute means of ``scale * s`` over coarse cells, in `coarse`.
 
-    s counts as zero outside the free cells. `factors` are (fy, fx), the rows and columns of a coarse cell. `skipped`
-    rows of the first coarse row lie before the rows of this rank. `row` is a work row.
+    Outside the free cells s counts as zero. `factors` are (fy, fx), the numbers of rows and columns of a coarse cell.
+    `skipped` is the number of rows of the first coarse row that lie before the rows of this rank. `row` is a work row.
     """
     fy, fx = factors
     coarse[...] = 0
@@ -158,9 +158,9 @@ def free_in_cells(s, free, scale, coarse, skipped, factors, row):
 
 @njit()
 def contact_in_cells(free, coarse, skipped, factors, row):
-    """Compute the share of contact in each coarse cell, into `coarse`.
+    """Compute the share of contact in each coarse cell, in `coarse`.
 
-    Parameters as of `free_in_cells`.
+    The parameters are those of `free_in_cells`.
     """
     fy, fx = factors
     coarse[...] = 0
@@ -180,8 +180,8 @@ def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
 def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
     """Compute means of the residual of x over coarse cells.
 
-    It is (s - B3 x) / B3_00 on free cells, with B3 the 3 x 3 centre of B. `weights` are as of `sweep`, `work` are three
-    work rows, other parameters as of `free_in_cells`.
+    The residual is (s - B3 x) / B3_00 on free cells, where B3 is the 3 x 3 centre of B. `weights` are those of `sweep`,
+    `work` are three work rows, and the other parameters are those of `free_in_cells`.
     """
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
@@ -210,7 +210,7 @@ def _interpolate_row(wide, place, row):
 def _interpolate_at(t, coarse, places, wide, row):
     """Interpolate row t bilinearly from coarse rows, into `row`.
 
-    `places` is as of `sweep`; `wide` is a work row.
+    `places` is that of `sweep`; `wide` is a work row.
     """
     in_y, in_x = places
     centre = in_y[0] * t + in_y[1]
@@ -232,8 +232,8 @@ def sweep(
 ):  # fmt: skip
     """Make sweeps with the 3 x 3 centre of B on free cells.
 
-    With B3 this centre, a sweep is ``x += share (s - B3 x) / B3_00``. The first sweep starts from zero, and the given
-    x and long waves are added to it.
+    Let B3 be this centre. A sweep is ``x += share (s - B3 x) / B3_00``. The first sweep starts from zero; then the
+    given x and the long waves are added.
 
     Parameters
     ----------
@@ -242,19 +242,19 @@ def sweep(
     free : ndarray of bool, shape (rows, nx)
         Free cells.
     s_before, s_after, f_before, f_after
-        Halo rows of s and of `free`: at least one row less than there are sweeps.
+        Halo rows of s and of `free`; at least as many rows as sweeps, minus one.
     weights : tuple of a float64 and three float32
-        1 / B3_00, which may be out of range in single precision; then the neighbours of B3 in x, in y and on the
-        diagonal, over B3_00.
+        First 1 / B3_00, which may be out of range in single precision; then the entries of B3 for neighbours in x, in y
+        and on the diagonal, divided by B3_00.
     shares : ndarray of float32
         Step length of each sweep.
     x : ndarray of float32, shape (rows, nx)
-        Field that is added to the first sweep, with halo rows as s. May be z. Empty: zero.
+        Field that is added after the first sweep, with halo rows like s. It may be z. An empty array means zero.
     waves : ndarray of float64, shape (coarse rows, coarse columns)
-        Long waves around these rows and the halo, to be interpolated bilinearly. Empty: none.
+        Long waves on these rows and the halo, to be interpolated bilinearly. An empty array means none.
     places : (float, float), (float, float)
-        Places of the rows and columns in the coarse grid, as of `Grid.places_in`. Rows are counted from the first of
-        the halo, and from the first coarse one.
+        Places of the rows and columns in the coarse grid, as in `Grid.places_in`. Fine rows are counted from the first
+        halo row, coarse rows from the first coarse row.
     wave_rows : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
         Work rows.
     z : ndarray of float64 or float32, shape (rows, nx)
@@ -302,10 +302,11 @@ def sweep(
 def sweep_projected(
     f, f_before, f_after, low, low_before, low_after, room, room_before, room_after, weights, steps, x, work
 ):  # fmt: skip
-    """Make projected Jacobi sweeps ``x = max(y, min(low, y + room)), y = f - N x``.
+    """Make projected Jacobi sweeps.
 
-    f is the right-hand side over B3_00, N the neighbours of the 3 x 3 centre B3 over B3_00. x starts from y = f. `low`
-    is the displacement that closes the gap, `room` the one by the highest pressure on a cell; without rows it is
+    A sweep is ``y = f - N x``, then ``x = max(y, min(low, y + room))``. f is the right-hand side divided by B3_00; N
+    are the neighbours in the 3 x 3 centre B3 of B, divided by B3_00. x starts from y = f. `low` is the displacement
+    that closes the gap. `room` is the displacement by the highest pressure on a cell; if it has no rows, it is
     infinite. Arrays are float32. Halos must have at least ``steps - 1`` rows.
     """
     rows, nx = f.shape
@@ -354,7 +355,7 @@ def _add_row(above, here, below, scale, wx, wy, wd, out):
 def add_centre(d, before, after, weights, work, out):
     """Add the 3 x 3 centre of B times d to `out`.
 
-    `before` and `after` are the halo of d, one row each; `weights` are as of `sweep`.
+    `before` and `after` are the halo of d, one row each; `weights` are those of `sweep`.
     """
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
     if not len(d):
@@ -368,9 +369,9 @@ def add_centre(d, before, after, weights, work, out):
 
 
 def make_work(steps, nx, kind=bool):
-    """Return the work arrays of a number of sweeps.
+    """Return the work arrays for a number of sweeps.
 
-    `kind` is bool for `sweep`, and float32 for `sweep_projected`, which has one more.
+    `kind` is bool for `sweep`. It is float32 for `sweep_projected`, which needs one more array.
     """
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     work = sources, np.empty((steps + 1, nx), kind), swept

@@ -1,7 +1,7 @@
 """Two-grid preconditioner of O B O, the matrix of the primal form.
 
-O restricts fields to the free cells, those outside the contact set. B is the inverse of the influence matrix A, so a
-product with A on a coarser grid nearly solves for long waves. Sweeps on the free cells reduce the short waves.
+O restricts fields to the free cells, those outside the contact set. B is the inverse of the influence matrix A. So a
+product with A on a coarser grid nearly solves for the long waves. Sweeps on the free cells reduce the short waves.
 """
 
 import numpy as np
@@ -45,16 +45,18 @@ class TwoGrid:
 
     O restricts fields to the free cells, B is the inverse of A, and M s is an approximate displacement for a residual
     pressure s. The means of s over coarse cells, up to four times as long, are multiplied by A on the coarse grid and
-    interpolated bilinearly. The result is added to the first of some sweeps on the free cells with the 3 x 3 centre
-    of B. The sweeps have Chebyshev's step lengths. So M is positive, but not quite symmetric.
+    interpolated bilinearly. The result is added after the first of several sweeps on the free cells with the 3 x 3
+    centre of B. The sweeps have Chebyshev's step lengths. So M is positive, but not quite symmetric.
 
-    On long cells sweeps reduce the residual little, and on few rows the coarser grid also affects the highest waves.
-    There sweeps also precede the coarser grid, which gets the means of their residual, and follow it in reversed order.
+    If cells are long, or if there are few rows, there are also sweeps before the coarser grid. The coarser grid then
+    gets the means of their residual, and the sweeps after it are in reversed order. The reasons: on long cells sweeps
+    reduce the residual little, and with few rows the coarser grid also affects the highest waves.
 
-    Contact is missing in A: it holds the half-space like springs, so A is replaced by ``(B + stiffness)^-1``. Like a
-    flat punch, a contact spot holds it by its perimeter. So the compliance of a constant is proportional to the spacing
-    of contact, area over perimeter, and to the root of the fraction of free cells. Waves are reduced further next to
-    contact: before and after A the field is divided by the root of one plus a multiple of the share of contact nearby.
+    A does not include contact, which holds the half-space like springs. So A is replaced by ``(B + stiffness)^-1``.
+    Like a flat punch, a contact spot holds the half-space by its perimeter. So the compliance for a constant is
+    proportional to the spacing of contact (area divided by perimeter) and to the root of the fraction of free cells.
+    Near contact, waves are reduced further: before and after A the field is divided by the root of one plus a multiple
+    of the share of contact nearby.
 
     Option: ``-pc_two_grid_sweeps k``, the number of sweeps after the coarser grid (default 2).
 
@@ -63,9 +65,9 @@ class TwoGrid:
     stiffness : float
         B_00, the pressure that displaces a cell by 1 mm [(N/mm2) / mm].
     constrained : bool
-        The mean of w must not change: results have mean zero.
+        True if the mean of w must not change, so that results have mean zero.
     multiplier : float
-        Constant that was subtracted from s to this end, a change of the mean pressure [N/mm2].
+        Constant that was subtracted from s to get mean zero; a change of the mean pressure [N/mm2].
     """
 
     operator = None
@@ -81,7 +83,7 @@ class TwoGrid:
         self.reset(pc)
 
     def reset(self, pc):
-        """Forget the operator, so that the next `setUp` prepares again."""
+        """Drop the operator, so that the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
@@ -114,16 +116,16 @@ class TwoGrid:
         self._contact_version, self._response = -1, None  # contact version of `_unit_response`, and that
 
     def apply(self, pc, x, y):
-        """Apply the two-grid preconditioner M of O B O: y = M x."""
+        """Apply the preconditioner: y = M x."""
         with y as out:
             shape = self.operator.local_shape
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     def smooth(self, s, z):
-        """Apply the preconditioner M to a residual pressure: z = M s.
+        """Compute z = M s, where M is the preconditioner.
 
-        z is an approximate displacement, zero outside the free cells. If `constrained`, the `multiplier` is
-        subtracted from s so that z has mean zero.
+        s is a residual pressure, z an approximate displacement, zero outside the free cells. If `constrained`, the
+        `multiplier` is subtracted from s so that z has mean zero.
         """
         self._update_contact()
         with _event:
@@ -159,9 +161,9 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return the displacement for a constant pressure, and the displacement's sum.
+        """Return the displacement for a constant pressure, and its sum.
 
-        The pressure is B_00, the diagonal entry of B, in all cells. The preconditioner computes the approximate
+        The pressure is B_00, the diagonal entry of B, in all cells. The preconditioner computes an approximate
         displacement, once for each contact set.
         """
         if self._response is None:
@@ -197,11 +199,10 @@ class TwoGrid:
 def _weights(centre, grid):
     """Return 1 / B_00, and the weights of neighbours.
 
-    B_00 is the diagonal entry of B. The weights are entries of the 3 x 3 `centre` of B over B_00: for the neighbours
-    in x, in y and on the diagonal.
-
-    In a direction with two cells both neighbours are the same cell, and count half each. If the neighbours outweigh the
-    diagonal, as with a stiff coating, sweeps would diverge; then their weights are scaled.
+    B_00 is the diagonal entry of B. The weights are entries of the 3 x 3 `centre` of B, divided by B_00, for the
+    neighbours in x, in y and on the diagonal. Along an axis with two cells, both neighbours are the same cell, so that
+    each counts half. If the neighbours outweigh the diagonal, as with a stiff coating, sweeps would diverge. Then the
+    weights of the neighbours are scaled.
     """
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
@@ -215,8 +216,8 @@ def _weights(centre, grid):
 class _LongWaves:
     """Product with A on a coarser grid, for long waves. Collective.
 
-    If fine rows of a coarse row are on several ranks, the rank of the first one computes its means, with parts from the
-    next ranks.
+    If the fine rows of a coarse row are on several ranks, the rank of the first fine row computes the means. The other
+    ranks send their parts.
     """
 
     def __init__(self, fine, width, springs):
@@ -251,8 +252,8 @@ class _LongWaves:
     def set_contact(self, free, share, spacing):
         """Set the stiffness of the springs that stand for contact.
 
-        `free` are the free cells, `share` their fraction, and `spacing` is the patch's area over the perimeter of
-        contact [mm].
+        `free` are the free cells, `share` is their fraction of all cells, and `spacing` is the area of the patch
+        divided by the perimeter of contact [mm].
         """
         coarse = self.coarse
         stencil.contact_in_cells(free, self._sums, self._skipped, self._factors, self._row)
@@ -267,7 +268,7 @@ class _LongWaves:
     def apply(self, s, free, weights, x, *halo):
         """Apply A with springs to means over coarse cells.
 
-        They are the means of s or, if x is not empty, of the residual of x. Returns the coarse rows around this rank's
+        The means are those of s or, if x is not empty, of the residual of x. Return the coarse rows around this rank's
         rows, their places and work rows, for `stencil.sweep`.
         """
         place = self._sums, self._skipped, self._factors
