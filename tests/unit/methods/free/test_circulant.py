@@ -9,6 +9,7 @@ from petsc4py import PETSc
 from app.base.petsc import unwrap_errors
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.circulant import Circulant, circulant_inverse
 from app.methods.free.tracking_cg import TrackingCG
@@ -178,7 +179,7 @@ def test_periodic_inverses_are_exact():
 
 
 def test_periodic_neighbours_may_cancel():
-    operator = InfluenceOperator(Grid(2, 2, 1.0, 1.0, periodic="spectral"), 1 / np.pi)
+    operator = InfluenceOperator(Grid(2, 2, 1.0, 1.0, periodic="spectral"), UNIT)
     stencil = circulant_inverse(operator).centre
     assert stencil.sum() == stencil[1, 1]
     operator.mask[...] = [[True], [False]]
