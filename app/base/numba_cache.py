@@ -46,8 +46,8 @@ def njit(makes_arrays=False, **options):
     Counting the references to each row took half of the time on small grids. Counting is not necessary, because the
     caller holds the arrays during the call. A function that makes or returns an array must count: set `makes_arrays`.
 
-    A function is compiled separately for calls from other loops, which need no wrapper for Python. Most functions are
-    called either from Python or from loops, and the wrapper takes a tenth of the time to compile.
+    A function is compiled once for calls from Python, and once for calls from other loops, which need no wrapper for
+    Python. The wrapper takes a tenth of the time to compile, and most functions are called in only one of these ways.
     """
     if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
         options["_nrt"] = makes_arrays
@@ -78,12 +78,18 @@ def njit(makes_arrays=False, **options):
 
 
 def unliteral(args, kws):
-    """Return argument types without literals, for each of which numba would compile once more."""
+    """Return argument types without literals.
+
+    For each literal, numba would compile once more.
+    """
     return tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()}
 
 
 def _renamed(function, suffix):
-    """Return a copy of a function with another name, and so with a cache of its own."""
+    """Return a copy of a function with another name.
+
+    So the copy has its own cache.
+    """
     copy = FunctionType(
         function.__code__, function.__globals__, f"{function.__name__}_{suffix}", function.__defaults__,
         function.__closure__,
@@ -100,9 +106,9 @@ class _Memory:
 
 
 def as_writable(array):
-    """Return a read-only array as a writable one, for loops that do not write to it.
+    """Return a read-only array as a writable array.
 
-    numba would compile these loops once more for read-only arrays.
+    This is for loops that do not write to the array; numba would compile these loops once more for read-only arrays.
     """
     return np.asarray(_Memory(array))
 

@@ -267,9 +267,10 @@ class PrescribedLoad(Loading):
         return abs(state.depth - depth)
 
     def _plastic_step(self, state, gaps, stiffness):
-        """Return the step of `step_to_load`, times a factor that its last errors give [mm]. Collective.
+        """Return the step of `step_to_load`, corrected [mm]. Collective.
 
-        If the model is always wrong by the same factor, the missing load falls like a geometric series without it.
+        The step is multiplied by a factor that follows from the last errors of the model. Without this factor the
+        missing load would fall only like a geometric series, if the model is always wrong by the same factor.
         """
         step, expected = step_to_load(state, gaps.load, self.load, stiffness)
         missing, (before, depth) = self.load - expected, self._missing or (0.0, state.depth)

@@ -37,9 +37,10 @@ class HalfSpaceKernel:
         return (self.compliance,)
 
     def uniform_compliance(self, grid):
-        """Return the displacement by a uniform pressure that operators leave out, over the pressure [mm / (N/mm2)].
+        """Return the displacement by pressure 1 on all cells [mm / (N/mm2)].
 
-        It is that of a periodic patch. On half-spaces it is infinite, and displacements are relative to their mean.
+        The patch is periodic. The displacements of operators leave this number out. On half-spaces it would be
+        infinite, so displacements are relative to their mean.
         """
         return 0.0
 
@@ -59,9 +60,9 @@ class HalfSpaceKernel:
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
     def self_displacement(self, grid):
-        """Return the displacement of a cell by pressure 1 on it [mm / (N/mm2)].
+        """Return the displacement of a cell by pressure 1 on it.
 
-        The patch is free.
+        The patch is free; the unit is mm / (N/mm2).
         """
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 

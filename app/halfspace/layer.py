@@ -49,7 +49,10 @@ class Layer:
 
     @property
     def modulus_ratio(self):
-        """Shear modulus of the layer over that of the substrate, 0 on a rigid base."""
+        """Shear modulus of the layer divided by that of the substrate.
+
+        The ratio is 0 on a rigid base.
+        """
         (young1, young2), (nu1, nu2) = self.young, self.poisson
         return (young1 / (1 + nu1)) / (young2 / (1 + nu2))
 
@@ -71,7 +74,7 @@ class Layer:
         return self.thickness * (1 + nu) * (1 - 2 * nu) / ((1 - nu) * self.young[0])
 
     def ratio(self, q):
-        """Return S(q t) for an array of wave numbers q above 0 [1/mm]."""
+        """Return S(q t) for wave numbers q above 0, an array [1/mm]."""
         (nu1, nu2), mu = self.poisson, self.modulus_ratio
         x = np.asarray(q, dtype=float) * self.thickness
         values, small = np.empty(x.shape), x < _SMALL

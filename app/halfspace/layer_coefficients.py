@@ -2,11 +2,11 @@
 
 Lengths are in thicknesses t of the layer. The displacement by a point force is ``1/r + g(r)`` times the compliance of
 the layer's material, with ``g(r) = int_0^inf (S(x) - 1) J0(x r) dx`` and the ratio S of `app.halfspace.layer`. The
-coefficient of a cell has three parts: Love's closed form of 1/r; the closed form of c / sqrt(r^2 + 4), a cell seen from
-the depth 2 t, with c = S(0) - 1, which is g far away; and the rest, which is smooth and dies like r^-3. The rest comes
-from a table, as a mean over Gauss points. Near a cell that is not small, it comes from a table of the integral
-``Phi(r) = int_0^r rest r dr``: the integral over a rectangle with a corner at the origin is a sum of two integrals of
-Phi over angles.
+coefficient of a cell is the sum of three integrals over the cell: of 1/r, by Love's closed form; of c / sqrt(r^2 + 4)
+with c = S(0) - 1, to which g tends far away, also in closed form; and of the *rest* of g, which is smooth and decays
+like r^-3. The rest is tabulated, and its integral is computed by Gauss points. Near a cell that is not small, the
+integral is computed from a table of ``Phi(r) = int_0^r rest r dr``: the integral over a rectangle with a corner at the
+origin is a sum of two integrals of Phi over angles.
 """
 
 from functools import lru_cache
@@ -26,7 +26,10 @@ _ANGLES = 24  # Gauss points of an angle
 
 @lru_cache(maxsize=16)
 def layer_tables(layer, cell):
-    """Return the `LayerTables` for a `Layer` and cells of a size (dx, dy) in thicknesses."""
+    """Return the `LayerTables` of a layer for a cell size.
+
+    The size (dx, dy) of a cell is in thicknesses.
+    """
     (nu1, nu2), mu = layer.poisson, layer.modulus_ratio
     widest = _MIN_RADIUS * max(1.0, mu)
     radius = min(max(widest, _CELLS * max(cell)), max(2 * widest, _MAX_RADIUS))
@@ -39,7 +42,9 @@ def _tables(layer, limit, radius):
 
 
 class LayerTables:
-    """Tables of the difference between a layered body and a half-space of the layer's material.
+    """Tables of the influence of a layer.
+
+    The influence is the difference between a layered body and a half-space of the layer's material.
 
     Parameters
     ----------
@@ -66,12 +71,12 @@ class LayerTables:
         self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
 
     def rest(self, r):
-        """Return the rest at distances r [1 / t]."""
+        """Return the rest of g at distances r [1 / t]."""
         inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
         return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
 
     def _phi(self, r):
-        """Return the integral of rest r from 0 to r."""
+        """Return Phi(r), the integral of rest r dr from 0 to r."""
         inside = self._phi_table(np.arcsinh(np.minimum(r, self._radius)))
         return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
 
@@ -96,7 +101,7 @@ class LayerTables:
         return total
 
     def _means(self, x, y, dx, dy, points):
-        """Return integrals of the rest over cells by Gauss points in each direction."""
+        """Return integrals of the rest over cells, by Gauss points."""
         nodes, weights = np.polynomial.legendre.leggauss(points)
         total = np.zeros(x.shape)
         for a, in_x in zip(nodes, weights, strict=True):
@@ -105,7 +110,10 @@ class LayerTables:
         return dx * dy / 4 * total
 
     def _over_cell(self, x, y, a, b):
-        """Return the integral of the rest over a cell with half sides a and b, by Phi."""
+        """Return the integral of the rest over a cell, by Phi.
+
+        The cell has the half sides a and b.
+        """
         total = 0.0
         for sx in (1, -1):
             for sy in (1, -1):
@@ -115,7 +123,10 @@ class LayerTables:
         return total
 
     def _triangle(self, u, v):
-        """Return the integral of the rest over the triangle (0, 0), (u, 0), (u, v)."""
+        """Return the integral of the rest over a triangle.
+
+        The corners are (0, 0), (u, 0) and (u, v).
+        """
         u, v = abs(u), abs(v)
         nodes, weights = np.polynomial.legendre.leggauss(_ANGLES)
         half = np.arcsinh(v / u) / 2
@@ -124,7 +135,10 @@ class LayerTables:
 
 
 def _rectangle(x, y, a, b, z):
-    """Return the integral of 1 / sqrt(r^2 + z^2) over a cell at (x, y) with half sides a and b."""
+    """Return the integral of 1 / sqrt(r^2 + z^2) over a cell.
+
+    The cell has its centre at (x, y), and the half sides a and b.
+    """
 
     def corner(x, y):
         to_x, to_y, to_all = np.hypot(x, z), np.hypot(y, z), np.sqrt(x * x + y * y + z * z)
@@ -135,7 +149,9 @@ def _rectangle(x, y, a, b, z):
 
 
 def _hankel(ratio, radii):
-    """Return g(r) and the integral of g r from 0 to r, for rising radii.
+    """Return g(r), and the integral of g r dr from 0 to r.
+
+    The radii increase.
 
     The integrals over x are composite Gauss sums, with panels short enough for the oscillations at each radius.
     """

@@ -49,7 +49,10 @@ class LayeredKernel(HalfSpaceKernel):
         return layer.thickness, *layer.young, *layer.poisson, self.other
 
     def uniform_compliance(self, grid):
-        """Return the displacement by a uniform pressure that operators leave out; see `HalfSpaceKernel`."""
+        """Return the displacement by pressure 1 on all cells.
+
+        See `HalfSpaceKernel.uniform_compliance`.
+        """
         return self.layer.uniform_compliance if grid.periodic else 0.0
 
     def wave_compliance(self, q):
@@ -98,11 +101,17 @@ class LayeredKernel(HalfSpaceKernel):
         return self._coefficients(grid, rows, np.arange(columns))
 
     def unit_coefficients(self, grid, rows, columns):
-        """Return influence coefficients of a free patch over the compliance; see `HalfSpaceKernel`."""
+        """Return influence coefficients divided by the compliance.
+
+        See `HalfSpaceKernel.unit_coefficients`.
+        """
         return self._coefficients(grid, rows, columns) / self.compliance
 
     def _coefficients(self, grid, rows, columns):
-        """Return influence coefficients at offsets of `rows` and `columns`, both arrays."""
+        """Return influence coefficients at offsets in y and x.
+
+        The arrays `rows` and `columns` are the offsets.
+        """
         layer = self.layer
         love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
         cell = grid.dx / layer.thickness, grid.dy / layer.thickness
@@ -113,13 +122,19 @@ class LayeredKernel(HalfSpaceKernel):
         return layer.plane_compliance * own + self.other * love
 
     def is_positive(self, grid):
-        """Return whether no influence coefficient of a free patch is negative, along its sides."""
+        """Return whether no influence coefficient is negative.
+
+        Only offsets along the sides of a free patch are tested.
+        """
         corner = np.zeros(1, int)
         in_x = self._coefficients(grid, corner, np.arange(grid.nx))
         return bool(in_x.min() >= 0 and self._coefficients(grid, np.arange(grid.ny), corner).min() >= 0)
 
     def middle_displacement(self, lengths):
-        """Return a bound of the displacement in the middle of a loaded rectangle [mm]."""
+        """Return a bound of the displacement of a rectangle [mm].
+
+        The rectangle is loaded, and the displacement is that of its middle.
+        """
         layer = self.layer
         softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
         body = HalfSpaceKernel(layer.plane_compliance * softest + self.other)
@@ -131,7 +146,10 @@ class LayeredKernel(HalfSpaceKernel):
         return cell.self_displacement(grid)
 
     def smallest_eigenvalue(self, grid):
-        """Return a lower bound of the eigenvalues of A on fields without mean [mm / (N/mm2)]."""
+        """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].
+
+        The eigenvalues are those on fields without mean.
+        """
         return (1.0 if grid.periodic == "spectral" else _LOVE_FACTORS[0]) * float(self._spectrum(grid).min())
 
     def largest_eigenvalue(self, grid):

@@ -251,10 +251,10 @@ class DenseProblem:
         return p
 
     def _leave_full_contact(self, sets, h):
-        """Return sets with one cell less in elastic contact, which has no solution.
+        """Return sets with one cell less in elastic contact.
 
-        The pressure of full contact is known up to a constant. It decreases until a cell opens, or grows until one
-        is plastic.
+        Elastic contact of all cells has no solution, because A is singular. The pressure of full contact is known up to
+        a constant. This pressure decreases until a cell opens, or grows until a cell is plastic.
         """
         full, sets = self._full(), sets.copy()
         if h.mean() >= 0 or np.isinf(self._upper).all():

@@ -106,7 +106,7 @@ def store_rows(rows, strips, height, start):
 
 @njit()
 def _load_rows(rows, strips, height, start):
-    """Copy rows from strips; it is the inverse of `store_rows`."""
+    """Copy rows from strips, the inverse of `store_rows`."""
     whole = rows.shape[1] // STRIP * STRIP
     width = rows.shape[1] - whole
     for strip in range(0, whole, STRIP):
@@ -274,7 +274,7 @@ def _gather_columns(strip, columns, start):
 
 @njit()
 def _scatter_columns(columns, start, strip):
-    """Copy columns back to a strip; it is the inverse of `_gather_columns`."""
+    """Copy columns to a strip, the inverse of `_gather_columns`."""
     for r in range(strip.shape[0]):
         if strip.shape[1] == STRIP:
             _scatter_row(columns, np.uint64(start + r), strip[r])
