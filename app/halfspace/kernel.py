@@ -24,9 +24,11 @@ class HalfSpaceKernel:
     ----------
     scale_free : bool
         True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
+    far_reaching : bool
+        True if a load displaces the surface far away, by its size over the distance.
     """
 
-    scale_free = True
+    scale_free = far_reaching = True
 
     def __init__(self, compliance):
         self.compliance = float(compliance)
@@ -65,6 +67,10 @@ class HalfSpaceKernel:
         The patch is free; the unit is mm / (N/mm2).
         """
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
+
+    def scale(self, eigenvalues, q):
+        """Return eigenvalues for unit compliance, at wave numbers q [1/mm], times the compliance of these waves."""
+        return self.compliance * eigenvalues
 
     def is_positive(self, grid):
         """Return whether no influence coefficient of a free patch is negative."""

@@ -41,6 +41,7 @@ class LayeredKernel(HalfSpaceKernel):
     def __init__(self, layer, other=0.0):
         super().__init__(layer.plane_compliance + other)
         self.layer, self.other = layer, float(other)
+        self.far_reaching = not layer.on_rigid_base
 
     @property
     def parameters(self):
@@ -121,6 +122,10 @@ class LayeredKernel(HalfSpaceKernel):
             own[distances > _MAX_REACH] = 0.0  # below rounding
         return layer.plane_compliance * own + self.other * love
 
+    def scale(self, eigenvalues, q):
+        """Return eigenvalues times the compliance of waves; see `HalfSpaceKernel`."""
+        return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
+
     def is_positive(self, grid):
         """Return whether no influence coefficient is negative.
 
@@ -136,9 +141,14 @@ class LayeredKernel(HalfSpaceKernel):
         The rectangle is loaded, and the displacement is that of its middle.
         """
         layer = self.layer
+        if layer.on_rigid_base:
+            q = np.pi / max(lengths)
+            longest = 2 * np.pi * layer.plane_compliance * float(layer.ratio(np.array([q]))[0]) / q
+            return max(longest, layer.uniform_compliance) + HalfSpaceKernel(self.other).middle_displacement(
+                lengths
+            )
         softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
-        body = HalfSpaceKernel(layer.plane_compliance * softest + self.other)
-        return body.middle_displacement(lengths)
+        return HalfSpaceKernel(layer.plane_compliance * softest + self.other).middle_displacement(lengths)
 
     def self_displacement(self, grid):
         """Estimate the displacement of a cell by pressure 1 on it."""

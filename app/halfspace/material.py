@@ -148,7 +148,7 @@ class Material:
     def coated(cls, young, poisson, thickness, other=None):
         """Make the material of a coated body and of another one.
 
-        The coating is bonded to its substrate. So far a coating works on periodic patches only.
+        The coating is bonded to its substrate.
 
         Parameters
         ----------

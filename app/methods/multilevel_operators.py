@@ -91,7 +91,9 @@ def _create_inverse(grid, kernel, layout, near, periods, mean):
 
     def symbol(columns, rows):
         x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
-        values = eigenvalues(grid, kernel.compliance, x, y)
+        values = kernel.scale(
+            eigenvalues(grid, 1.0, x, y), np.hypot(np.pi * x[:, None] / grid.dx, np.pi * y / grid.dy)
+        )
         values[(x[:, None] == 0) & (y == 0)] = mean
         return coarsen_symbol(1 / values, near, x, y)
 

@@ -226,3 +226,17 @@ def test_certificate_bounds_the_error_of_any_pressure(moduli, nu, periodic):
             assert error <= certify(state).error_bound * np.sqrt(p.ravel() @ dense.matrix @ p.ravel()) * (
                 1 + 1e-9
             )
+
+
+@pytest.mark.parametrize(
+    "young, nu, most",
+    [((1.0, 2.0), 0.3, 40), ((2.0, 1.0), 0.3, 45), ((1.0, np.inf), 0.3, 25), ((1.0, np.inf), 0.45, 25)],
+)
+@pytest.mark.parametrize("cells", [1, 10])
+def test_work_on_free_patches_is_bounded(young, nu, most, cells):
+    rough, grid = periodic_rough(64), Grid.from_domain(64, 64, (0, 1, 0, 1))
+    material = Material.coated(young, (nu, 0.3), cells / 64)
+    solution = solve(ContactProblem(grid, material, surfaces=rough.surfaces), load=0.02)
+    assert solution.converged
+    assert not solution.fallbacks
+    assert solution.operator_applications < most

@@ -99,11 +99,12 @@ class Circulant:
         self.multiplier = circulant_inverse(operator, apart=True)
         shared = operator.slabs, operator.comm
         self.extension = EdgeExtension(operator.local_shape, *shared, self.steps, periodic)
-        stencil = self.multiplier.centre if periodic else centre(operator.grid)
+        far_reaching = operator.kernel.far_reaching
+        stencil = centre(operator.grid) if far_reaching and not periodic else self.multiplier.centre
         self.average = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
-        if blocks and min(operator.grid.shape) >= MIN_BLOCKS * blocks:
+        if blocks and far_reaching and min(operator.grid.shape) >= MIN_BLOCKS * blocks:
             self.average = BlockAverage(operator.grid.shape, *shared, blocks)
         sides = operator.grid.dx, operator.grid.dy
         # Without block means neighbours may cancel, as on 2 x 2 periodic cells.
