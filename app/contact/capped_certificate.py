@@ -103,7 +103,7 @@ def _gaps_row(b, depth, u, p, upper, admissible, slope):
 def gaps(b, depth, u, p, upper, admissible, slope):
     """Return the sums that certify a pressure on a periodic patch.
 
-    These sums are over: the reduced gap g where it is open, -g where it overlaps, g - e, the prices of open gaps, the
+    The summed fields are: the reduced gap g where it is open, -g where it overlaps, g - e, the prices of open gaps, the
     prices of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

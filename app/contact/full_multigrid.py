@@ -1,6 +1,6 @@
 """Full multigrid: the active set iteration in a nested iteration (Sec. 4.3).
 
-If only the target grid is used, it is the active set iteration (Sec. 3 and 4.1).
+If only the target grid is used, the method is the active set iteration alone (Sec. 3 and 4.1).
 """
 
 from functools import partial

@@ -1,6 +1,6 @@
 """Solution under the largest load, with all cells at the hardness.
 
-It costs one product.
+The solution costs one product.
 """
 
 import numpy as np

@@ -48,8 +48,8 @@ class GridErrors(NamedTuple):
     def with_contact_edge(self, solution):
         """Return these errors, with the contact area's raised if too small.
 
-        It is raised to the relative difference of ``contact_fraction`` and ``contact_fraction_corrected``. The areas of
-        two grids may agree by chance, because numbers of cells scatter.
+        The error of the area is raised to the relative difference of ``contact_fraction`` and
+        ``contact_fraction_corrected``. The areas of two grids may agree by chance, because numbers of cells scatter.
         """
         if not solution.contact_fraction or np.isnan(self.contact_area_error):
             return self

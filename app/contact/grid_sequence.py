@@ -52,7 +52,7 @@ class GridSequence:
     def waiting_ranks(self, state):
         """Return the communicator of rank 0 and ranks without rows of `state`.
 
-        It is None on other ranks.
+        On other ranks the result is None.
         """
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 

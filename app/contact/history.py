@@ -12,7 +12,7 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 class Listener:
     """Base class of listeners, whose methods a solve calls.
 
-    They are called on the ranks of each grid.
+    The methods are called on the ranks of each grid.
     """
 
     def begin(self, settings):

@@ -62,7 +62,7 @@ class Indentation(NamedTuple):
     def remove_from(self, distance):
         """Return the undeformed distance without the indentation [mm].
 
-        It has the local rows.
+        The result has the local rows.
         """
         return distance if self.depth is None else distance - self.depth
 
@@ -174,8 +174,8 @@ def measure_roughness(operator, distance, shape):
     """Return the ShapeRoughness of an undeformed distance. Collective.
 
     On a periodic patch without holes the slope is that of the Fourier interpolant, which costs one product. On other
-    patches it is computed from differences across the faces between admissible cells. `shape`, (local rows, nx) [mm],
-    is the undeformed distance at the reference, NaN in inadmissible cells.
+    patches the slope is computed from differences across the faces between admissible cells. `shape`, (local rows, nx)
+    [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
     """
     grid = operator.grid
     waves = grid.periodic and distance.statistics.cells == grid.n
@@ -208,7 +208,8 @@ def _steps_at_sides(operator, shape):
 def _wave_slope(operator, shape):
     """Return the mean square slope of the Fourier interpolant. Collective.
 
-    It is the sum of q^2 |h_q|^2 over all waves of the shape; q is the wave number, h_q the amplitude.
+    The mean square slope is the sum of q^2 |h_q|^2 over all waves of the shape; q is the wave number, h_q the
+    amplitude.
     """
     grid = operator.grid
 

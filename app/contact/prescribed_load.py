@@ -4,8 +4,8 @@ The load F(delta) = dx dy sum(p) of the solved problem increases with the approa
 where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search meets the load and gives
 a secant slope. On all other grids, every active set iteration changes the approach by the missing load divided by the
 slope (Newton's method), if the load error exceeds what the residual can explain. `settle` makes the load exact. If this
-iteration does not converge, a root search is used, which solves problems of prescribed approach. It converges, because
-F is monotone.
+iteration does not converge, a root search is used, which solves problems of prescribed approach. The root search
+converges, because F is monotone.
 """
 
 from itertools import pairwise
@@ -135,7 +135,7 @@ class PrescribedLoad(Loading):
         def relative_error(depth):
             """Return the relative error of load^(2/3) at a depth.
 
-            For a sphere it is linear in the depth.
+            For a sphere this error is linear in the depth.
             """
             nonlocal outcome
             if depth not in loads:
@@ -180,7 +180,7 @@ class PrescribedLoad(Loading):
         """Estimate the depth that gives the load, and set it. Collective.
 
         Return this depth beyond first touch [mm]. The estimate treats the overlap of the undeformed bodies as a flat
-        punch with the same area and mean depth. It is right for flat punches, and 4% too small for a sphere.
+        punch with the same area and mean depth. The estimate is right for flat punches, and 4% too small for a sphere.
         """
         stiffness = stiffness_of_patch(state)
         beyond = self.load / stiffness

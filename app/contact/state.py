@@ -282,7 +282,7 @@ class ContactState:
     def defect(self):
         """Return the defect -(h + u) on C, 0 elsewhere [mm].
 
-        It is the right-hand side of the contact set's system (2.11) for a correction of p.
+        The defect is the right-hand side of the contact set's system (2.11) for a correction of p.
         """
         with self.right as values:
             out = values.reshape(self.u.shape)

@@ -4,9 +4,9 @@
 
 M is a product with a dense matrix, such as A or its inverse B. `N` is a stencil of 5 x 5 cells, and `P` is linear
 interpolation between cell centres. `M_H` is the multilevel product on cells twice as large; on the coarsest grid it is
-a product by FFT. This is multilevel multi-summation [1]_ of the lowest order. Long cells are first coarsened only in
-their shorter direction, until they are nearly square. `app.methods.multilevel_operators` makes the products for A and
-B.
+a product by FFT. This method is multilevel multi-summation [1]_ of the lowest order. Long cells are first coarsened
+only in their shorter direction, until they are nearly square. `app.methods.multilevel_operators` makes the products for
+A and B.
 
 On several ranks a coarse row belongs to the rank with the first of its two fine rows. The halo has two fine rows and
 one coarse row on each side.
@@ -34,7 +34,7 @@ COST_IN_TRANSFORMS = (
 def coarse_shape(shape, factors, periodic=False):
     """Return the shape of the coarse grid.
 
-    On a free patch it has one extra cell on each side of a coarsened direction.
+    On a free patch the coarse grid has one extra cell on each side of a coarsened direction.
     """
     added = 0 if periodic else 2
     return tuple(n // 2 + added if factor == 2 else n for n, factor in zip(shape, factors, strict=True))

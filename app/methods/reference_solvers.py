@@ -1,6 +1,6 @@
 """PETSc's solvers for bound constraints, TAO and SNESVI.
 
-They are used for comparison, and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0``
+These solvers are used for comparison, and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0``
 (``-lcp_type tao -tao_type tron``). SNESVI solves the complementarity problem (``-lcp_type snesvi``). Their options are
 ``-tao_*``, ``-snes_*``, ``-ksp_*`` and ``-pc_*``.
 """
@@ -84,7 +84,7 @@ class _ReferenceSolver:
     def _residual(self, state):
         """Return the norms of gap in contact and overlap outside [mm].
 
-        Both are computed by a product in double precision. The contact set and displacement of `state` are set.
+        Both norms are computed by a product in double precision. The contact set and displacement of `state` are set.
         """
         state.project()
         state.contact[...] = state.bounds.between(state.p)

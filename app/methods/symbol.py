@@ -1,10 +1,10 @@
 """Stencils that approximate A and its inverse on a periodic patch.
 
-The stencils of a hierarchy of grids make up a multilevel product (`app.methods.multilevel_product`). They are fitted to
-the eigenvalues lambda(q) of A at wave vectors q. A free patch is continued periodically: except for q = 0, its
-eigenvalues are those of `app.halfspace.periodic_symbol` for ``love``, the uniform pressure on cells. In units of a cell
-they depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the spectrum
-of one cell, `sinc sinc / |q|`, plus its aliases. The sum of the aliases is smooth in q, and is interpolated.
+The stencils of a hierarchy of grids make up a multilevel product (`app.methods.multilevel_product`). The stencils are
+fitted to the eigenvalues lambda(q) of A at wave vectors q. A free patch is continued periodically: except for q = 0,
+its eigenvalues are those of `app.halfspace.periodic_symbol` for ``love``, the uniform pressure on cells. In units of a
+cell they depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the
+spectrum of one cell, `sinc sinc / |q|`, plus its aliases. The sum of the aliases is smooth in q, and is interpolated.
 
 lambda, about 1 / |q|, and 1 / lambda are smooth except at q = 0. (With the ``spectral`` symbol, 1 / |q|, they also have
 a kink at the highest waves.) So a stencil approximates them, except for long waves. The remainder contains only long
@@ -161,8 +161,8 @@ def near_field_correction(grid, levels):
 
     On the grid below `levels` levels with stencils, multilevel A uses the influence coefficients plus this correction.
     The correction vanishes at large distances, where only the load of a cell matters, not its shape. The result has the
-    shape (offsets in y, offsets in x). It is for unit compliance, and for cells of the finest grid whose longer side is
-    1.
+    shape (offsets in y, offsets in x). The correction is for unit compliance, and for cells of the finest grid whose
+    longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     return _near_field_correction(grid.dx / side, grid.dy / side, levels)

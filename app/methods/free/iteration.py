@@ -163,7 +163,8 @@ class _ContactSets:
     def _go_on(self, solved):
         """Update a contact set that is not the last one.
 
-        The displacement is updated by the last change of p. If this is too inaccurate, it is recomputed by FFT.
+        The displacement is updated by the last change of p. If the updated displacement is too inaccurate, it is
+        recomputed by FFT.
         """
         state, solver, allowed = self.state, self.solver, solved.allowed
         computed = self._load_has_fallen or (allowed < solved.goal and solved.norm <= solved.goal)

@@ -137,10 +137,10 @@ class TrackingSolver(LinearSolver):
     def predict(self, state, factor):
         """Predict the change of u outside contact for a zero residual [mm].
 
-        The preconditioner's method ``extend`` continues the residual past the contact edge. It uses the contact set of
-        the last solve, so that released cells are not predicted to return. Between plastic cells the mean residual on C
-        also displaces cells far from C. Return `factor` times the change, in a work array of the solver. Return None if
-        `factor` is 0 or the preconditioner has no ``extend``.
+        The preconditioner's method ``extend`` continues the residual past the contact edge. ``extend`` uses the contact
+        set of the last solve, so that released cells are not predicted to return. Between plastic cells the mean
+        residual on C also displaces cells far from C. Return `factor` times the change, in a work array of the solver.
+        Return None if `factor` is 0 or the preconditioner has no ``extend``.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None

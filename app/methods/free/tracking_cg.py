@@ -250,7 +250,7 @@ class TrackingCG(KspContext):
     def _direction_array(self, z):
         """Return a work array for the direction d.
 
-        In single precision it is that half of `work` which `product` does not use.
+        In single precision the array is the half of `work` that `product` does not use.
         """
         halves = self.work.reshape(-1).view(self._operator.dtype)
         if z is not self.work and halves.size > z.size:

@@ -1,7 +1,7 @@
 """Verification product of a window, on all cells of the grid.
 
-The product u = A p is in double precision. It shows whether the bodies penetrate outside the window. While the window
-is solved, ranks outside the window wait in `VerificationProduct.end`, and take part in each product.
+The product u = A p is in double precision. The product shows whether the bodies penetrate outside the window. While the
+window is solved, ranks outside the window wait in `VerificationProduct.end`, and take part in each product.
 """
 
 import numpy as np

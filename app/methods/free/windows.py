@@ -197,9 +197,9 @@ class WindowedLevel:
 def _choose_window(boxes, patch, margin, possible):
     """Return the window of the next finer grid, or None.
 
-    The window is counted in cells of the coarser grid. It contains contact of the coarser grid with its `margin`, and
-    predicted contact. If a smaller window saves no time, return the window of the coarser grid, or None if there was
-    none. `possible` is the window around all cells where contact is possible.
+    The window is counted in cells of the coarser grid. The window contains the contact of the coarser grid, widened by
+    `margin`, and predicted contact. If a smaller window saves no time, return the window of the coarser grid, or None
+    if there was none. `possible` is the window around all cells where contact is possible.
     """
     outer, contact = boxes.outer, boxes.contact
     fallback, most = (None, MAX_WINDOW_FRACTION) if outer == whole_window(patch) else (outer, 1.0)

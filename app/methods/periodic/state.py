@@ -58,7 +58,7 @@ class PrimalState:
     def prescribed_depth(self):
         """Prescribed depth, which is minus the mean of w [mm].
 
-        It is infinite if the load is prescribed.
+        The depth is infinite if the load is prescribed.
         """
         return self.loading.depth_on(self.state.distance)
 
@@ -142,7 +142,7 @@ class PrimalState:
     def restore_mean(self, solver, *changes):
         """Restore the mean of w under a prescribed approach.
 
-        The correction is zero in contact. It is also added to each field of `changes`.
+        The correction is zero in contact. The correction is also added to each field of `changes`.
         """
         if self.loading.approach_is_known:
             missing = -self.cells * (self.prescribed_depth + self.mean(self.w))

@@ -371,7 +371,7 @@ def add_centre(d, before, after, weights, work, out):
 def make_work(steps, nx, kind=bool):
     """Return the work arrays for a number of sweeps.
 
-    `kind` is bool for `sweep`. It is float32 for `sweep_projected`, which needs one more array.
+    `kind` is bool for `sweep`. `kind` is float32 for `sweep_projected`, which needs one more array.
     """
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     work = sources, np.empty((steps + 1, nx), kind), swept
