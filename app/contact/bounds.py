@@ -222,7 +222,7 @@ class CappedBounds(PressureBounds):
         """Return overlaps of open cells and gaps of plastic cells, 1D [mm]."""
         plastic = self.plastic(p)
         opened = self.admissible & ~self.between(p) & ~plastic
-        return np.concatenate([gap[opened].clip(max=0), gap[plastic].clip(min=0)])  # (2.10)
+        return np.concatenate([gap[opened].clip(max=0), gap[plastic].clip(min=0)])
 
     def mean_pressures(self, waves):
         """Return the allowed mean pressures; see `PressureBounds.mean_pressures`."""

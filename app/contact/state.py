@@ -309,7 +309,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
-        """Remove cells from C that violate p >= 0 (step 4.a).
+        """Remove cells from C that violate p >= 0 (2.9), step 4.a.
 
         These cells are tensile. Cells above the hardness are removed from C, too.
 
