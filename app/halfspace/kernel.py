@@ -25,7 +25,7 @@ class HalfSpaceKernel:
     scale_free : bool
         True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
     far_reaching : bool
-        True if a load displaces the surface far away, by its size over the distance.
+        True if, far from a load, the displacement is proportional to the load divided by the distance.
     """
 
     scale_free = far_reaching = True
@@ -69,7 +69,11 @@ class HalfSpaceKernel:
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def scale(self, eigenvalues, q):
-        """Return eigenvalues for unit compliance, at wave numbers q [1/mm], times the compliance of these waves."""
+        """Return eigenvalues for the compliance of this kernel.
+
+        `eigenvalues` are those for unit compliance, at wave numbers `q` [1/mm]. They are multiplied by the compliance
+        of these waves.
+        """
         return self.compliance * eigenvalues
 
     def is_positive(self, grid):
