@@ -28,7 +28,7 @@ class PeriodicState(ContactState):
 
         If all cells are in C, the system (2.11) has no solution, because A is singular. Below full contact the cell
         with the least p - h / A_II becomes open; it has a low pressure or a large gap. Beyond full contact, which is
-        possible with a hardness, the cell with the greatest p - h / A_II, divided by H, becomes plastic.
+        possible with a hardness, the cell in which p - h / A_II exceeds H most becomes plastic.
         """
         if not np.isfinite(self.distance.full_depth) or self.sum([self.contact.sum()])[0] < self.grid.n:
             return

@@ -11,10 +11,10 @@ x_o is the start of the steps outside the contact set C. P copies block values t
 cells of blocks. S computes binomial means over 3 x 3 blocks twice, with zeros outside the patch. Because of the offset,
 x_o decays with the distance from contact, as the displacement does. The transpose for a field b is
 
-        b_c + P S D P^T b_o
+    b_c + P S D P^T b_o
 
-    and is applied after the steps of E^T. All ranks have all blocks, and each rank sums the cells of its rows. If
-    contact consists of a few large areas, block means are of no use, and the steps start from zero.
+and is applied after the steps of E^T. All ranks have all blocks, and each rank sums the cells of its rows. If contact
+consists of a few large areas, block means are of no use, and the steps start from zero.
 """
 
 import numpy as np
