@@ -54,6 +54,14 @@ def test_eigenvalues_are_within_their_bounds(grid, moduli, nu, thickness):
     assert values[-1] <= kernel.largest_eigenvalue(grid) * (1 + 1e-3)  # sampled waves
 
 
+@pytest.mark.parametrize("nu", [0.3, 0.49, 0.5])
+@pytest.mark.parametrize("shape", [(16, 16), (20, 6), (30, 1)])
+def test_no_eigenvalue_of_a_free_patch_is_below_its_bound(shape, nu):
+    """The longest waves on an incompressible layer have the smallest eigenvalues."""
+    kernel, grid = Material.layer(1.0, nu, 1.0).kernel, Grid(*shape, 1.0, 1.0)
+    assert 0 < kernel.smallest_eigenvalue(grid) <= np.linalg.eigvalsh(dense_matrix(grid, kernel))[0]
+
+
 @pytest.mark.parametrize("nu", [0.0, 0.3])
 def test_wide_punch_on_a_thin_layer_compresses_it_uniformly(nu):
     kernel, area = Material.layer(2.0, nu, 1e-4).kernel, 3.0
