@@ -6,7 +6,7 @@ from importlib import import_module
 from inspect import signature
 from types import ModuleType
 
-from app.base.errors import InputError, format_error, shorten
+from app.base.errors import InputError, format_distinct, format_error, shorten
 from app.base.numba_cache import check_compiler
 from app.base.petsc import check_cells
 from app.contact.history import Listener
@@ -73,22 +73,20 @@ def _check_layer(grid, material):
     coating = material.coating
     if coating is None:
         return
+    thickness, cell = coating.thickness, max(grid.dx, grid.dy)
     thinnest = MIN_LOVE_THICKNESS * max(grid.nx * grid.dx, grid.ny * grid.dy)
-    if grid.periodic == "love" and coating.thickness < thinnest:
+    if grid.periodic == "love" and thickness < thinnest:
         raise InputError(
-            f"coating thickness {coating.thickness:g} mm: must be at least {thinnest:.3g} mm with uniform pressures on "
-            "the cells of this patch; or use periodic='spectral' (-periodic_symbol spectral)"
+            f"coating thickness {format_distinct(thickness, thinnest)} mm: must be at least "
+            f"{format_distinct(thinnest, thickness)} mm with uniform pressures on the cells of this patch; or use "
+            "periodic='spectral' (-periodic_symbol spectral)"
         )
-    cell = max(grid.dx, grid.dy)
-    if (
-        grid.periodic != "spectral"
-        and coating.on_rigid_base
-        and coating.poisson[0] > INCOMPRESSIBLE_POISSON
-        and cell > MAX_LAYER_CELL * coating.thickness
-    ):
+    is_incompressible = coating.on_rigid_base and coating.poisson[0] > INCOMPRESSIBLE_POISSON
+    widest = MAX_LAYER_CELL * thickness
+    if grid.periodic != "spectral" and is_incompressible and cell > widest:
         raise InputError(
-            f"cells of {cell:.3g} mm: an incompressible layer of {coating.thickness:g} mm needs cells of at most "
-            f"{MAX_LAYER_CELL:g} times its thickness"
+            f"cells of {format_distinct(cell, widest)} mm: an incompressible layer needs cells of at most 3 times its "
+            f"thickness, {format_distinct(widest, cell)} mm"
         )
 
 
