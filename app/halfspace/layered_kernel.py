@@ -3,6 +3,8 @@
 The layer is on the surface of the first body. The other body is a half-space or rigid.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
 from app.halfspace.grid import row_blocks
@@ -13,6 +15,7 @@ from app.halfspace.periodic_symbol import wave_numbers
 
 _SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue are sought
 _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
+_NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
 _MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 
@@ -127,13 +130,8 @@ class LayeredKernel(HalfSpaceKernel):
         return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
 
     def is_positive(self, grid):
-        """Return whether no influence coefficient is negative.
-
-        Only offsets along the sides of a free patch are tested.
-        """
-        corner = np.zeros(1, int)
-        in_x = self._coefficients(grid, corner, np.arange(grid.nx))
-        return bool(in_x.min() >= 0 and self._coefficients(grid, np.arange(grid.ny), corner).min() >= 0)
+        """Return whether no influence coefficient is negative."""
+        return _least_coefficient(self, grid) >= 0
 
     def middle_displacement(self, lengths):
         """Return a bound of the displacement of a rectangle [mm].
@@ -199,3 +197,14 @@ def _aliases(index, n, d, highest):
     count = int(highest * d / (2 * np.pi)) + 1
     waves = index / n + np.arange(-count, count + 1)[:, None]
     return 2 * np.pi * waves / d, np.sinc(waves)
+
+
+@lru_cache(maxsize=16)
+def _least_coefficient(kernel, grid):
+    """Return the smallest influence coefficient near a cell.
+
+    Negative coefficients, if any, begin within a few thicknesses.
+    """
+    near = (int(_NEAR_CELLS + _BULGE * kernel.layer.thickness / d) for d in (grid.dy, grid.dx))
+    rows, columns = (min(n, count) for n, count in zip(grid.shape, near, strict=True))
+    return float(kernel.coefficients(grid, np.arange(rows), columns).min())

@@ -116,3 +116,13 @@ def test_coefficients_are_integrals_of_the_point_load(nu, young, cell):
         excess = layer.plane_compliance * np.sum(weights * (layer.ratio(q) - 1) * waves)
         found = influence_quadrant(grid, kernel)[j, i]
         assert found == pytest.approx(half_space[j, i] + excess, abs=3e-8 * half_space[0, 0])
+
+
+@pytest.mark.parametrize(
+    "ratio, nu, cell", [(0.01, 0.3, 1.6), (0.1, 0.5, 1.0), (0.1, 0.3, 1.0), (2.0, 0.3, 0.5)]
+)
+def test_negative_coefficients_are_found_wherever_they_are(ratio, nu, cell):
+    """Cells of 1.6 thicknesses are displaced upwards along the diagonal only."""
+    kernel, grid = Material.coated((ratio * (1 + nu), 1.3), (nu, 0.3), 1.0).kernel, Grid(12, 12, cell, cell)
+    coefficients = kernel.coefficients(grid, np.arange(12), 12)
+    assert kernel.is_positive(grid) == (coefficients.min() >= 0)
