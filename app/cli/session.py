@@ -185,11 +185,6 @@ def run(main, argv=None):
     if "--version" in (argv or sys.argv)[1:]:
         streams.print_output(__version__)
         sys.exit(0)
-    try:
-        _rank()
-    except PackageMissing as error:
-        streams.print_error(f"error: {error}")
-        sys.exit(2)
     status, message, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
@@ -198,6 +193,9 @@ def run(main, argv=None):
         write_logs(parsed.petsc_options)
     except InputError as error:
         status, message = 2, format_message(error)
+        if isinstance(error, PackageMissing) and error.name == "mpi4py":  # ranks cannot communicate
+            streams.print_error(f"error: {message}")
+            sys.exit(status)
     except MemoryError as error:
         status, message = 2, f"not enough memory: {format_message(error)}"
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from app.io.table import format_markdown
-from app.plots.style import BLUE, GREY, ORANGE, STYLE, save_figure
+from app.plots.style import BLUE, GREY, ORANGE, STYLES, save_figure
 from app.reference.rough import persson_fraction
 from benchmarks.challenge.measures import persson_pressures, stiffness
 from benchmarks.challenge.surface import CUTOFF, SIDE
@@ -52,7 +52,7 @@ def write_page(path, rows, densities, name):
     rows = sorted((r for r in rows if r["surface"] == name), key=lambda r: (r["size"], r["load"]))
     densities = [r for r in densities if r["surface"] == name]
     pictures = {part: path.with_name(f"{path.stem}-{part}.png") for part in ("loads", "distributions")}
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLES["screen"].rc):
         save_figure(loads_figure(rows), pictures["loads"], dpi=110)
         save_figure(distributions_figure(rows, densities), pictures["distributions"], dpi=110)
     coarse = [size for size in _sizes(rows) if SIDE / size * 2 > CUTOFF]

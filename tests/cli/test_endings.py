@@ -191,7 +191,7 @@ def test_missing_mpi4py_is_reported(solve):
     ("error", "message"),
     [
         ("numpy.dtype size changed", "petsc4py in {} does not work with numpy "),
-        ("undefined symbol", "{}/petsc4py does not load: undefined symbol. Debian: "),
+        ("undefined symbol", "{}/petsc4py does not load: undefined symbol. Install by: "),
     ],
 )
 def test_incompatible_petsc4py_is_refused_in_one_line(solve, tmp_path, error, message):
@@ -316,7 +316,7 @@ from app.halfspace.operator import InfluenceOperator
 from petsc4py import PETSc
 
 grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
-operator = InfluenceOperator(grid, 1e-5)
+operator = InfluenceOperator(grid, Material.from_contact_modulus(1e5).kernel)
 mat = operator.mat(operator.petsc_comm)
 own = PETSc.KSP().create(mat.comm)
 own.setOperators(mat)

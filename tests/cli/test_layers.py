@@ -14,7 +14,6 @@ def test_coating_is_summarised(cli_here):
 
 
 @pytest.mark.parametrize("options, text", [
-    ((*BODIES, *COATING), "-periodic"),
     (("-periodic", *BODIES, *COATING[2:]), "-coating_young is missing"),
     (("-periodic", *COATING), "-young is missing"),
     (("-periodic", "-contact_modulus", 5, *COATING), "-contact_modulus does not suffice"),

@@ -38,7 +38,7 @@ from app.base.petsc import unwrap_errors
 # The multigrid PC in a KSP of a user's own, for two contact sets, also after an interrupted cycle
 comm = MPI.COMM_WORLD
 slabs = Slabs(grid.ny, comm.size, comm.rank)
-operator = InfluenceOperator(grid, 1e-5, slabs, comm if comm.size > 1 else None)
+operator = InfluenceOperator(grid, hertz.material.kernel, slabs, comm if comm.size > 1 else None)
 mat, plain, counts = operator.mat(), InfluenceOperator.SOR, []
 p, b = mat.createVecs()
 mine = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG", "ksp_rtol": "1e-8"}
