@@ -75,9 +75,10 @@ def refine(
     """Solve a problem on finer and finer grids.
 
     Collective over `comm`. Each grid has twice as many cells in both directions as the grid before. Errors are
-    estimated from the changes between the last grids (`app.contact.grid_errors`); on the first grid, the grids are
-    those of its nested iteration. -lcp_rtol is halved for each grid, because the error that the stopping test (5.1)
-    leaves in the shortest waves of the pressure is inversely proportional to their length.
+    estimated from the changes between the last grids (`app.contact.grid_errors`). If only one grid is solved so far,
+    they are estimated from the coarse grids of its nested iteration. -lcp_rtol is halved for each grid, because the
+    error that the stopping test (5.1) leaves in the shortest waves of the pressure is inversely proportional to their
+    length.
 
     Parameters
     ----------

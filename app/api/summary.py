@@ -84,7 +84,11 @@ def _describe_material(facts):
 
 
 def _describe_contact(facts, grid):
-    """Return a line on contact area, spots and theories."""
+    """Return a line on the contact area and the number of spots.
+
+    For rough surfaces the line also has the contact fractions by Persson's theory, and by that of Bush, Gibson and
+    Thomas.
+    """
     cells, fraction = facts["contact_cells"], facts["contact_fraction"]
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:

@@ -63,9 +63,17 @@ class ParsedOptions:
     def select_alternative(self, alternatives, needed=""):
         """Return the one of exclusive options that applies; remove the others.
 
-        An option on the command line applies; otherwise the option in the last file that has one. An alternative may be
-        a tuple of names. Return None if no source has one. Raises InputError if the source has several alternatives. It
-        also raises InputError if there is none and `needed` is given, which names the alternatives in the message.
+        `alternatives` are names of options. An alternative may also be a tuple of names, which are then allowed
+        together. The alternative on the command line applies. If there is none, that of the last option file with an
+        alternative applies.
+
+        Return None if no alternative is given. But if one must be given, `needed` names the alternatives for the error
+        message.
+
+        Raises
+        ------
+        InputError
+            If the source that applies has several alternatives, or if one is needed and none is given.
         """
         members = {one: (one,) if isinstance(one, str) else one for one in alternatives}
         present = [one for one in alternatives if self.texts.keys() & members[one]]
@@ -218,7 +226,8 @@ def _read_file(flag, path, parents, sources, files):
 def _read_content(path, parents):
     """Return the text of an option file.
 
-    `parents` are the files that include it, one in the other.
+    `parents` are the option files that lead to this file: each one includes the next one, and the last one includes
+    this file.
     """
     where = f"option file {path}" + (f" (included by {parents[-1]})" if parents else "")
     file = Path(path.removesuffix(":yaml"))

@@ -129,13 +129,18 @@ def sum_row(x):
 def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
     """Add overlapping cells to the contact set C, and clear `released`.
 
-    Admissible cells overlap if the gap h + u + expected <= 0. `expected` is a predicted change of u; without
-    rows it counts as zero. `released` marks the cells that were removed from C just before. `overlap` is work
-    space of a row.
+    Admissible cells overlap if ``h + u + expected <= 0``. `expected` is a predicted change of u; an array of size 0
+    stands for no change. `released` marks the cells that were removed from C just before. `overlap` is a work array of
+    shape (nx,).
 
-    Return in this order: the number of cells in C; the number of added cells, without those in `released`; the number
-    of released cells that were not added again; the sum of (h + u)^2 over the new C; the sum of h^2 over the new C; the
-    sum of p.
+    Return six numbers:
+
+    1. cells in C;
+    2. added cells that were not in `released`;
+    3. cells in `released` that were not added again;
+    4. sum of (h + u)^2 over the new C;
+    5. sum of h^2 over the new C;
+    6. sum of p.
     """
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
@@ -164,9 +169,9 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Store max(p, 0) in `cells` and 0 elsewhere; return the sum.
+    """Set `out` to p on `cells`, without tension; return the sum.
 
-    The result is stored in `out`.
+    In the marked `cells`, `out` receives max(p, 0), in other cells 0.
     """
     total = 0.0
     for j in range(p.shape[0]):

@@ -45,8 +45,8 @@ class FullContact:
     def solve(self, state, loading, stop, history):
         """Return the Outcome of full contact; None if it is no solution.
 
-        Collective over all ranks. If the result is None, the pressure of `state` may have changed. Under a prescribed
-        approach the mean pressure is the least possible.
+        Collective over all ranks. If the result is None, the pressure of `state` may have changed. At full contact many
+        mean pressures give the same approach. So if the approach is prescribed, the solution has the least one.
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)

@@ -93,8 +93,9 @@ def prolongate(transfer, coarse, state, beta, prolong):
 def copy_prolongation(transfer, coarse, state, beta):
     """Set C by the tolerance (4.1), and p by copying. Collective.
 
-    C has the admissible cells with a gap e <= beta max(u). With an upper bound of p, a local Jacobi step finds the
-    plastic cells first.
+    Let u be the displacement interpolated from the coarser grid, and e = h + u the gap. C has the admissible cells with
+    e <= beta max(u); `beta` is the option -lcp_beta. With an upper bound of p, a local Jacobi step first finds the
+    plastic cells.
     """
     max_u = -float(state.minimum(-state.u.max(initial=-np.inf)))
     # Sec. 4.3, (3.a)

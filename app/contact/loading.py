@@ -100,7 +100,10 @@ class Loading:
         raise NotImplementedError
 
     def record(self, depth):
-        """Record the final depth on a grid [mm]."""
+        """Record the final depth on a grid [mm].
+
+        The depth is the approach beyond the reference of `UndeformedDistance`.
+        """
 
     def predict(self, depth):
         """Return the predicted depth of the next finer grid [mm].
@@ -130,9 +133,9 @@ class Loading:
         return update
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Scale a pressure to the prescribed load, if any; return success.
+        """Scale a pressure to the load, if prescribed; return success.
 
-        `total` is the sum of the pressures of all cells.
+        `total` is the sum of the pressures of all cells before they are scaled.
         """
         return True
 

@@ -118,9 +118,9 @@ def validate_number(kind, number):
 
 
 def _check_mean_gap(value, grid, holes, rounding):
-    """Raise if a mean gap does not determine the approach.
+    """Raise InputError if a mean gap cannot be prescribed.
 
-    A mean gap must not be negative.
+    The mean gap determines the approach only on a periodic patch without holes. It must not be negative.
     """
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
     if not grid.periodic:

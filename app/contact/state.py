@@ -334,12 +334,14 @@ class ContactState:
     def activate_penetrating(self, expected=None, pressure=None):
         """Add the overlapping cells to C (4.b), for (2.10).
 
-        Collective. Cells just released may enter again. `expected`, shape (local rows, nx) [mm], is an expected change
-        of u outside C, which the test for overlap adds to u. `pressure` is used instead of p, if given. Return the
-        `Update` by the last `release_tensile` and this step.
+        Collective. Cells just released may enter again. Return the `Update`, which counts the cells that this step adds
+        and those that the last `release_tensile` removed.
 
-        Contact sets may cycle near full contact, or with a hardness. If the number of changed cells stagnates, cells
-        enter only in iterations in which none leave, as in Kalker's NORM.
+        `expected`, shape (local rows, nx) [mm], is a predicted change of u. The test for overlap adds it to u. If a
+        `pressure` is given, it replaces p.
+
+        Contact sets may cycle near full contact, or with a hardness. So if the number of changed cells stagnates, cells
+        enter C only in iterations in which none leave C, as in Kalker's NORM.
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)

@@ -105,8 +105,9 @@ def _lattice_sum(aspect):
 def _within(radius, step_y, step_x, reach=0.0):
     """Yield the indices (j, i) of the lattice points near the origin.
 
-    Both indices are 0 or more. The lattice has the steps `step_y` and `step_x`. The points are at most `radius` away
-    from some point that is within `reach` steps of the origin.
+    The lattice point (j, i) has the coordinates y = j `step_y` and x = i `step_x`. Only indices from 0 are returned.
+    Without `reach`, the points have a distance of at most `radius` from the origin. With `reach`, the distance is that
+    from the rectangle |y| <= `reach` `step_y`, |x| <= `reach` `step_x`.
     """
     for j in range(int(radius / step_y + reach) + 1):
         for i in range(int(radius / step_x + reach) + 1):

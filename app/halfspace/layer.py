@@ -7,8 +7,10 @@ shear modulus G1, Poisson's ratio nu1 and thickness t by ``u_q = (1 - nu1) / (G1
     S(x) = (1 + 4 x kappa th - lambda kappa th^2) / (1 - (lambda + kappa + 4 kappa x^2) th + lambda kappa th^2),
     lambda = 1 - 4 (1 - nu1) / (1 + mu (3 - 4 nu2)),    kappa = (mu - 1) / (mu + 3 - 4 nu1).
 
-S tends to 1 for short waves, which see the layer alone. For long waves it tends to the ratio for the substrate; on a
-rigid base, where mu = 0, it tends to 0. Numerator and denominator cancel for small x, so there they are rewritten.
+S(x) is the displacement of the layered body divided by that of a half-space of the layer's material. For short waves S
+tends to 1, because they do not reach the substrate. For long waves S tends to mu (1 - nu2) / (1 - nu1), the same ratio
+for a half-space of the substrate's material. On a rigid base, where mu = 0, S tends to 0. For small x, the terms of the
+numerator nearly cancel, as do those of the denominator, so both are rewritten.
 
 References
 ----------

@@ -101,7 +101,11 @@ class LayerTables:
         return total
 
     def _means(self, x, y, dx, dy, points):
-        """Return integrals of the rest over cells, by Gauss points."""
+        """Return the integrals of the rest of g over cells, by Gauss points.
+
+        The cells have the sides `dx` and `dy`, and the centres `x` and `y`, in thicknesses. A cell has `points` Gauss
+        points in each direction. The module docstring defines g and its rest.
+        """
         nodes, weights = np.polynomial.legendre.leggauss(points)
         total = np.zeros(x.shape)
         for a, in_x in zip(nodes, weights, strict=True):
@@ -110,9 +114,9 @@ class LayerTables:
         return dx * dy / 4 * total
 
     def _over_cell(self, x, y, a, b):
-        """Return the integral of the rest over a cell, by Phi.
+        """Return the integral of the rest of g over a cell, by the table of Phi.
 
-        The cell has the half sides a and b.
+        The cell has the centre (x, y) and the half sides a and b.
         """
         total = 0.0
         for sx in (1, -1):
@@ -123,7 +127,7 @@ class LayerTables:
         return total
 
     def _triangle(self, u, v):
-        """Return the integral of the rest over a triangle.
+        """Return the integral of the rest of g over a triangle.
 
         The corners are (0, 0), (u, 0) and (u, v).
         """

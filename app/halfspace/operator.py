@@ -190,7 +190,10 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def screened_product(self):
-        """`ScreenedProduct` (B + k)^-1 on this grid. Collective on first use."""
+        """Product with (B + k)^-1, a `ScreenedProduct`. Collective on first use.
+
+        B is the inverse of A, and k the stiffness of springs.
+        """
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 

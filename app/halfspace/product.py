@@ -169,6 +169,6 @@ class NoRows:
     centre = np.outer([0.0, 1.0, 0.0], [0.0, 1.0, 0.0])  # the identity's
 
     def apply(self, p, out, mask=None, rows=None):
-        """Do nothing."""
+        """Do nothing, because this rank has no cells."""
 
     apply_inverse = apply

@@ -97,8 +97,8 @@ class _ReferenceSolver:
     def _record(self, iteration, norm):
         """Record an iteration with PETSc's `norm` of its residual.
 
-        The entry is written one iteration later, because the entry of the last iteration gets the residual of (5.1)
-        instead.
+        This call stores the entry, and the next call writes it. So the last entry is not written until the end of the
+        solve. Its residual is then replaced by that of (5.1).
         """
         self._write_entry()
         if not iteration:

@@ -36,9 +36,13 @@ class InexactStop(StoppingTest):
     def allowed(self, state, h_on_contact=None):
         """Return the largest norm of the residual that passes the test [mm].
 
-        Collective, unless `h_on_contact`, the norm of h on C, is given [mm]. On the target grid the limit is rtol
-        ||h||, or 100 rtol times the norm of h on C if that is smaller. On coarser grids the limit is coarse_rtol times
-        the smaller of both norms. If h is zero on C, the limit is rtol ||h||.
+        Let ||h|| be the norm of the undeformed distance h on all cells, and ||h||_C its norm on the contact set C:
+
+        - If ||h||_C is zero, the limit is rtol ||h||.
+        - Else on the target grid, the limit is the smaller of rtol ||h|| and 100 rtol ||h||_C.
+        - Else on a coarser grid, the limit is coarse_rtol times the smaller of ||h|| and ||h||_C.
+
+        The argument `h_on_contact` is ||h||_C [mm]. Collective if it is None, because ||h||_C is then computed.
         """
         norm = state.distance.norm()
         h_on_contact = state.on_contact(with_h=True).h if h_on_contact is None else h_on_contact

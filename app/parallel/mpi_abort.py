@@ -64,9 +64,11 @@ def flush():
 def abort_on_exception(comm):
     """Make an uncaught exception on one rank abort all ranks of `comm`.
 
-    The effect ends when the function is called for another communicator, but not before all `AbortGroup`s of `comm` are
-    destroyed. Caught exceptions abort no rank, nor do exceptions in a notebook or at Python's prompt. Return `comm`.
-    Collective when first called for `comm`.
+    Return `comm`. Collective when first called for `comm`. Caught exceptions abort no rank, nor do exceptions in a
+    notebook or at Python's prompt.
+
+    This holds until the function is called for another communicator. If `comm` then has `AbortGroup`s, it holds until
+    all of them are destroyed.
     """
     global _last_used
     _last_used = shutdown_comm(comm)

@@ -115,7 +115,10 @@ def _petsc_variables():
 
 
 def _find_named_files(option_files, texts):
-    """Return existing files named in option files and texts."""
+    """Return the existing files that option files and other texts name.
+
+    `texts` contain options, like the environment variable PETSC_OPTIONS. Option files that are named are searched, too.
+    """
     named, texts, unread = [], list(texts), list(option_files)
     while texts or unread:
         if not texts:

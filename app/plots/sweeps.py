@@ -184,7 +184,11 @@ def _label(others, key):
 
 
 def _draw(axes, x, y, groups, names):
-    """Draw a line for each group of rows, or points above `names`."""
+    """Draw a line for each group of rows, or single points.
+
+    If x is an option with texts as values, `names` has these texts. Then points are drawn, and the texts label the x
+    axis. If x is a number, `names` is empty, and lines are drawn.
+    """
     for number, (label, rows) in enumerate(list(groups.items())[:_MAX_SERIES]):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
         valid = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]

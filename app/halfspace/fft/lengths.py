@@ -9,10 +9,10 @@ from scipy.fft import next_fast_len
 def fast_length(n, even=False):
     """Return a length of at least n at which products are fast.
 
-    The length has the least estimated cost of all lengths, or of all even lengths if `even` is true. Estimated cost:
-    with FFTW's estimated plans, a transform at a power of two takes half of the usual time per point, and a transform
-    at a multiple of 64 takes 0.8 of it. The rest of a product takes as long as its transforms at a power of two. The
-    cost also grows with the memory.
+    Of all lengths, or of all even lengths if `even` is true, the result has the least estimated cost. The cost of a
+    length N is N^1.5 (1 + t). The term 1 stands for the work of a product without its transforms. The term t stands for
+    the transforms by FFTW's estimated plans: t is 1 for powers of two, 1.6 for other multiples of 64, and 2 for all
+    other lengths. The exponent is above 1 because the cost also grows with the memory.
     """
 
     def cost(length):

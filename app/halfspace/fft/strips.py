@@ -205,12 +205,14 @@ def _any_active(p, mask, rows, start, stop):
 def rows_to_strips(
     p, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward
 ):
-    """Transform the rows of p into strips.
+    """Transform the rows of p in x, and store the transforms as strips.
 
-    `edges` divides the frequencies into parts for different ranks; the strips of each part are consecutive. With a
-    mask, p counts as zero outside of it. `rows` marks the rows that are not zero, if this is known. An absent mask or
-    `rows` has size 0. `forward` and `few_forward` are the FFTW plans of a whole batch of rows and of the last batch,
-    which may have fewer rows.
+    - With a `mask`, p counts as zero outside of it. Without a mask, this array has size 0.
+    - `rows` marks the rows that are not zero. If they are unknown, this array has size 0.
+    - `strips` receives the transforms. The frequencies are divided into a part for each rank; `edges` has the first
+      frequency of each part, and the end. The strips of a part are consecutive.
+    - Rows are transformed in batches, from `pairs` to `transforms`. `forward` is the FFTW plan of a whole batch. The
+      last batch may have fewer rows; its plan is `few_forward`.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):

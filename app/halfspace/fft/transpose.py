@@ -64,9 +64,10 @@ class ColumnGroup:
         return part[first : first + self._rows * self.count]
 
     def pieces(self, transformed):
-        """Return, for each rank, its columns and their strips on this rank.
+        """Divide this rank's strips by the ranks that own their columns.
 
-        The columns are given as first and end column.
+        `transformed` are the strips of this rank. Return a list with an entry (first column, end column, strips) for
+        each rank.
         """
         return [
             (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)

@@ -67,7 +67,11 @@ class GaussSeidel:
         self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def reset(self):
-        """Reset the number of columns, so that rounding ignores earlier sweeps."""
+        """Forget how many columns earlier sweeps needed.
+
+        The number of columns decides the lengths of the FFTs, and so the rounding errors. After a reset these do not
+        depend on earlier sweeps.
+        """
         self._width = 0
 
     @property
@@ -204,9 +208,11 @@ class GaussSeidel:
             messages.send_back(m, d)
 
     def _transfer(self, m, leaves, affected):
-        """Add effects of leaves before m on later leaves.
+        """Add the effect of the last solved leaves on later leaves.
 
-        A leaf is a block of rows. The module docstring says which leaves take part.
+        A leaf is a block of rows; `m` is the number of solved leaves. Let 2^k be the largest power of two that divides
+        m. Then the last 2^k solved leaves act on the 2^k leaves after the next leaf; see *Transfers* in the module
+        docstring.
         """
         tables = self._tables
         if not tables.chunks[0]:

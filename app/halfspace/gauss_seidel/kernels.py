@@ -179,11 +179,14 @@ def _multiply_add(y, kernel, x):
 
 @njit()
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
-    """Add earlier tiles' effect on a tile y.
+    """Add the effect of earlier tiles on a tile to its sums y.
 
-    A tile is a group of TILE rows. The earlier tiles are those at distances (lags) from `least` to `most` rows. At lag
-    0 the array of rows `flat` has the index `source`, and the kernel `near` the index `start`. `filled` marks the tiles
-    with contact; the tile y has the index `place` in it.
+    A tile is a group of TILE rows. The lag of an earlier tile is its distance from this tile in rows. Added are the
+    tiles with contact at lags from `least` to `most`, if they are within the `reach` of these frequencies.
+
+    - `flat` has the rows of all tiles; `source` is the index at which this tile begins.
+    - `near` has the kernel for all lags; `start` is the index of lag 0.
+    - `filled` marks the tiles with contact; `place` is the index of this tile.
     """
     for lag in range(least, most + 1, TILE):
         if lag - TILE >= reach:

@@ -133,7 +133,10 @@ def _add_row_to_blocks(row, cells, blocks):
 
 @njit()
 def _sum_blocks(field, contact, cells, first, row, blocks):
-    """Add the block means of a field on contact to `blocks`."""
+    """Add the block means of a field to `blocks`.
+
+    In the means, cells outside contact count as zero.
+    """
     for k in _block_rows(first, len(field), cells):
         row[:] = 0
         for j in _rows_in_block(k, cells, first, len(field)):
@@ -153,7 +156,10 @@ def _sum_row_outside(r, b, contact, total):
 
 @njit()
 def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
-    """Add the block means of b outside contact; return r.b on contact."""
+    """Add the block means of b to `blocks`; return r.b on contact.
+
+    In the means, contact cells count as zero.
+    """
     product = 0.0
     for k in _block_rows(first, len(b), cells):
         row[:] = 0

@@ -1,22 +1,29 @@
 """Extension E of a residual past the contact edge, and its transpose.
 
-B is nearly the inverse of A on all cells. Let c be the contact set and o the cells outside. By the formula of block
-inverses (a Schur complement), the inverse of A on c is
+The preconditioner approximates the inverse of A_cc, the part of A on the contact set c. Let o be the cells outside c.
+B is nearly the inverse of A on all cells. If it were the inverse, block inversion (a Schur complement) would give
 
-    A_cc^-1 = B_cc - B_co B_oo^-1 B_oc = E^T B E,       E r:  r on c,  -B_oo^-1 B_oc r outside.
+    A_cc^-1 = B_cc - B_co B_oo^-1 B_oc = E^T B E.
 
-So `E` extends a residual such that B E r vanishes outside contact. We approximate `E` near the contact edge by `k`
-Richardson steps with the 3 x 3 centre of B, which start from zero. Let `N` be the weights of the eight neighbours,
-divided by the weight of the cell itself, and let t be the step lengths of Chebyshev's iteration:
+Here E extends a residual r from c to all cells. On c, E r is r. On o, E r is x_o = -B_oo^-1 B_oc r, so B E r is zero
+there.
 
-    E r:    x_c = r,  x_o = 0;             for each t        x_o += t (-N_oc r - N_oo x_o - x_o);
-    E^T b:  s_o = t b_o for the first t;   for each later t  s_o += t (b_o - N_oo s_o - s_o);   result  b_c - N_co s_o.
+The values x_o are computed approximately, by `k` Richardson steps for B_oo x_o = -B_oc r. B is replaced by its 3 x 3
+centre, so each step reaches one cell further from the contact edge. Let N be the weights of the eight neighbours,
+divided by the weight of the cell itself. Let t be the step length, which changes from step to step as in Chebyshev's
+iteration. Then E r is
 
-The steps may also start from block means of the residual (`app.methods.free.block_average`).
+    x_c = r,  x_o = 0;             for each t        x_o += t (-N_oc r - N_oo x_o - x_o).
 
-One pass over the rows makes all steps, so that the rows stay in the cache: each step is one row behind the step before.
-Rows at a distance of more than `k` from contact are left out. On several ranks the halo has `k` rows, on which the
-steps are repeated.
+The transpose E^T b is
+
+    s_o = t b_o for the first t;   for each later t  s_o += t (b_o - N_oo s_o - s_o);   result  b_c - N_co s_o.
+
+The steps may also start from block means of the residual instead of zero (`app.methods.free.block_average`).
+
+- *Cache.* One pass over the rows makes all steps: each step is one row behind the step before.
+- *Rows* at a distance of more than `k` from contact are left out.
+- *Ranks.* The halo has `k` rows, on which the steps are repeated.
 """
 
 import numpy as np
@@ -102,8 +109,8 @@ class EdgeExtension:
     def extend(self, x, out=None):
         """Extend a residual past the contact edge: out = E x.
 
-        On the contact set, x is the residual; in all other cells it has the values from which the extension steps
-        start. Arrays are C-contiguous, float64 or float32. `out` is by default x.
+        On the contact set, x is the residual. In all other cells x has the values from which the steps start: zeros, or
+        block means. Both arrays are C-contiguous, float64 or float32. Without `out`, the result is stored in x.
         """
         out = x if out is None else out
         if not self.steps and out is not x:

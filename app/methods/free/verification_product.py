@@ -41,7 +41,8 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window. Collective over its ranks.
 
-        The other ranks of the grid wait in `end`; a message makes them take part.
+        p is zero outside the window, but the product is that on all cells of the grid, so it needs all ranks. Ranks
+        outside the window do not call this method. They wait in `end` until this method broadcasts a message.
         """
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)

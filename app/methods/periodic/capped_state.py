@@ -106,9 +106,11 @@ class CappedPrimalState(PrimalState):
     def _fill_up(self, w, excess=None):
         """Make the lowest cells plastic until they carry the load.
 
-        `w` is the displacement minus the approach [mm]. w is shifted by a constant, so that the next cell is in
-        contact, without a gap. Of all constants, this constant has the least energy. Among cells with the same gap,
-        cells with a larger `excess` become plastic first.
+        `w` is the displacement minus the approach [mm]. Cells become plastic in the order of their gaps ``w - b``,
+        beginning with the least one, while they carry less than the mean pressure demands. The next cell is the only
+        contact cell, or one of several with the same gap. The state's w is shifted by a constant that closes this gap.
+        `excess` is the part of p beyond its bounds [N/mm2]: among cells with the same gap, cells with a larger excess
+        become plastic first.
         """
         state, upper = self.state, self.state.bounds.upper
         gap, total = np.where(state.admissible, w - state.distance.b, np.inf), self.mean_pressure * self.cells
@@ -264,9 +266,10 @@ def _feasible(loading, state):
 def _fill(gap, upper, total, comm):
     """Return the gap up to which cells at the hardness carry a load.
 
-    Collective over `comm`. `gap` [mm] is infinite in cells that cannot carry pressure; `total` is the sum of pressures
-    [N/mm2]. Return the least gap for which the cells up to it, at the hardness, carry more than `total`. If all cells
-    carry less, return the largest gap. The second result is `total` minus the pressures of the cells with smaller gaps.
+    Collective over `comm`. `gap` [mm] is infinite in cells that cannot carry pressure; `upper` is the hardness, and
+    `total` the sum of pressures [N/mm2]. Return two numbers. The first is the least gap g for which the cells with gaps
+    up to g carry more than `total`. If all cells together carry less, g is the largest gap. The second number is
+    `total` minus the pressures of the cells with gaps below g.
     """
     inside = gap < np.inf
     gap, upper, carried = gap[inside], upper[inside], 0.0

@@ -191,10 +191,14 @@ def _continue(verdict, primal, solver, accuracy, reached, captured):
 def allowed_gap(primal, stop):
     """Return the largest rms gap on contact that is accepted [mm]. Collective.
 
-    The limit is rtol times a length. In (5.1) this length is the root mean square of h. Here this length is the
-    deviation of the shape from its mean, which does not depend on the load. For flat surfaces with holes the length is
-    the depth, or the displacement of a cell by the mean pressure if that is larger. On a coarse grid the length is the
-    approach beyond first touch if that is smaller, because a small contact on a large patch needs a smaller error.
+    The limit is rtol times a length. In (5.1) this length is the root mean square of h, which depends on the load.
+    Instead this function uses these lengths:
+
+    - *In general*, the length is the standard deviation of the shape, which does not depend on the load.
+    - *On a coarse grid*, the length is the approach beyond first touch if that is smaller, because a small contact on a
+      large patch needs a smaller error.
+    - *On flat surfaces with holes*, the length is the depth, or the displacement of a cell by the mean pressure if that
+      is larger.
     """
     distance = primal.state.distance
     rtol = stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL)

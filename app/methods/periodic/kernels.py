@@ -78,7 +78,8 @@ def _apply_guess_row(x, lowest, w, b, contact):
 def apply_guess(x, lowest, w, b, contact):
     """Add the solution x of the obstacle problem to the displacement w.
 
-    `contact` receives the cells at the bound `lowest`; there w is set to b, so that the gap is closed.
+    `contact` receives the cells where x is not above its lower bound `lowest`, which is minus the gap. There w is set
+    to b, so that the gap ``w - b`` is exactly zero.
     """
     for j in range(x.shape[0]):
         _apply_guess_row(x[j], lowest[j], w[j], b[j], contact[j])

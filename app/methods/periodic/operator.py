@@ -60,7 +60,10 @@ class InverseOperator:
 
     @property
     def multilevel(self):
-        """Multilevel product with B, or None if the grid has none."""
+        """Multilevel product with B, the inverse of A.
+
+        The value is None on small grids, and for odd numbers of cells.
+        """
         return multilevel_inverse(self.influence)
 
     def mat(self, comm):

@@ -132,7 +132,11 @@ class PrimalState:
         self.w += back
 
     def add_mean_pressure(self, missing, carried=None):
-        """Add a constant to the mean pressure, to p and to `carried`."""
+        """Add a constant to the pressure of all cells.
+
+        The constant `missing` [N/mm2] is added to the attribute `mean_pressure`, to the state's p, and to `carried`,
+        the solver's newer copy of p, if given.
+        """
         self.mean_pressure += missing
         p = self.state.values
         p += missing
@@ -326,9 +330,9 @@ class PrimalState:
         return float(state.sum([state.bounds.project(as_writable(state.p), state.contact, p)])[0])
 
     def meet_load(self, p, total):
-        """Bring the pressure p to a prescribed load; return success.
+        """Scale the pressure p to the load, if prescribed; return success.
 
-        `total` is the sum of p.
+        `total` is the sum of p before it is scaled.
         """
         return self.loading.scale_pressure(p, total, self.state.grid.cell_area)
 

@@ -13,12 +13,13 @@ MAX_WAVE_STEP = 0.5
 def fill_missing(heights, around=(False, False)):
     """Return heights for the missing points, row by row.
 
-    The best plane is subtracted first, and added again at the end. In between, each missing point gets the mean of its
-    neighbours up, down, left and right. So planes are continued. `around` has two values: true if the map is periodic
-    in x, and in y. If the heights in a periodic direction are a wave, the slope of the plane is not subtracted, because
-    the ends of the period then join better.
+    First the best plane is subtracted. Then each missing point gets the mean of its neighbours up, down, left and
+    right. At the end the plane is added again, so the heights of a tilted map are continued with its slope.
 
-    `heights`, of shape (ny, nx), are NaN where missing. At least one height must be known.
+    `heights`, of shape (ny, nx), are NaN where missing. At least one height must be known. `around` has two values: the
+    first is true if the map is periodic in x, the second if it is periodic in y. In a periodic direction, a surface
+    may look like a wave: its heights return to the first value at the end of a period. Then the plane is subtracted
+    without its slope in this direction.
 
     Examples
     --------

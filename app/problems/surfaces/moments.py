@@ -214,7 +214,10 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Update the extremes and the number of known heights along an axis."""
+    """Update lowest height, highest height, and number of known heights.
+
+    `extremes` has these three numbers for each row of z if `axis` is 1, for each column if `axis` is 0.
+    """
     low, high, count = extremes
     np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
     np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
