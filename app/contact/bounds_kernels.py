@@ -49,7 +49,7 @@ def release(p, contact, released, change):
     """Remove cells with p < 0 from the contact set C.
 
     p is set to zero there, and these cells are marked in `released`. Return their number. The change of p is added to
-    `change`, unless `change` has no rows.
+    `change`, unless this array has size 0.
     """
     count = 0
     for j in range(p.shape[0]):
@@ -206,9 +206,14 @@ def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance,
     from it. Other admissible cells with a gap e = w + change - b < least_gap are captured: they enter the contact set,
     and are marked in `captured`.
 
-    Return the numbers of contact cells, of captured cells and of released cells, the sum of w + change, and the sum of
-    squared moves. A captured cell moves by its gap, a released cell by p times `compliance`. The last sum is infinite
-    if a cell moves by more than `far`.
+    Return five numbers:
+
+    1. contact cells;
+    2. captured cells;
+    3. released cells;
+    4. sum of w + change;
+    5. sum of squared moves, infinite if a cell moves by more than `far`. A captured cell moves by its gap, a released
+       cell by p times `compliance`.
     """
     sums = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):

@@ -46,7 +46,7 @@ def release(p, upper, contact, released, change):
     """Remove cells that violate a bound, with p set to the bound.
 
     Cells with p < 0 or p > H are removed from C, and marked in `released`. Return their number. The change of p is
-    added to `change`, unless `change` has no rows.
+    added to `change`, unless this array has size 0.
     """
     count = 0
     for j in range(p.shape[0]):

@@ -338,10 +338,12 @@ def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward
     """Add the effect of some leaves on later leaves.
 
     A leaf is a block of rows, a chunk a group of LANES frequencies. The `sources` leaves just before leaf `end` act on
-    the `targets` leaves just after leaf `end`. The array `w` has all leaves, shape (leaves, chunks, rows, LANES). Only
-    chunks `first` to `last` - 1 are computed. The array `far` has the kernel's transforms in y, for lags of one leaf or
-    more, shape (>= last, LANES, length / 2 + 1). `fftw` is the address of FFTW's ``execute``. `forward` and `backward`
-    are the addresses of the plans between the work arrays `cells` and `spectrum`.
+    the `targets` leaves just after leaf `end`. Only chunks `first` to `last` - 1 are computed.
+
+    - `w` has all leaves, shape (leaves, chunks, rows, LANES).
+    - `far` has the kernel's transforms in y, for lags of one leaf or more, shape (>= last, LANES, length / 2 + 1).
+    - `fftw` is the address of FFTW's ``execute``. `forward` and `backward` are the addresses of the plans between the
+      work arrays `cells` and `spectrum`.
     """
     rows, lanes = w.shape[2:]
     batch, length = cells.shape

@@ -306,8 +306,8 @@ def sweep_projected(
 
     A sweep is ``y = f - N x``, then ``x = max(y, min(low, y + room))``. f is the right-hand side divided by B3_00; N
     are the neighbours in the 3 x 3 centre B3 of B, divided by B3_00. x starts from y = f. `low` is the displacement
-    that closes the gap. `room` is the displacement by the highest pressure on a cell; if it has no rows, it is
-    infinite. Arrays are float32. Halos must have at least ``steps - 1`` rows.
+    that closes the gap. `room` is the displacement by the highest pressure on a cell; an array of size 0
+    means that there is no highest pressure. Arrays are float32. Halos must have at least ``steps - 1`` rows.
     """
     rows, nx = f.shape
     if not rows:
