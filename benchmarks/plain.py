@@ -76,20 +76,23 @@ def check(product, p, h):
     }
 
 
-def check_periodic(product, p, distance, mean_pressure):
+def check_periodic(product, p, distance, mean_pressure, hardness=np.inf):
     """Return the same on a periodic patch, over the standard deviation of h.
 
     A mean pressure says nothing of the approach: it is the one that fits the cells under pressure best. `residual`: rms
     of the gap there; `penetration`: the largest; `tension`: smallest over largest pressure; `load_error`: of the mean
-    pressure.
+    pressure. With a hardness, cells with p = hardness (to 1e-9) are plastic. Their gap e must not be positive:
+    `penetration` includes the largest one. `tension` includes the excess of p over the hardness. Without elastic cells
+    the approach is the least one at which no plastic cell has a gap.
     """
-    contact = p > 0
+    plastic = p >= hardness * (1 - 1e-9)
+    elastic = (p > 0) & ~plastic
     e = distance + product(p)
-    e -= e[contact].mean()
+    e -= e[elastic].mean() if elastic.any() else e[plastic].max()
     size = distance.std()
     return {
-        "residual": float(np.sqrt(np.mean(e[contact] ** 2)) / size),
-        "penetration": float(max(-e.min(), 0.0) / size),
-        "tension": float(max(-p.min(), 0.0) / p.max()),
+        "residual": float(np.sqrt(np.mean(e[elastic] ** 2)) / size) if elastic.any() else 0.0,
+        "penetration": float(np.where(plastic, e, -e).max(initial=0.0) / size),
+        "tension": float(max(-p.min(), p.max() - hardness, 0.0) / p.max()),
         "load_error": float(abs(p.mean() / mean_pressure - 1)),
     }

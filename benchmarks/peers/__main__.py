@@ -7,19 +7,45 @@ from pathlib import Path
 from benchmarks import peers
 from benchmarks.bench import PROBLEMS
 from benchmarks.measure import ROOT
-from benchmarks.peers.cases import PERIODIC_PROBLEMS, Case, PeriodicCase, warm_up, warm_up_periodic
+from benchmarks.peers.cases import (
+    HARDNESS_PROBLEMS,
+    PERIODIC_PROBLEMS,
+    Case,
+    HardnessCase,
+    PeriodicCase,
+    warm_up,
+    warm_up_hardness,
+    warm_up_periodic,
+)
 from benchmarks.peers.comparison import compare
 from benchmarks.peers.packages import PEERS, set_up
 from benchmarks.peers.page import page
 from benchmarks.peers.runs import Search, Solver
 
+# For each kind of patch: ending of the page's name, problems, sizes, warm-up.
+KINDS = {
+    "free": ("", PROBLEMS, "256,512,1024", warm_up),
+    "periodic": ("-periodic", PERIODIC_PROBLEMS, "512,1024,2048", warm_up_periodic),
+    "hardness": ("-hardness", HARDNESS_PROBLEMS, "512", warm_up_hardness),
+}
+
 
 def main():
     """Install, measure, write the page."""
     parser = argparse.ArgumentParser("run/bench-peers", description=peers.__doc__)
-    parser.add_argument("--periodic", action="store_true", help="periodic patches, on a page of their own")
-    parser.add_argument("--sizes", help="cells per side; default: 256,512,1024, periodic: 512,1024,2048")
-    parser.add_argument("--problems", help=f"default: all; periodic: {','.join(PERIODIC_PROBLEMS)}")
+    kinds = parser.add_mutually_exclusive_group()
+    for kind, what in ("periodic", "periodic patches"), ("hardness", "periodic patches with a hardness"):
+        kinds.add_argument(
+            f"--{kind}",
+            dest="kind",
+            action="store_const",
+            const=kind,
+            default="free",
+            help=f"{what}, on a page",
+        )
+    sizes = ", ".join(f"{kind}: {usual}" for kind, (_, _, usual, _) in KINDS.items())
+    parser.add_argument("--sizes", help=f"cells per side; default: {sizes}")
+    parser.add_argument("--problems", help="default: all of the kind of patches")
     parser.add_argument("--only", help="packages; default: all")
     parser.add_argument("--limit", type=float, default=900, help="seconds for one process of a package")
     parser.add_argument("--budget", type=float, default=20, help="seconds for the repetitions of one solve")
@@ -27,57 +53,62 @@ def main():
         "--environments", default=str(ROOT / ".venv-peers"), help="where the packages are installed"
     )
     parser.add_argument(
-        "-o", "--output", help="default: benchmark-peers.md, benchmark-peers-periodic.md in docs/notebook/"
+        "-o", "--output", help="default: docs/notebook/benchmark-peers[-periodic|-hardness].md"
     )
     options = parser.parse_args()
-    periodic = options.periodic
-    peers_here = [name for name, peer in PEERS.items() if peer.periodic or not periodic]
-    problems_here = list(PERIODIC_PROBLEMS if periodic else PROBLEMS)
+    ending, problems_here, usual, make_warm_up = KINDS[options.kind]
+    peers_here = [
+        name for name, peer in PEERS.items() if options.kind == "free" or getattr(peer, options.kind)
+    ]
     names = options.only.split(",") if options.only else peers_here
-    problems = options.problems.split(",") if options.problems else problems_here
-    output = Path(
-        options.output
-        or ROOT / "docs/notebook" / ("benchmark-peers-periodic.md" if periodic else "benchmark-peers.md")
-    )
+    problems = options.problems.split(",") if options.problems else list(problems_here)
+    output = Path(options.output or ROOT / f"docs/notebook/benchmark-peers{ending}.md")
     for given, allowed in ((names, peers_here), (problems, problems_here)):
         if set(given) - set(allowed):
             parser.error(
                 f"unknown: {', '.join(sorted(set(given) - set(allowed)))}; allowed: {', '.join(allowed)}"
             )
-    usual = "512,1024,2048" if periodic else "256,512,1024"
     sizes = sorted(int(size) for size in (options.sizes or usual).split(","))
 
     packages = {name: set_up(name, Path(options.environments)) for name in names}
     comparisons = []
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        warmup = (warm_up_periodic if periodic else warm_up)(folder)
+        warmup = make_warm_up(folder)
         searches = {
             name: [
                 Search(package["python"], name, variant, description, warmup, options)
                 for variant, description in package["variants"].items()
-                if description["periodic"] == periodic
+                if kind_of(description) == options.kind
             ]
             for name, package in packages.items()
             if "python" in package
         }
-        ours = {control: Solver.ours(control, periodic, warmup, options) for control in ("approach", "load")}
+        ours = {
+            control: Solver.ours(control, options.kind != "free", warmup, options)
+            for control in ("approach", "load")
+        }
         for problem in problems:
             starts = {search: search.start for group in searches.values() for search in group}
             field = {name: list(group) for name, group in searches.items()}
             for size in sizes:
-                for case, solvers in cases(problem, size, folder, field, packages, periodic):
+                for case, solvers in cases(problem, size, folder, field, packages, options.kind):
                     comparisons += compare(case, ours, solvers, field, folder)
-                    output.write_text(page(packages, comparisons, periodic))
+                    output.write_text(page(packages, comparisons, options.kind))
             for search, start in starts.items():
                 search.start = start
-    print(page(packages, comparisons, periodic))
+    print(page(packages, comparisons, options.kind))
 
 
-def cases(problem, size, folder, field, packages, periodic):
+def kind_of(variant):
+    """Kind of patches that a described variant solves."""
+    return "hardness" if variant["hardness"] else "periodic" if variant["periodic"] else "free"
+
+
+def cases(problem, size, folder, field, packages, kind):
     """Yield the patches of a problem, and the solvers on each."""
-    if periodic:
-        yield PeriodicCase(problem, size, folder), dict(field)
+    if kind != "free":
+        yield (HardnessCase if kind == "hardness" else PeriodicCase)(problem, size, folder), dict(field)
         return
     usual = Case(problem, size, folder)
     if usual.is_square:

@@ -7,6 +7,7 @@ from functools import cached_property, partial
 import numpy as np
 from mpi4py import MPI
 
+from app import ContactProblem, ContactSolver
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.halfspace.grid import Grid
 from app.options.option_table import OptionReader
@@ -29,7 +30,9 @@ def described(words):
 
 
 class Files:
-    """Base of all cases: gap, grid, material, approach, load, and their file."""
+    """Base of all cases: gap, grid, material, approach, load, hardness, and their file."""
+
+    hardness = math.inf
 
     def known(self, control):
         """Return whether the value of "approach" or "load" is known."""
@@ -49,6 +52,7 @@ class Files:
             dy=self.grid.dy,
             approach=self.approach,
             load=self.load,
+            hardness=self.hardness,
             contact_modulus=self.material.contact_modulus,
             shear_modulus=self.material.shear_modulus,
             poisson_ratio=self.material.poisson_ratio,
@@ -162,7 +166,7 @@ class PeriodicCase(Files):
         """Accuracy of a pressure by one plain product; see `Run` and `check_periodic`."""
         if not (np.isfinite(pressure).all() and (pressure > 0).any()):
             return dict.fromkeys(("residual", "penetration", "tension", "load_error", "miss"), math.inf)
-        found = check_periodic(self.product, pressure, self.gap, self.load / periodic.SIDE**2)
+        found = check_periodic(self.product, pressure, self.gap, self.load / periodic.SIDE**2, self.hardness)
         found["tension"] += 0.0
         asked = [found["residual"], found["penetration"] / 10, found["tension"]]
         if control == "load":
@@ -170,7 +174,40 @@ class PeriodicCase(Files):
         return found | {"miss": max(asked) / TARGET}
 
 
+class HardnessCase(PeriodicCase):
+    """A periodic case with a hardness.
+
+    Parameters
+    ----------
+    name : str
+        Of `HARDNESS_PROBLEMS`.
+    size : int
+    folder : Path
+    """
+
+    controls = ("load",)
+
+    def __init__(self, name, size, folder):
+        load, share = HARDNESS_PROBLEMS[name]
+        super().__init__(load, size, folder)
+        self.stem = self.stem.with_name(f"hardness-{list(HARDNESS_PROBLEMS).index(name)}-{size}")
+        self.name = name
+        if "mean pressure" in name:
+            self.hardness = self.load / periodic.SIDE**2 / share
+        else:
+            grid = replace(self.grid, periodic=True)
+            with ContactSolver(ContactProblem(grid, self.material, self.gap)) as solver:
+                self.hardness = share * float(solver.solve(load=self.load).pressure.max())
+
+
 PERIODIC_PROBLEMS = {f"load {load:g}": load for load in periodic.LOADS}
+# Loads and hardnesses: H over the largest pressure without a hardness, or mean pressure over H.
+HARDNESS_PROBLEMS = {
+    f"{load} H {share:g}": (load, share) for load in ("load 0.05", "load 0.3") for share in (0.9, 0.5, 0.2)
+} | {
+    "load 0.3 mean pressure H": ("load 0.3", 1.0),
+    "load 0.3 mean pressure (1 - 1e-9) H": ("load 0.3", 1 - 1e-9),
+}
 
 
 def warm_up_periodic(folder):
@@ -178,6 +215,11 @@ def warm_up_periodic(folder):
     case = PeriodicCase("load 0.05", 128, folder)
     case.approach = float(case.gap.mean() / 2)
     return case.write()
+
+
+def warm_up_hardness(folder):
+    """Write a small periodic problem with a hardness, to be solved before anything is measured."""
+    return HardnessCase("load 0.05 H 0.5", 64, folder).write()
 
 
 def warm_up(folder):

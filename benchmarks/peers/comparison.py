@@ -29,13 +29,14 @@ def compare(case, ours, solvers, field, folder):
     say(f"{case.name} {case.size}^2")
     unit = case.unit()
     our_runs = {}
-    first, second = case.controls
+    first, *others_of_ours = case.controls
     case.write()
     our_runs[first], pressure = ours[first].run(case, folder)
     if pressure is not None:
         case.learn(pressure)
         case.write()
-        our_runs[second], _ = ours[second].run(case, folder)
+        for control in others_of_ours:
+            our_runs[control], _ = ours[control].run(case, folder)
     elif not case.known("load"):
         return [Comparison(case.name, case.size, first, unit, our_runs[first], [])]
     others = defaultdict(list)

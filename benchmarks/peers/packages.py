@@ -18,9 +18,10 @@ class Peer:
     requirement: str
     about: str
     pythons: tuple[str, ...] = ()  # versions that have wheels for its dependencies; () for any
-    first: str = ""  # to be installed before, for the build
+    first: str = ""  # to be installed before, for the build or the adapter
     build: tuple[tuple[str, str], ...] = ()  # environment variables of the build
     periodic: bool = True  # whether it takes part on periodic patches
+    hardness: bool = False  # whether it takes part with a hardness
 
 
 PEERS = {
@@ -41,12 +42,15 @@ PEERS = {
     "tamaas": Peer(
         "tamaas==2.9.0",
         "Load only (its other control is the mean gap); contact everywhere. Periodic at heart: the free half-space is "
-        "its operator `dcfft`. Also adhesion, friction, plasticity, MPI.",
+        "its operator `dcfft`. Also adhesion, friction, plasticity, a hardness limit, MPI.",
+        first="scipy",  # for the unit of times
+        hardness=True,
     ),
     "contactmechanics": Peer(
         "ContactMechanics==1.8.3",
         "Approach and load; cells where contact is impossible can be masked in its constrained CG. Also periodic "
         "contact, adhesion (in a sister package), a hardness limit, MPI.",
+        hardness=True,
     ),
 }
 

@@ -19,6 +19,7 @@ def row(comparison, run):
     """Return a row of the table."""
     measured = run.seconds < math.inf
     note = run.failure
+    unit = comparison.unit if math.isnan(run.unit) else run.unit
     if measured and not run.accepted:
         reached = {"residual": run.residual, "tension": run.tension}
         if run.control == "load":
@@ -35,8 +36,8 @@ def row(comparison, run):
         "grid": f"{comparison.size}^2",
         "given": run.control,
         "solver": run.solver,
-        "plain": number(run.seconds / comparison.unit, ".1f"),
-        "first": number(run.first_seconds / comparison.unit, ".1f"),
+        "plain": number(run.seconds / unit, ".1f"),
+        "first": number(run.first_seconds / unit, ".1f"),
         "over ours": number(run.seconds / comparison.ours.seconds, ".2f") if comparison.ours.accepted else "",
         "iterations": number(run.iterations, "d"),
         "products": number(run.products, ".4g"),
@@ -108,6 +109,47 @@ setting and variant is reported. A variant that needs twice the time of another 
 solve of more than 20 s no looser tolerance is tried.
 """
 
+HARDNESS_TEXT = """\
+The surface is that of `run/bench-peers --periodic`, with a period of 1 mm and rms slope 0.1. The mean pressure is
+prescribed, and no pressure exceeds the hardness H.
+
+- `load`: mean pressure over E* times the rms slope.
+- `H`: hardness over the largest pressure at this load without a hardness. In the last two problems the mean pressure is
+  H, or (1 - 1e-9) H: all cells are plastic, or all except one.
+
+How it is measured: times are ratios of CPU times, the solve over one *plain product* in the same process:
+`scipy.fft.rfft2`, multiplication by a symbol, `irfft2`, without padding, one thread, shortest of 20 before and after
+the solves. Other programs may have run meanwhile, so prefer `products` where a package reports them. Each solver runs
+in a process of its own, after a small problem that is not measured. A process must end within the `--limit`.
+
+- `plain`, `seconds`: CPU time of the solve without set-up, the shortest of up to three solves.
+- `first`: CPU time of the first of them, in plain products.
+- `over ours`: seconds over those of our default method on one rank.
+- `set-up`: CPU time to prepare the first solve.
+- `MiB`: peak resident memory of the process.
+- `iterations`: on the finest grid, as the package reports them; of KatoSaturated the sum over its inner solves.
+- `products`: as ContactMechanics reports them. Ours are those on all grids, counted in products on the finest grid.
+  tamaas does not report them.
+- `residual`: rms gap in elastic cells (0 < p < H) about its mean, over the rms of the undeformed distance about its
+  mean; at most 1e-6. Without elastic cells it is 0.
+- `penetration`: the largest penetration in open or elastic cells, or the largest gap in elastic or plastic cells
+  (p = H), over the same; at most 1e-5.
+
+Accuracy is computed by one product with the symbol 2 / (E* |q|) in double precision. Negative pressures and the excess
+over H must be below 1e-6 of the largest pressure, and the error of the mean pressure below 1e-6. Cells with p above
+(1 - 1e-9) H count as plastic. The approach is the one that fits the elastic cells best; without elastic cells it is the
+least one at which no plastic cell has a gap.
+
+The steps of KatoSaturated have a fixed size: in N/mm2 it does not converge here. It gets pressures in units of 6 E*,
+about the largest for which its steps are stable on this period, and the fastest.
+
+The tolerance of a package is changed by factors of sqrt(10) until its answer just reaches this accuracy; its fastest
+setting is reported. After a solve of more than 20 s no looser tolerance is tried.
+"""
+
+TEXTS = {"free": TEXT, "periodic": PERIODIC_TEXT, "hardness": HARDNESS_TEXT}
+TITLES = {"free": "", "periodic": ", periodic patches", "hardness": ", periodic patches with a hardness"}
+
 WINS = """\
 The table counts rows above in which a package reaches the accuracy and is better than this project. Our memory includes
 PETSc, MPI and HDF5, theirs Python and its imports. The first table lists what else they can do: friction, adhesion,
@@ -133,7 +175,7 @@ def wins(name, comparisons):
     }
 
 
-def page(packages, comparisons, periodic=False):
+def page(packages, comparisons, kind="free"):
     """Return the page."""
     versions = f"numpy {np.__version__}, Python {platform.python_version()}"
     command = shlex.join(["run/bench-peers", *sys.argv[1:]])
@@ -162,10 +204,10 @@ def page(packages, comparisons, periodic=False):
     ]
     return "\n".join(
         [
-            f"# Benchmark against other packages{', periodic patches' if periodic else ''}\n",
+            f"# Benchmark against other packages{TITLES[kind]}\n",
             f"Made by `{command}` on {datetime.date.today()}: {processor()}, {os.cpu_count()} cores; ours with "
             f"{versions}.\n",
-            PERIODIC_TEXT if periodic else TEXT,
+            TEXTS[kind],
             "## Packages\n",
             format_markdown(table),
             "",
@@ -173,7 +215,7 @@ def page(packages, comparisons, periodic=False):
             format_markdown(rows),
             "",
             "## Where other packages are better\n",
-            PERIODIC_WINS if periodic else WINS,
+            WINS if kind == "free" else PERIODIC_WINS,
             format_markdown([wins(name, comparisons) for name in packages]),
             "Faster than this project:\n",
             "\n".join(faster) or "- in none of the rows above",

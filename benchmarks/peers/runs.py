@@ -28,6 +28,7 @@ class Run:
     iterations: int = -1
     products: float = -1
     peak_memory: float = math.nan
+    unit: float = math.nan  # seconds of a plain product in the same process, with a hardness
     residual: float = math.inf
     penetration: float = math.inf
     tension: float = math.inf

@@ -55,3 +55,21 @@ def test_surface_is_that_of_the_benchmark():
     k = np.hypot(q[:, None], q) / (2 * np.pi)
     assert spectrum[k > N / 8 * (1 + 1e-9)].max() < 1e-25
     assert h.min() == 0
+
+
+def test_hardness_bounds_are_checked():
+    grid, e_star = periodic.surface_grid(N), periodic.MATERIAL.contact_modulus
+    product, x = PlainPeriodicProduct(grid, e_star), np.arange(N) / N
+    wave = np.cos(2 * np.pi * x)[:, None] + np.cos(2 * np.pi * x)
+    p = np.clip(1.0 + wave, 0.0, 2.0)  # hardness 2
+    e = 1e-5 * np.where(p == 0, 1, np.where(p == 2, -1, 0))
+
+    def found(p, e):
+        return check_periodic(product, p, e - product(p), p.mean(), 2.0)
+
+    assert max(found(p, e).values()) < 1e-12
+    for wrong in (p == 0, p == 2):
+        assert found(p, np.where(wrong, -e, e))["penetration"] > 0.1
+    assert found(1.5 * p, e)["tension"] == pytest.approx(1 / 3)
+    full = np.full_like(p, 2.0)
+    assert max(found(full, -np.abs(wave)).values()) < 1e-12

@@ -13,6 +13,7 @@ VARIANTS = {
     "dual, CG with restart": Variant("approach"),
     "constrained CG by force": Variant("load"),
     "periodic constrained CG by force": Variant("load", periodic=True),
+    "periodic constrained CG by force, hardness": Variant("load", periodic=True, hardness=True),
     "periodic dual, CG without restart by mean force": Variant("load", periodic=True),
     "periodic dual, CG without restart": Variant("approach", periodic=True),
     "periodic dual, CG with restart": Variant("approach", periodic=True),
@@ -44,6 +45,8 @@ def prepare(problem, variant):
         prescribed = {"offset": problem.approach}
         if VARIANTS[variant].control == "load":
             prescribed = {"external_force": problem.load}
+        if VARIANTS[variant].hardness:
+            prescribed["hardness"] = problem.hardness * problem.cell_area
         result = system.minimize_proxy(
             **prescribed,
             pentol=tolerance * depth,

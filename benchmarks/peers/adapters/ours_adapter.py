@@ -1,5 +1,7 @@
 """Adapter of this project: the default method on one rank."""
 
+import math
+
 from protocol import Outcome, Variant, serve
 
 from app import ContactProblem, ContactSolver, Grid, Material
@@ -17,8 +19,10 @@ def prepare(problem, variant):
     how = VARIANTS[variant]
     grid = Grid(problem.nx, problem.ny, problem.dx, problem.dy, periodic=how.periodic)
     material = Material.combined(problem.shear_modulus, problem.poisson_ratio)
+    hardness = problem.hardness if math.isfinite(problem.hardness) else None
     solver = ContactSolver(
-        ContactProblem(grid, material, problem.gap), options={"lcp_rtol": how.first_tolerance}
+        ContactProblem(grid, material, problem.gap, hardness=hardness),
+        options={"lcp_rtol": how.first_tolerance},
     )
 
     def solve(_):
