@@ -92,7 +92,7 @@ class LayerTables:
         for points, low, high in ((3, 0, _FAR), (2, _FAR, np.inf)):
             cells = np.maximum(rows[:, None], columns[None, :])
             j, i = np.nonzero((cells >= low) & (cells < high))
-            total[j, i] += self._means(x[0, i], y[j, 0], dx, dy, points)
+            total[j, i] += self._gauss_integrals(x[0, i], y[j, 0], dx, dy, points)
         if max(dx, dy) > _MAX_GAUSS_CELL:
             for j in np.flatnonzero(rows < _NEAR):
                 for i in np.flatnonzero(columns < _NEAR):
@@ -100,7 +100,7 @@ class LayerTables:
                     total[j, i] += self._over_cell(x[0, i], y[j, 0], dx / 2, dy / 2)
         return total
 
-    def _means(self, x, y, dx, dy, points):
+    def _gauss_integrals(self, x, y, dx, dy, points):
         """Return the integrals of the rest of g over cells, by Gauss points.
 
         The cells have the sides `dx` and `dy`, and the centres `x` and `y`, in thicknesses. A cell has `points` Gauss

@@ -127,7 +127,8 @@ class LayeredKernel(HalfSpaceKernel):
 
     def scale(self, eigenvalues, q):
         """Return eigenvalues times the compliance of waves; see `HalfSpaceKernel`."""
-        return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
+        with np.errstate(invalid="ignore"):  # on a rigid base the compliance for constants is 0
+            return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
 
     def is_positive(self, grid):
         """Return whether no influence coefficient is negative."""
