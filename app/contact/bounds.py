@@ -144,6 +144,10 @@ class CappedBounds(PressureBounds):
         np.copyto(p, self.upper, where=plastic)
         return p.sum() if plastic.any() else total
 
+    def count_cells(self, p, contact, factor=1.0):
+        """Count the cells with factor p >= H, and these cells and those of C together."""
+        return capped_kernels.count_cells(p, self.upper, self.admissible, contact, factor)
+
     def not_plastic(self, p):
         """Return a mask of the admissible cells with p < H."""
         return self.admissible & (p < self.upper)

@@ -133,6 +133,25 @@ def violations(p, upper, contact):
 
 
 @njit_reassoc
+def _count_row(p, upper, admissible, contact, factor):
+    plastic, touching = 0, 0
+    for i in range(p.size):
+        full = admissible[i] & (factor * p[i] >= upper[i])
+        plastic += full
+        touching += full | contact[i]
+    return plastic, touching
+
+
+@njit()
+def count_cells(p, upper, admissible, contact, factor):
+    """Count the cells with factor p >= H, and these cells and those of C together."""
+    counts = 0, 0
+    for j in range(p.shape[0]):
+        counts = add_tuples(counts, _count_row(p[j], upper[j], admissible[j], contact[j], factor))
+    return counts
+
+
+@njit_reassoc
 def _room_row(p, upper, contact, up):
     cells = 0
     if up:

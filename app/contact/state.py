@@ -197,7 +197,7 @@ class ContactState:
         """Return the number of cells with factor times p >= H. Collective."""
         if not self.bounds.capped:
             return 0
-        return int(self.sum([np.count_nonzero(self.bounds.plastic(factor * self.p))])[0])
+        return int(self.sum([self.bounds.count_cells(self.p, self.contact, factor)[0]])[0])
 
     def elastic_cells(self):
         """Count the cells of C. Collective."""
@@ -205,7 +205,9 @@ class ContactState:
 
     def cells_in_contact(self):
         """Return the number of cells in contact: of C, and plastic. Collective."""
-        return int(self.sum([np.count_nonzero(self.in_contact())])[0])
+        bounds, contact = self.bounds, self.contact
+        cells = bounds.count_cells(self.p, contact)[1] if bounds.capped else np.count_nonzero(contact)
+        return int(self.sum([cells])[0])
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of the cells in C. Collective.
