@@ -382,8 +382,11 @@ class _Parts:
 def _root(function, low, high):
     """Return the root of an increasing function between `low` and `high`.
 
-    If rounding hides the root, return one of the ends.
+    If rounding hides the root, return one of the ends. The function may be NaN near `high`.
     """
+    shrunk = np.finfo(float).eps
+    while np.isnan(function(high)):
+        high, shrunk = high + shrunk * (low - high), 2 * shrunk
     if function(high) <= 0:
         return high
     return low if function(low) >= 0 else brentq(function, low, high, xtol=1e-30, rtol=1e-14)

@@ -53,8 +53,9 @@ def installed(tmp_path_factory):
     subprocess.run(
         [base, "-m", "venv", "--system-site-packages", "--without-pip", venv], check=True, timeout=60
     )
-    own_numba = Path(sys.prefix) in Path(find_spec("numba").origin).parents  # Ubuntu has none
-    call("--python", venv / "bin" / "python", "install", *([] if own_numba else ["--no-index"]), wheel)
+    # Ubuntu has no numba, Debian 13 no pyfftw.
+    own = any(Path(sys.prefix) in Path(find_spec(name).origin).parents for name in ("numba", "pyfftw"))
+    call("--python", venv / "bin" / "python", "install", *([] if own else ["--no-index"]), wheel)
     (site,) = venv.glob("lib/*/site-packages")
     take_compiled_loops_along(site)
     return venv / "bin", site
