@@ -57,8 +57,8 @@ def active_set(state, solver, loading, stop, history):
 def active_set_or_search(state, solver, loading, stop, history):
     """Run `active_set`; if it fails for a load, search the approach. Collective.
 
-    The root search is used on periodic patches only. Near full contact, or with a hardness, the slope of the load
-    changes with every cell, so that Newton's method for the load may not converge.
+    The root search is used on periodic patches, and with a hardness. Near full contact, or where cells become plastic,
+    the slope of the load changes with every cell, so that Newton's method for the load may not converge.
     """
     if loading.approach_is_known or not (state.grid.periodic or state.bounds.capped):
         return active_set(state, solver, loading, stop, history)

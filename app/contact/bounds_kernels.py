@@ -9,6 +9,8 @@ from app.base.numba_cache import njit
 from app.contact.kernels import gap
 from app.parallel.reductions import add_tuples, njit_reassoc
 
+NO_CELLS = 0, 0, 0, 0.0, 0.0, 0.0  # result of `activate` without cells
+
 
 @njit_reassoc
 def violation(p, admissible):
@@ -93,7 +95,7 @@ def _predicted_overlap_row(b, depth, u, expected, overlap):
 
 
 @njit_reassoc
-def activate_row(overlap, admissible, contact, released):
+def _activate_row(overlap, admissible, contact, released):
     """Add overlapping admissible cells to C; return the counts of `activate`."""
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
@@ -106,7 +108,7 @@ def activate_row(overlap, admissible, contact, released):
 
 
 @njit_reassoc
-def squares_row(b, depth, u, contact):
+def _squares_row(b, depth, u, contact):
     """Return the sums of e^2 and h^2 over C."""
     gaps, distances = 0.0, 0.0
     for i in range(b.size):
@@ -117,12 +119,22 @@ def squares_row(b, depth, u, contact):
 
 
 @njit_reassoc
-def sum_row(x):
+def _sum_row(x):
     """Return the sum of a row."""
     total = 0.0
     for i in range(x.size):
         total += x[i]
     return total
+
+
+@njit()
+def enter_row(enters, admissible, contact, released, b, depth, u, p):
+    """Add the cells of a row that enter C, and clear `released`; return the numbers of `activate`."""
+    cells, squares = _activate_row(enters, admissible, contact, released), (0.0, 0.0)
+    if cells[0]:
+        squares = _squares_row(b, depth, u, contact)
+    released[:] = False
+    return cells + squares + (_sum_row(p),)
 
 
 @njit()
@@ -142,19 +154,16 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
     5. sum of h^2 over the new C;
     6. sum of p.
     """
-    cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
+    sums = NO_CELLS
     for j in range(b.shape[0]):
         if not expected.size:
             _overlap_row(b[j], depth, u[j], overlap)
         else:
             _predicted_overlap_row(b[j], depth, u[j], expected[j], overlap)
-        row_cells = activate_row(overlap, admissible[j], contact[j], released[j])
-        cells = add_tuples(cells, row_cells)
-        if row_cells[0]:
-            squares = add_tuples(squares, squares_row(b[j], depth, u[j], contact[j]))
-        total += sum_row(p[j])
-        released[j] = False
-    return cells + squares + (total,)
+        sums = add_tuples(
+            sums, enter_row(overlap, admissible[j], contact[j], released[j], b[j], depth, u[j], p[j])
+        )
+    return sums
 
 
 @njit_reassoc

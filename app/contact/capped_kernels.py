@@ -7,7 +7,7 @@ The loops correspond to those of `app.contact.bounds_kernels`, which are for p >
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.bounds_kernels import activate_row, squares_row, sum_row
+from app.contact.bounds_kernels import NO_CELLS, enter_row
 from app.contact.kernels import gap
 from app.parallel.reductions import add_row, add_tuples, njit_reassoc
 
@@ -77,19 +77,16 @@ def activate(b, depth, u, p, upper, admissible, contact, released, expected, lea
     Open cells enter C if their gap h + u + expected <= 0, plastic cells if their gap >= 0. Parameters and result are
     those of `app.contact.bounds_kernels.activate`; `leaves` is a work array of shape (nx,).
     """
-    cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
+    sums = NO_CELLS
     for j in range(b.shape[0]):
         if not expected.size:
             _leave_row(b[j], depth, u[j], p[j], upper[j], leaves)
         else:
             _predicted_leave_row(b[j], depth, u[j], p[j], upper[j], expected[j], leaves)
-        row_cells = activate_row(leaves, admissible[j], contact[j], released[j])
-        cells = add_tuples(cells, row_cells)
-        if row_cells[0]:
-            squares = add_tuples(squares, squares_row(b[j], depth, u[j], contact[j]))
-        total += sum_row(p[j])
-        released[j] = False
-    return cells + squares + (total,)
+        sums = add_tuples(
+            sums, enter_row(leaves, admissible[j], contact[j], released[j], b[j], depth, u[j], p[j])
+        )
+    return sums
 
 
 @njit_reassoc
