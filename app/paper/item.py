@@ -1,7 +1,7 @@
 """Tables, studies and figures of the reproduction, with the runs they need."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from app.options.option_table import FILES
 from app.parameter_study.run import Run
@@ -9,16 +9,11 @@ from app.parameter_study.run import Run
 CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], Sec. 5.2
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Limits of a reproduction: largest grid, and number of random surfaces.
+class Limits(NamedTuple):
+    """Limits of a reproduction."""
 
-    `largest` is the largest number of cells per side. `seeds` is the number of random surfaces in addition to the one
-    of the tables.
-    """
-
-    largest: int = 256
-    seeds: int = 10
+    largest: int = 256  # number of cells per side
+    seeds: int = 10  # number of random surfaces in addition to that of the tables
 
     def sizes(self, *sizes):
         """Return those of the given grid sizes that are not too large."""
@@ -28,37 +23,20 @@ class Limits:
 FULL, QUICK = Limits(), Limits(largest=64, seeds=2)
 
 
-@dataclass(frozen=True)
-class Item:
+class Item(NamedTuple):
     """A table, a study or a figure.
 
-    Parameters
-    ----------
-    name : str
-        Name on the command line and of the files.
-    kind : str
-        "table", "study" or "figure".
-    title : str
-        Title in the report.
-    plan : callable
-        Function ``plan(limits, scratch)`` that returns a mapping of cases (tuples of str) to their Run. `scratch` is a
-        folder for input files.
-    evaluate : callable
-        Function ``evaluate(outcomes)`` that returns data of JSON types, or a figure of matplotlib. `outcomes` maps
-        cases to outcomes of their runs.
-    note : str
-        Remark for the reader.
-    why : str
-        Reason why our numbers differ noticeably from the paper's.
+    ``plan(limits)`` maps cases (tuples of str) to their Run. ``evaluate(outcomes)`` takes the outcome of each case, and
+    returns data of JSON types, or a figure of matplotlib.
     """
 
-    name: str
-    kind: str
+    name: str  # on the command line and of the files
+    kind: str  # "table", "study" or "figure"
     title: str
     plan: Callable
     evaluate: Callable
-    note: str = ""
-    why: str = ""
+    note: str = ""  # remark for the reader
+    why: str = ""  # reason why our numbers differ noticeably from the paper's
 
 
 def solver_run(problem, method, n, **options):

@@ -22,7 +22,7 @@ PUNCH_DOMAIN = (-6.0, 6.0, -5.0, 5.0)
 _MARKERS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", ":"))
 
 
-def _nothing(limits, scratch):
+def _nothing(limits):
     return {}
 
 
@@ -162,7 +162,7 @@ _CONTACT_COLUMNS = (("norm", "first", "start: h ≤ 0"), ("fmg_v11", "first", "s
 
 
 def _plan_contact(problem, cases):
-    def plan(limits, scratch):
+    def plan(limits):
         return {
             (str(case), method): traced(
                 problem, method, 32, trace.collect_contact, **({"approach": approach} if approach else {})
@@ -268,7 +268,7 @@ _WORK_METHODS = {"norm_cg": "norm", "V11": "fmg_v11"}
 _WORK_LABELS = {"norm_cg": "active set + CG", "V11": "full multigrid"}
 
 
-def _plan_work(limits, scratch):
+def _plan_work(limits):
     return {
         (title, str(n), name): solver_run(problem, method, n, approach=approach)
         for title, (_, problem, approach) in _WORK.items()

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from app.io.table import format_markdown, format_text
 from app.paper.tables import HEADINGS, PAPER
@@ -14,8 +14,7 @@ _STUDY_HEADINGS = {"cg_iterations": "CG iterations", "contact": "contact share"}
 _TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One entry of a table, with the paper's value and this program's.
 
     A value is a number, a pair (a count with work or convergence factor), or None if the method diverged.
@@ -98,29 +97,6 @@ def summarize(pairs):
     return f"{counts}; noticeably different: {names}."
 
 
-def _long_rows(pairs):
-    return [
-        {
-            "grid": entry.row,
-            "": entry.column,
-            "paper": format_entry(entry.paper),
-            "ours": format_entry(entry.ours),
-            "difference": entry.difference(),
-        }
-        for entry in pairs
-    ]
-
-
-def _study_rows(data):
-    return [
-        {
-            _STUDY_HEADINGS.get(name, name.replace("_", " ")): _study_cell(name, value)
-            for name, value in row.items()
-        }
-        for row in data["rows"]
-    ]
-
-
 def _study_cell(name, value):
     if name == "method":
         return HEADINGS[value]
@@ -128,20 +104,6 @@ def _study_cell(name, value):
         spec = ".2%" if name == "contact" else ".3g"
         return " · ".join(format(number, spec) for number in value)
     return "not solved" if value is None else str(value)
-
-
-def _check_rows(checks):
-    return [
-        {
-            "item": name,
-            "runs": row["runs"],
-            "not converged": row["not_converged"],
-            "largest penetration": f"{row['largest_penetration']:.1e}",
-            "smallest pressure": f"{row['smallest_pressure']:.1e}",
-            "complementarity": f"{row['complementarity']:.1e}",
-        }
-        for name, row in checks.items()
-    ]
 
 
 # -- sections ----------------------------------------------------------------------------------------------
@@ -157,26 +119,13 @@ _CHECKS_NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class Section:
-    """Section of the report, one for each item.
-
-    Parameters
-    ----------
-    name, title : str
-        Name and title of the item.
-    rows : sequence of mapping
-        Rows of the table, each a mapping from heading to text.
-    picture : str
-        Name of the picture's file, if there is a picture instead of the table.
-    note : str
-        Text below the table or picture.
-    """
+class Section(NamedTuple):
+    """Section of the report on an item: a table or a picture, and a note below."""
 
     name: str
     title: str
-    rows: Sequence = ()
-    picture: str = ""
+    rows: Sequence = ()  # of the table, each a mapping from heading to text
+    picture: str = ""  # name of the picture's file
     note: str = ""
 
     def text(self):
@@ -198,7 +147,10 @@ def table_section(item, ours):
     """
     pairs = pair_entries(item.name, ours)
     why = item.why if any(entry.noticeable for entry in pairs) else ""
-    return Section(item.name, item.title, _long_rows(pairs), note=_join(item.note, summarize(pairs), why))
+    headings = "grid", "", "paper", "ours", "difference"
+    rows = [(e.row, e.column, format_entry(e.paper), format_entry(e.ours), e.difference()) for e in pairs]
+    rows = [dict(zip(headings, row, strict=True)) for row in rows]
+    return Section(item.name, item.title, rows, note=_join(item.note, summarize(pairs), why))
 
 
 def study_section(item, data):
@@ -208,28 +160,18 @@ def study_section(item, data):
     """
     triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
     note = _join(item.note, _TRIPLES if triples else "")
-    return Section(item.name, item.title, _study_rows(data), note=note)
+    headings = {
+        name: _STUDY_HEADINGS.get(name, name.replace("_", " ")) for row in data["rows"] for name in row
+    }
+    rows = [{headings[name]: _study_cell(name, value) for name, value in row.items()} for row in data["rows"]]
+    return Section(item.name, item.title, rows, note=note)
 
 
 def format_page(items, tables, studies, pictures, checks, facts):
-    """Format all items' results as one Markdown page.
+    """Format the items' results, in order, as one Markdown page.
 
-    Parameters
-    ----------
-    items : sequence of Item
-        Items in the order of the report.
-    tables, studies : mapping
-        Numbers of tables and of studies, by name of the item.
-    pictures : mapping
-        Names of the pictures' files, by name of the item.
-    checks : mapping
-        Worst values of the complementarity conditions, by name of the item.
-    facts : sequence of str
-        Texts for the head of the page: version, date and so on.
-
-    Returns
-    -------
-    str
+    `tables` and `studies` have the items' numbers, `pictures` the names of their files, and `checks` the worst values
+    of the complementarity conditions, each by the name of the item. `facts` are texts for the head of the page.
     """
     sections = []
     for item in items:
@@ -240,8 +182,14 @@ def format_page(items, tables, studies, pictures, checks, facts):
         elif item.name in pictures:
             sections.append(Section(item.name, item.title, picture=pictures[item.name], note=item.note))
     if checks:
-        title = "Complementarity conditions"
-        sections.append(Section("checks", title, _check_rows(checks), note=_CHECKS_NOTE))
+        rows = [
+            {
+                name.replace("_", " "): f"{value:.1e}" if isinstance(value, float) else value
+                for name, value in {"item": item, **row}.items()
+            }
+            for item, row in checks.items()
+        ]
+        sections.append(Section("checks", "Complementarity conditions", rows, note=_CHECKS_NOTE))
     return "\n".join([_HEAD, f"{' · '.join(facts)}\n", *(section.markdown() for section in sections)])
 
 

@@ -35,12 +35,7 @@ from app.parameter_study.run import CHECKS, OUTCOME
 from app.plots.style import save_figure
 
 ITEMS = {item.name: item for item in (*TABLES, *FIGURES, *STUDIES)}
-GROUPS = {
-    "tables": TABLES,
-    "figures": FIGURES,
-    "studies": STUDIES,
-    "all": list(ITEMS.values()),
-}
+GROUPS = {"tables": TABLES, "figures": FIGURES, "studies": STUDIES, "all": [*ITEMS.values()]}
 
 
 @command
@@ -61,11 +56,10 @@ def main(argv):
     folder.mkdir(exist_ok=True)
     tables, rest = _read(folder / "tables.json"), _read(folder / "report.json")
     scratch = folder / "work"
-    scratch.mkdir(exist_ok=True)
     journal = Journal(folder / "runs.jsonl", resume=not arguments.fresh)
     started = time.perf_counter()
     try:
-        plans = {item.name: item.plan(QUICK if arguments.quick else FULL, scratch) for item in items}
+        plans = {item.name: item.plan(QUICK if arguments.quick else FULL) for item in items}
         cases = [(name, case) for name, plan in plans.items() for case in plan]
         runs = [plans[name][case] for name, case in cases]
         outcomes, interrupted = run_all(runs, scratch, journal, jobs=arguments.jobs, description="reproduce")
@@ -96,13 +90,7 @@ def _usable(outcome):
 
 
 def select_items(names):
-    """Return the items with given names or groups, in the report's order.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown.
-    """
+    """Return the items with given names or groups, in the report's order."""
     chosen = set()
     for name in names:
         if name not in ITEMS and name not in GROUPS:
@@ -136,18 +124,16 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         if worst:
             checks[item.name] = worst
         if outcomes:
-            rows = [
-                {
-                    "case": " ".join(case),
-                    **{name: outcome.get(name) for name in OUTCOME},
-                    "arguments": " ".join(plans[item.name][case].arguments()),
-                }
-                for case, outcome in outcomes.items()
-            ]
-            write_table(folder / "runs" / f"{item.name}.csv", rows)
-    _dump(folder / "tables.json", {name: tables[name] for name in ("source", *ITEMS) if name in tables})
-    _dump(folder / "report.json", rest)
-    numbers = {name: _without_title(data) for name, data in tables.items() if name != "source"}
+            runs = {case: " ".join(run.arguments()) for case, run in plans[item.name].items()}
+            rows = [{"case": " ".join(case), **outcomes[case], "arguments": runs[case]} for case in outcomes]
+            write_table(folder / "runs" / f"{item.name}.csv", rows, ["case", *OUTCOME, "arguments"])
+    tables = {name: tables[name] for name in ("source", *ITEMS) if name in tables}
+    for name, data in ("tables", tables), ("report", rest):
+        write_text(folder / f"{name}.json", json.dumps(data, indent=1) + "\n")
+    numbers = {name: data for name, data in tables.items() if name != "source"}
+    numbers = {
+        name: {size: row for size, row in data.items() if size != "what"} for name, data in numbers.items()
+    }
     pictures = {name: f"{name}.png" for name in ITEMS if (folder / f"{name}.png").is_file()}
     facts = [f"version {__version__}", today]
     if any(entry["quick"] for entry in made.values()):
@@ -178,16 +164,8 @@ def _reading_order():
     return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]
 
 
-def _without_title(data):
-    return {key: value for key, value in data.items() if key != "what"}
-
-
 def _read(path):
     try:
         return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     except ValueError as error:
         raise InputError(f"{path}: is not JSON ({error}); remove it") from None
-
-
-def _dump(path, data):
-    write_text(path, json.dumps(data, indent=1) + "\n")

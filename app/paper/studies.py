@@ -21,7 +21,7 @@ def quantiles(values):
     return [round(float(f(values)), 4) for f in (min, np.median, max)] if values else None
 
 
-def _plan_seeds(limits, scratch):
+def _plan_seeds(limits):
     methods = {"V11": "fmg_v11", "norm_cg": "norm"}
     return {
         (str(case), str(n), name, str(seed)): solver_run(
@@ -53,7 +53,7 @@ def _evaluate_seeds(outcomes):
     return {"rows": rows}
 
 
-def _plan_inexact(limits, scratch):
+def _plan_inexact(limits):
     n = min(256, limits.largest)
     return {
         (str(k), str(seed)): solver_run(

@@ -42,7 +42,7 @@ def counts(outcome, work="work_units"):
     return [outcome["active_set_iterations"], round(outcome[work], 1)]
 
 
-def _plan_table1(limits, scratch):
+def _plan_table1(limits):
     return {
         (str(n), omega): traced(
             "hertz", None, n, trace.collect_cycles, **_C0_SYSTEM, mg_levels_pc_sor_omega=omega
@@ -64,7 +64,7 @@ def _evaluate_table1(outcomes):
     return nest({case: _cycles(outcome) for case, outcome in outcomes.items()})
 
 
-def plan_methods(problem, prefix, norm, limits, scratch, sizes=(32, 64, 128, 256), **options):
+def plan_methods(problem, prefix, norm, limits, sizes=(32, 64, 128, 256), **options):
     """Return runs of a problem with the three cycles, on several grids.
 
     The names of the method files are `prefix` and the name of the cycle, such as v11. If `norm` is true, NORM runs,
@@ -89,7 +89,7 @@ def evaluate_methods(outcomes):
     })  # fmt: skip
 
 
-def _plan_table4(limits, scratch):
+def _plan_table4(limits):
     sizes = limits.sizes(8, 16, 32, 64, 128, 256)
     tolerances = {"errors": None, "discrete": 1e-10}
     return {
@@ -108,7 +108,7 @@ def _evaluate_table4(outcomes):
     return nest(data)
 
 
-def _plan_table8(limits, scratch):
+def _plan_table8(limits):
     return {
         (str(n), str(k)): solver_run("punch", "norm", n, approach=CASES[3], ksp_max_it=k)
         for n in limits.sizes(32, 64, 128, 256)

@@ -24,10 +24,7 @@ from app.contact.history import Listener
 
 
 class Recorder(Listener):
-    """Recorder of iterations and of the last linear solve.
-
-    Only the target grid is recorded.
-    """
+    """Recorder of iterations on the target grid and of the last linear solve."""
 
     def __init__(self):
         self.pressure, self.contact, self.linear_residuals = [], [], []
@@ -104,14 +101,9 @@ def collect_cycles(path):
 
 
 def collect_errors(path):
-    """Return a trace's pressure errors for Table 4.
+    """Return a trace's pressure errors for Table 4 [N/mm2].
 
-    An error is the root mean square over the last contact set.
-
-    Returns
-    -------
-    dict
-        `errors` before iteration 1 and after each iteration [N/mm2].
+    They are root mean squares over the last contact set, before iteration 1 and after each iteration.
     """
     with h5py.File(path) as file:
         p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))
@@ -126,13 +118,9 @@ def collect_contact(path):
     The contact sets are the first and the last one.
     """
     with h5py.File(path) as file:
-        fields = {
-            "first": file["contact"][0],
-            "last": file["contact"][-1],
-            "admissible": file["admissible"][()],
-        }
-        axes = {"x": file["x"][()], "y": file["y"][()]}
-    return {name: values.tolist() for name, values in (fields | axes).items()}
+        fields = {"first": file["contact"][0], "last": file["contact"][-1]}
+        fields |= {name: file[name][()] for name in ("admissible", "x", "y")}
+    return {name: values.tolist() for name, values in fields.items()}
 
 
 if __name__ == "__main__":

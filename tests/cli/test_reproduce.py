@@ -151,10 +151,10 @@ def test_all_is_everything_once_and_in_the_order_of_the_report():
 
 
 @pytest.mark.parametrize("name", [f"table{k}" for k in range(1, 9)])
-def test_plans_cover_the_whole_table_of_the_paper(tmp_path, name):
+def test_plans_cover_the_whole_table_of_the_paper(name):
     (item,) = reproduce.select_items([name])
     expected = {(size, column) for size, row in tables.PAPER[name].items() for column in row}
-    assert item.plan(FULL, tmp_path).keys() == expected
-    quick = item.plan(QUICK, tmp_path)
+    assert item.plan(FULL).keys() == expected
+    quick = item.plan(QUICK)
     assert quick and quick.keys() < expected
     assert all(int(size) <= QUICK.largest for size, _ in quick)
