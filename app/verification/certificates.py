@@ -8,7 +8,7 @@ from app.contact.periodic_state import contact_state
 from app.halfspace.operator import InfluenceOperator
 from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem
-from app.verification.solving import PATCHES, random_problem, solved
+from app.verification.solving import approach_at, patches, random_problem, solved
 
 _DEPTHS = 0.2, 0.7, 0.95  # Approaches between first touch and the mean gap, as shares of this way.
 _TOLERANCES = 1e-2, 1e-4, 1e-6, 1e-9, 1e-12, 1e-15
@@ -22,25 +22,21 @@ def errors_of_answers(quick):
     Each item is a kind of patch, and a dict that maps a tolerance to errors and bounds.
     """
     rng = np.random.default_rng(5)
-    for periodic in PATCHES[: 2 if quick else 3]:
+    for periodic in patches(quick):
         pairs = {rtol: [] for rtol in _TOLERANCES}
         for k in range(1 if quick else 8):
             problem = random_problem(rng, *rng.choice([10, 12, 16], 2), periodic)
-            dense, least = DenseProblem(problem), np.nanmin(problem.gap)
-            approach = least + _DEPTHS[k % 3] * (np.nanmean(problem.gap) - least)
+            dense, approach = DenseProblem(problem), approach_at(problem, _DEPTHS[k % 3])
             exact = dense.at(approach)
             load = problem.grid.cell_area * float(exact.sum())
             for rtol in _TOLERANCES:
                 for method in _METHODS:
                     for loading in ({"approach": approach}, {"load": load}):
-                        found = solved(
-                            problem, method, options={"lcp_rtol": rtol, "lcp_error_bound": 0.99}, **loading
-                        )
-                        size = dense.energy(found.pressure)
-                        if size:
-                            pairs[rtol].append(
-                                (dense.energy(found.pressure - exact) / size, found.error_bound)
-                            )
+                        options = {"lcp_rtol": rtol, "lcp_error_bound": 0.99}
+                        found = solved(problem, method, options=options, **loading)
+                        if size := dense.energy(found.pressure):
+                            error = dense.energy(found.pressure - exact) / size
+                            pairs[rtol].append((error, found.error_bound))
         yield periodic or "free", {rtol: np.array(of).T for rtol, of in pairs.items()}
 
 
@@ -69,22 +65,19 @@ def of_anything(quick):
     The noise is up to ten times as large as the largest pressure.
     """
     figures, rng = [], np.random.default_rng(6)
-    for periodic in PATCHES[: 2 if quick else 3]:
+    for periodic in patches(quick):
         true, bounds = [], []
         for _ in range(3 if quick else 20):
             problem = random_problem(rng, 12, 10, periodic)
-            dense, least = DenseProblem(problem), np.nanmin(problem.gap)
-            approach = least + 0.7 * (np.nanmean(problem.gap) - least)
+            dense, approach = DenseProblem(problem), approach_at(problem, 0.7)
             exact = dense.at(approach).astype(float)
             operator = InfluenceOperator(problem.grid, problem.material.kernel)
             state = contact_state(operator, UndeformedDistance(operator, problem.gap))
             state.approach = approach
             for size in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0):
                 noise = size * exact.max() * rng.normal(size=exact.shape)
-                p = np.where(
-                    state.admissible & (rng.random(exact.shape) > 0.02 * (size > 0)), exact + noise, 0
-                )
-                state.values[...] = p
+                kept = state.admissible & (rng.random(exact.shape) > 0.02 * (size > 0))
+                state.values[...] = np.where(kept, exact + noise, 0)
                 state.project()
                 state.compute_displacement()
                 bounds.append(certify(state).error_bound)

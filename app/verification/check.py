@@ -1,33 +1,24 @@
 """Classes of a check, and of a measured number with its limits."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from app.base.errors import format_distinct
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(NamedTuple):
     """Measured number with its limits (not a picture).
 
-    Parameters
-    ----------
-    what : str
-        Name of the number.
-    value : float
-    least, most : float
-        Smallest and largest value allowed. A figure without limits is only reported.
-    points : pair of sequences of float
-        Data behind the number, for a picture.
+    A figure without limits is only reported.
     """
 
     what: str
     value: float
     least: float = -np.inf
     most: float = np.inf
-    points: tuple = field(default=(), repr=False, compare=False)
+    points: tuple = ()  # data behind the number, for a picture: two sequences
 
     @property
     def judged(self):
@@ -55,27 +46,13 @@ class Figure:
         return f"≥ {low}" if self.least > -np.inf else f"≤ {high}" if self.most < np.inf else ""
 
 
-@dataclass(frozen=True)
-class Check:
-    """One check, with its section in the verification document.
+class Check(NamedTuple):
+    """One check, with its section in the verification document."""
 
-    Parameters
-    ----------
-    name : str
-        Name on the command line.
-    title : str
-        Title of the section.
-    law : str
-        Law that is checked; the text of the section.
-    measure : callable
-        Function ``measure(quick)`` that returns a sequence of Figure. If `quick` is true, the function computes small
-        cases only.
-    """
-
-    name: str
-    title: str
-    law: str
-    measure: Callable[[bool], Sequence[Figure]]
+    name: str  # on the command line
+    title: str  # of the section
+    law: str  # that is checked; the text of the section
+    measure: Callable[[bool], Sequence[Figure]]  # ``measure(quick)``; small cases only if `quick`
 
 
 def fit_order(sizes, errors):

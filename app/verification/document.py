@@ -2,7 +2,7 @@
 
 import datetime
 import platform
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import h5py
 import matplotlib
@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from app import __version__
 from app.base.mpi import MPI
 from app.io.table import format_markdown
-from app.plots.style import GREY, SERIES, new_figure, set_log_axes, with_style
+from app.plots.style import GREY, SERIES, new_figure, new_panels, set_log_axes, with_style
 from app.verification import analytic, certificates, invariances, oracles, ranks
 from app.verification.check import Check, Figure
 
@@ -41,8 +41,7 @@ The test suite runs all checks on small cases (`--quick`).
 """
 
 
-@dataclass(frozen=True)
-class Result:
+class Result(NamedTuple):
     """Result of a check: its figures, and the seconds that it took."""
 
     check: Check
@@ -66,26 +65,12 @@ class Result:
 
 
 def format_document(results, arguments, pictures):
-    """Format the verification document.
+    """Format the verification document in Markdown.
 
-    Parameters
-    ----------
-    results : sequence of Result
-        Results of the checks.
-    arguments : str
-        Arguments of the command line after the folder.
-    pictures : collection of str
-        Names of the picture files in the same folder.
-
-    Returns
-    -------
-    str
-        Markdown.
+    `arguments` are those of the command line after the folder. `pictures` are the names of files in the same folder.
     """
     judged, failed = sum(r.judged for r in results), sum(len(r.failed) for r in results)
-    kept = (
-        f"All {judged} limits are kept." if not failed else f"**{failed} of {judged} limits are not kept.**"
-    )
+    kept = f"**{failed} of {judged} limits are not kept.**" if failed else f"All {judged} limits are kept."
     parts = [
         _HEAD.format(
             summary=kept, arguments=arguments, version=__version__, date=datetime.date.today().isoformat(),
@@ -112,33 +97,20 @@ _PICTURES = {
 
 
 def _overview(results):
-    rows = [
-        {
-            "check": f"[{r.check.title}](#{_anchor(r.check.title)})",
-            "limits": r.judged,
-            "kept": r.judged - len(r.failed),
-            "seconds": f"{r.seconds:.1f}",
-            "": r.verdict,
-        }
-        for r in results
-    ]
+    rows = []
+    for r in results:
+        title, seconds = r.check.title, f"{r.seconds:.1f}"
+        anchor = "".join(c for c in title.lower().replace(" ", "-") if c.isalnum() or c in "-_")
+        numbers = {"limits": r.judged, "kept": r.judged - len(r.failed), "seconds": seconds, "": r.verdict}
+        rows.append({"check": f"[{title}](#{anchor})", **numbers})
     return format_markdown(rows)
 
 
-def _anchor(title):
-    return "".join(c for c in title.lower().replace(" ", "-") if c.isalnum() or c in "-_")
-
-
 def _table(result, quick):
-    rows = [
-        {
-            "figure": figure.what,
-            "value": figure.shown,
-            "limit": figure.limit,
-            "": "" if not figure.judged else "pass" if figure.passed else "**FAIL**",
-        }
-        for figure in result.figures
-    ]
+    rows = []
+    for figure in result.figures:
+        verdict = "" if not figure.judged else "pass" if figure.passed else "**FAIL**"
+        rows.append({"figure": figure.what, "value": figure.shown, "limit": figure.limit, "": verdict})
     command = f"python -m app.verify -o DIR --only {result.check.name}" + " --quick" * quick
     return f"### {result.check.title}\n\n{result.check.law}\n\n    {command}\n\n{format_markdown(rows)}"
 
@@ -164,12 +136,8 @@ def draw_orders(results):
     if not shown:
         return None
     columns = min(len(shown), 4)
-    rows = -(-len(shown) // columns)
-    figure = new_figure(4.1 * columns, 3.7 * rows)
-    panels = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
-    for panel in panels[len(shown) :]:
-        panel.set_visible(False)
-    for panel, (result, lines) in zip(panels, shown, strict=False):
+    figure, panels = new_panels([(4.1, 3.7)] * len(shown), columns)
+    for panel, (result, lines) in zip(panels, shown, strict=True):
         kinds = {}  # converging quantity -> its lines
         for line in lines:
             kinds.setdefault(line.what.removeprefix("order of the ").split(",")[0], []).append(line)
@@ -180,9 +148,7 @@ def draw_orders(results):
                 label = None
         sizes = lines[0].points[0]
         set_log_axes(panel, "y")
-        panel.set_xscale("log")
-        panel.set_title(result.check.title)
-        panel.set_xlabel("cells in a direction")
+        panel.set(xscale="log", title=result.check.title, xlabel="cells in a direction")
         ticks = sizes[:: -(-len(sizes) // 5)]
         panel.set_xticks(ticks, [str(n) for n in ticks])
         panel.xaxis.set_minor_locator(NullLocator())
@@ -214,8 +180,8 @@ def draw_sharpness(results):
             panel.loglog(bounds, true, marker, color=colour, ms=4, alpha=0.5, mew=0, label=label)
     ends = panel.get_xlim()
     panel.plot(ends, ends, color=GREY, lw=1.5, zorder=0)
-    panel.set_xlim(ends)
-    panel.set_xlabel("proved bound of the relative error")
-    panel.set_ylabel("true relative error, energy norm")
+    panel.set(
+        xlim=ends, xlabel="proved bound of the relative error", ylabel="true relative error, energy norm"
+    )
     panel.legend(loc="upper left")
     return figure

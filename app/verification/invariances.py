@@ -8,7 +8,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.problems.contact_problem import ContactProblem
 from app.verification.check import Check, Figure
-from app.verification.solving import PATCHES, UNIT, difference, solved
+from app.verification.solving import UNIT, difference, patches, solved
 
 _GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
 _APPROACH = 0.05
@@ -37,7 +37,7 @@ def _each(change):
 
     def measure(quick):
         figures = []
-        for periodic in PATCHES[: 2 if quick else 3]:
+        for periodic in patches(quick):
             for method, options in _METHODS.items():
                 problem = _problem(periodic)
                 before = solved(problem, method, options=options, approach=_APPROACH)
@@ -47,13 +47,8 @@ def _each(change):
                     off += not (before.converged and after.converged)
                     worst = max(worst, difference(after.pressure, expected))
                 kind = f"{periodic or 'free'}, {method or 'default'}"
-                figures.append(
-                    Figure(
-                        f"difference of pressures, {kind}",
-                        worst if not off else np.nan,
-                        most=_MAX_DIFFERENCE,
-                    )
-                )
+                worst = np.nan if off else worst
+                figures.append(Figure(f"difference of pressures, {kind}", worst, most=_MAX_DIFFERENCE))
         return figures
 
     return measure
@@ -101,9 +96,8 @@ def heights(problem, before):
 
 def lengths(problem, before):
     """Scale all lengths: pressures stay, loads are scaled by the square."""
-    grid = replace(
-        problem.grid, **{name: 5 * getattr(problem.grid, name) for name in ("dx", "dy", "x0", "y0")}
-    )
+    grid = problem.grid
+    grid = replace(grid, dx=5 * grid.dx, dy=5 * grid.dy, x0=5 * grid.x0, y0=5 * grid.y0)
     larger = replace(problem, grid=grid, gap=5 * problem.gap)
     yield larger, _at(5 * _APPROACH), before.pressure
     yield larger, {"load": 25 * before.load}, before.pressure
@@ -142,13 +136,9 @@ def larger_patch(quick):
 
 
 CHECKS = (
-    Check("mirror", "Mirror", mirror.__doc__, _each(mirror)),
-    Check("transposition", "Transposition", transposition.__doc__, _each(transposition)),
-    Check("translation", "Translation", translation.__doc__, _each(translation)),
-    Check("stiffness", "Stiffness", stiffness.__doc__, _each(stiffness)),
-    Check("heights", "Heights", heights.__doc__, _each(heights)),
-    Check("lengths", "Lengths", lengths.__doc__, _each(lengths)),
-    Check("offset", "Offset", offset.__doc__, _each(offset)),
-    Check("loadings", "Loadings", loadings.__doc__, _each(loadings)),
+    *(
+        Check(change.__name__, change.__name__.capitalize(), change.__doc__, _each(change))
+        for change in (mirror, transposition, translation, stiffness, heights, lengths, offset, loadings)
+    ),
     Check("larger-patch", "A larger patch", larger_patch.__doc__, larger_patch),
 )

@@ -7,18 +7,18 @@ import numpy as np
 
 from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem, solve_by_lemke
-from app.verification.solving import PATCHES, difference, methods, random_problem, solved, with_hardness
+from app.verification.solving import (
+    PATCHES,
+    approach_at,
+    difference,
+    methods,
+    patches,
+    random_problem,
+    solved,
+    with_hardness,
+)
 
 _TIGHT = {"lcp_rtol": 1e-12}
-
-
-def _approach(problem, share):
-    """Return an approach between first touch and the mean gap [mm].
-
-    `share` is 0 at first touch, and 1 at the mean gap.
-    """
-    least = np.nanmin(problem.gap)
-    return least + share * (np.nanmean(problem.gap) - least)
 
 
 def lemke(quick):
@@ -28,7 +28,7 @@ def lemke(quick):
         worst = {"norm": 0.0, None: 0.0}
         for _ in range(6 if quick else 40):
             problem = random_problem(rng, *rng.integers(1 + bool(periodic), 4, 2), periodic)
-            approach = _approach(problem, rng.choice([0.2, 0.7, 0.95]))
+            approach = approach_at(problem, rng.choice([0.2, 0.7, 0.95]))
             dense = DenseProblem(problem)
             inside = dense.inside
             h = (problem.gap.ravel() - approach)[inside]
@@ -49,11 +49,11 @@ def lemke(quick):
 def _by_petsc(kind):
     def measure(quick):
         figures, rng = [], np.random.default_rng(2)
-        for periodic in PATCHES[: 2 if quick else 3]:
+        for periodic in patches(quick):
             worst = 0.0
             for _ in range(1 if quick else 5):
                 problem = random_problem(rng, *((12, 10) if quick else (24, 20)), periodic)
-                loading = {"approach": _approach(problem, rng.choice([0.2, 0.7, 0.95]))}
+                loading = {"approach": approach_at(problem, rng.choice([0.2, 0.7, 0.95]))}
                 ours = solved(problem, options={"lcp_rtol": 1e-10}, **loading)
                 for case in problem, with_hardness(rng, problem, ours.max_pressure):
                     theirs = solved(case, options={"lcp_type": kind, "lcp_rtol": 1e-10}, **loading)
@@ -66,70 +66,67 @@ def _by_petsc(kind):
     return measure
 
 
+def _by_every_method(periodic, cases, bounded=False):
+    """Return figures that compare every method with pivoting.
+
+    A case is a problem, its DenseProblem, a loading and the exact pressure. If `bounded` is true, errors are compared
+    with their bounds, too.
+    """
+    figures = []
+    for method in methods(bool(periodic)):
+        differences, ratios = [], []
+        for problem, dense, loading, exact in cases:
+            found = solved(problem, method, options={"lcp_rtol": 1e-9}, **loading)
+            if found.converged:
+                differences.append(difference(found.pressure, exact))
+                error, size = (dense.energy(p) for p in (found.pressure - exact, found.pressure))
+                ratios.append(error / (found.error_bound * size or np.inf))
+        kind, worst = f"{periodic or 'free'}, {method}", max(differences, default=np.nan)
+        figures.append(Figure(f"difference of pressures, {kind}, {len(cases)} solves", worst, most=1e-6))
+        if bounded:
+            figures.append(
+                Figure(f"largest error over its bound, {kind}", max(ratios, default=np.nan), most=1)
+            )
+        figures.append(Figure(f"not solved, and said so, {kind}", len(cases) - len(differences), most=0))
+    return figures
+
+
 def every_method(quick):
     """Compare with pivoting on the dense matrix in extended precision."""
     figures, rng = [], np.random.default_rng(3)
-    for periodic in PATCHES[: 2 if quick else 3]:
-        problems = [
-            random_problem(rng, 12, 9 - k % 2, periodic, holes=k % 2 == 1) for k in range(1 if quick else 6)
-        ]
-        truths = []
+    for periodic in patches(quick):
+        counts = range(1 if quick else 6)
+        problems = [random_problem(rng, 12, 9 - k % 2, periodic, holes=k % 2 == 1) for k in counts]
+        cases = []
         for problem in problems:
-            approach = _approach(problem, rng.choice([0.3, 0.8, 0.95]))
-            truths.append((approach, DenseProblem(problem).at(approach).astype(float)))
-        for method in methods(bool(periodic)):
-            differences, solves = [], 0
-            for problem, (approach, exact) in zip(problems, truths, strict=True):
-                load = problem.grid.cell_area * exact.sum()
-                ways = {"approach": approach, "load": load, "mean_pressure": load / problem.grid.area}
-                if periodic and not np.isnan(problem.gap).any():
-                    ways["mean_gap"] = problem.gap.mean() - approach
-                for loading, number in ways.items():
-                    found = solved(problem, method, options={"lcp_rtol": 1e-9}, **{loading: number})
-                    solves += 1
-                    if found.converged:
-                        differences.append(difference(found.pressure, exact))
-            kind, worst = f"{periodic or 'free'}, {method}", max(differences, default=np.nan)
-            figures += [
-                Figure(f"difference of pressures, {kind}, {solves} solves", worst, most=1e-6),
-                Figure(f"not solved, and said so, {kind}", solves - len(differences), most=0),
-            ]
+            approach, dense = approach_at(problem, rng.choice([0.3, 0.8, 0.95])), DenseProblem(problem)
+            exact = dense.at(approach)
+            load = problem.grid.cell_area * float(exact.sum())
+            ways = {"approach": approach, "load": load, "mean_pressure": load / problem.grid.area}
+            if periodic and not np.isnan(problem.gap).any():
+                ways["mean_gap"] = problem.gap.mean() - approach
+            cases += [(problem, dense, {name: number}, exact) for name, number in ways.items()]
+        figures += _by_every_method(periodic, cases)
     return figures
 
 
 def plastic_contact(quick):
     """Compare with pivoting, with a hardness of each cell."""
     figures, rng = [], np.random.default_rng(7)
-    for periodic in PATCHES[: 2 if quick else 3]:
+    for periodic in patches(quick):
         cases = []
         for k in range(1 if quick else 6):
-            problem = random_problem(rng, 12, 9 - k % 2, periodic, holes=k % 2 == 1)
-            approach = _approach(problem, 0.8)
-            top = float(DenseProblem(problem).at(approach).max())
-            cases.append((with_hardness(rng, problem, top), approach))
-        for method in methods(bool(periodic)):
-            differences, ratios, solves = [], [], 0
-            for problem, approach in cases:
-                dense = DenseProblem(problem)
-                exact = dense.at(approach)
-                loadings = [{"approach": approach}, {"load": problem.grid.cell_area * float(exact.sum())}]
-                if np.isfinite(dense.largest_load):
-                    loadings += [{"load": share * dense.largest_load} for share in (0.9, 1 - 1e-6, 1.0)]
-                for loading in loadings:
-                    found = solved(problem, method, options={"lcp_rtol": 1e-9}, **loading)
-                    if "load" in loading:
-                        exact, _ = dense.under(loading["load"], found.approach)
-                    solves += 1
-                    if found.converged:
-                        differences.append(difference(found.pressure, exact))
-                        error = dense.energy(found.pressure - exact)
-                        ratios.append(error / (found.error_bound * dense.energy(found.pressure) or np.inf))
-            kind, worst = f"{periodic or 'free'}, {method}", max(differences, default=np.nan)
-            figures += [
-                Figure(f"difference of pressures, {kind}, {solves} solves", worst, most=1e-6),
-                Figure(f"largest error over its bound, {kind}", max(ratios, default=np.nan), most=1),
-                Figure(f"not solved, and said so, {kind}", solves - len(differences), most=0),
-            ]
+            elastic = random_problem(rng, 12, 9 - k % 2, periodic, holes=k % 2 == 1)
+            approach = approach_at(elastic, 0.8)
+            problem = with_hardness(rng, elastic, float(DenseProblem(elastic).at(approach).max()))
+            dense = DenseProblem(problem)
+            exact = dense.at(approach)
+            loads = [problem.grid.cell_area * float(exact.sum())]
+            if np.isfinite(dense.largest_load):
+                loads += [share * dense.largest_load for share in (0.9, 1 - 1e-6, 1.0)]
+            cases.append((problem, dense, {"approach": approach}, exact))
+            cases += [(problem, dense, {"load": load}, dense.under(load, approach)[0]) for load in loads]
+        figures += _by_every_method(periodic, cases, bounded=True)
     return figures
 
 
@@ -138,7 +135,7 @@ def larger_grids(quick):
     figures, rng = [], np.random.default_rng(4)
     for periodic in PATCHES[:2]:
         problem = random_problem(rng, *((32, 24) if quick else (128, 96)), periodic, holes=False)
-        loading = {"approach": _approach(problem, 0.5)}
+        loading = {"approach": approach_at(problem, 0.5)}
         exact = solved(problem, "norm", options={"lcp_rtol": 1e-10}, **loading)
         for method in methods(bool(periodic)):
             found = solved(problem, method, options={"lcp_rtol": 1e-8}, **loading)

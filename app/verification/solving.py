@@ -16,6 +16,17 @@ UNIT = Material.combined(1 / np.pi, 0.0)  # material with compliance 1
 PATCHES = "", "spectral", "love"  # kinds of patches: free, and periodic with either symbol
 
 
+def patches(quick):
+    """Return the kinds of patches to check."""
+    return PATCHES[: 2 if quick else 3]
+
+
+def approach_at(problem, share):
+    """Return an approach [mm]: at first touch for the `share` 0, at the mean gap for 1."""
+    least = np.nanmin(problem.gap)
+    return least + share * (np.nanmean(problem.gap) - least)
+
+
 def solved(problem, method=None, comm=None, start=None, options=None, **loading):
     """Return the solution of a problem, converged or not, without warnings.
 

@@ -28,14 +28,8 @@ def main(argv):
     parser.add_argument("--only", action="append", metavar="NAME", help="one check; may be repeated")
     parser.add_argument("--quick", action="store_true", help="small cases only")
     arguments = parser.parse_args(argv)
-    from app.verification.document import (
-        CHECKS,
-        ORDERS,
-        SHARPNESS,
-        draw_orders,
-        draw_sharpness,
-        format_document,
-    )
+    from app.verification import document
+    from app.verification.document import CHECKS, ORDERS, SHARPNESS
 
     names = arguments.only or list(CHECKS)
     for name in names:
@@ -46,15 +40,12 @@ def main(argv):
     check_folder(arguments.output)
     results = [_run_check(check, arguments.quick) for name, check in CHECKS.items() if name in names]
     arguments.output.mkdir(exist_ok=True)
-    pictures = {ORDERS: draw_orders(results), SHARPNESS: draw_sharpness(results)}
+    pictures = {ORDERS: document.draw_orders(results), SHARPNESS: document.draw_sharpness(results)}
+    pictures = {name: picture for name, picture in pictures.items() if picture is not None}
     for name, picture in pictures.items():
-        if picture is not None:
-            save_figure(picture, arguments.output / name, dpi=100)
+        save_figure(picture, arguments.output / name, dpi=100)
     words = "".join(f" --only {name}" for name in arguments.only or ()) + " --quick" * arguments.quick
-    text = format_document(
-        results, words, [name for name, picture in pictures.items() if picture is not None]
-    )
-    write_text(arguments.output / "verification.md", text)
+    write_text(arguments.output / "verification.md", document.format_document(results, words, pictures))
     failed = sum(len(result.failed) for result in results)
     verdict = f"{failed} limits are not kept" if failed else "all limits are kept"
     streams.print_output(f"{arguments.output / 'verification.md'}: {verdict}")
