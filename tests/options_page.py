@@ -9,7 +9,7 @@ import importlib
 from pathlib import Path
 
 from app.cli import arguments, load_path
-from app.cli.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
+from app.cli.geometry_options import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.cli.problem_options import LOADING, PROBLEM_OPTIONS
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.options.option_table import format_value

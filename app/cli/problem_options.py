@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.quantities import ESTIMATED
 from app.cli import load_path
-from app.cli.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
+from app.cli.geometry import make_problem
+from app.cli.geometry_options import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC
 from app.options.option_table import FILES as OPTION_FILES
 from app.options.option_table import (

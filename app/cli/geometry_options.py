@@ -1,0 +1,127 @@
+"""Tables of the options of geometry and material, and which of them exclude each other."""
+
+import numpy as np
+
+from app.base.units import unit
+from app.halfspace.grid import SYMBOLS
+from app.options.option_table import (
+    REQUIRED,
+    Option,
+    cells,
+    choice,
+    domain,
+    flag,
+    from_zero,
+    half,
+    integer,
+    pair,
+    pair_of_reals,
+    positive,
+    real,
+    subset,
+    word,
+)
+from app.problems.surfaces.height_map import TURNS
+from app.problems.surfaces.reading import LEVELS, MISSING
+
+AUTO = "auto"  # value of -domain
+DEFAULT_CELLS = 256  # per side, of the default grid
+
+
+grid_size = pair("nx,ny or n, whole numbers of at least 1")
+frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
+moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
+ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
+resistivities = pair_of_reals("rho1,rho2, numbers of at least 0", lowest=0)
+conductivities = pair_of_reals("k1,k2, positive numbers", above=0, highest=np.inf)
+radii = pair_of_reals(
+    "two numbers, not 0, or one for a ball; inf: straight; negative: concave",
+    nonzero=True,
+    highest=np.inf,
+    one=True,
+)
+slant = real("above 0, at most 89.9", above=0, highest=89.9)
+share = real("above 0, at most 1", above=0, highest=1)
+hardness = real("a positive number; inf: elastic", above=0, highest=np.inf)
+
+
+def domain_or_auto(text):
+    """Convert ``x0,x1,y0,y1`` to numbers; leave the word auto as it is."""
+    return text if text == AUTO else domain(text)
+
+
+MATERIAL_OPTIONS = [
+    Option("contact_modulus", positive, REQUIRED, "E* of the pair [N/mm2]; or else the next two, or the two after"),
+    Option("young", moduli, REQUIRED, "E1,E2: Young's moduli of the two bodies [N/mm2]; inf: rigid"),
+    Option("poisson", ratios, REQUIRED, "nu1,nu2: their Poisson's ratios"),
+    Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
+    Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
+    Option("coating_young", positive, None, "Young's modulus of a coating on the first body of -young [N/mm2]"),
+    Option("coating_poisson", half, None, "its Poisson's ratio"),
+    Option("coating_thickness", positive, None, "its thickness [mm]"),
+    Option("resistivity", resistivities, None, "rho1,rho2: with -stiffness, for the electrical conductance [ohm m]"),
+    Option("thermal_conductivity", conductivities, None, "k1,k2: with -stiffness, for the thermal one [W/(m K)]"),
+    Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),
+    Option("hardness_file", word, None, "hardness (ny, nx): .npy, .npz, .h5[:/dataset] or text; inf: elastic"),
+]  # fmt: skip
+SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "roller", "cone")
+GEOMETRY_OPTIONS = [
+    Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's, or 256 without -domain)"),
+    Option("domain", domain_or_auto, REQUIRED, "x0,x1,y0,y1: patch [mm] (default: a file's, or by theory), or auto"),
+    Option("periodic", flag, False, "the patch repeats in x and y"),
+    Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
+    Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
+    Option("hertz_ry", positive, None, "relative radius of curvature in y [mm] (default: hertz_rx)"),
+    Option("body1_radii", radii, REQUIRED, "hertz: radii of body 1, or one of a ball [mm]; inf: straight, -: concave"),
+    Option("body2_radii", radii, REQUIRED, "hertz: radii of body 2 [mm]"),
+    Option("body_angle", real(), 0.0, "hertz: from body 1's first axis to body 2's [degrees]"),
+    Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one, 1/R = 1/R1 + 1/R2 [mm]"),
+    Option("cylinder_radius", positive, REQUIRED, "radius of a cylinder lying along y [mm]"),
+    Option("cylinder_length", positive, None, "its length [mm] (default: beyond the patch)"),
+    Option("roller_radius", positive, REQUIRED, "radius of a roller along y; on a raceway 1/(1/R1 + 1/R2) [mm]"),
+    Option("roller_length", positive, REQUIRED, "its length over the chamfers [mm]"),
+    Option("roller_end_chamfer", from_zero, 0.0, "axial length of its chamfers, where contact is impossible [mm]"),
+    Option("roller_crown", choice("none", "log", "arc", "profile"), "none", "crown between the chamfers"),
+    Option("roller_design_load", positive, None, "crown log: load with nearly uniform pressure (default: -load) [N]"),
+    Option("roller_crown_radius", positive, REQUIRED, "crown arc: its radius [mm], or else the next"),
+    Option("roller_crown_drop", positive, None, "crown arc: its drop where the chamfers begin [mm]"),
+    Option("roller_profile", word, REQUIRED, "crown profile: text file of y and its drop z, one pair a line [mm]"),
+    Option("cone_angle", slant, REQUIRED, "angle between its flank and the flat body [degrees]"),
+    Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
+    Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
+    Option("surface_sigma", from_zero, 0.1, "the paper's surface: standard deviation of its heights [mm]"),
+    Option("surface_decay", share, 0.8, "gamma: fall of its amplitudes"),
+    Option("surface_modes", frequencies, (12, 10), "M,N: frequencies in x and y"),
+    Option("surface_hurst", share, 0.8, "self-affine surface: Hurst exponent"),
+    Option("surface_rolloff", positive, None, "its roll-off wavelength [mm] (default: longest side of the patch)"),
+    Option("surface_cutoff", positive, REQUIRED, "its shortest wavelength [mm]"),
+    Option("surface_rms_slope", from_zero, None, "rms slope of its spectrum (either this or the next)"),
+    Option("surface_rms_height", from_zero, None, "its rms height [mm]"),
+    Option("surface_file", word, None, "measured heights, peaks positive: .npy, .npz, .h5[:/dataset], text or points"),
+    Option("surface_file2", word, None, "those of the other body, in the same x and y"),
+    Option("surface_unit", unit, None, "of measured heights and points, where the file does not say"),
+    Option("surface_height_unit", unit, None, "of the heights alone, where points x, y have another one"),
+    Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
+    Option("surface_orient", subset(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
+    Option("surface_level", choice(*LEVELS), "none", "what is subtracted from measured heights"),
+    Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
+    Option("surface_resample", flag, False, "they are put on the cells of -grid and -domain, whatever these are"),
+    Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
+    Option("surface_s_filter", positive, None, "measured waves shorter than this, as of noise, are removed [mm]"),
+    Option("surface_l_filter", positive, None, "measured waves longer than this, as of waviness, are removed [mm]"),
+    Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
+    Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
+]  # fmt: skip
+PAIR = "contact_modulus", "shear_modulus", "poisson_ratio"  # of both bodies together
+COATING = "coating_young", "coating_poisson", "coating_thickness"
+MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
+ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
+CROWN_ARC = ("roller_crown_radius", "roller_crown_drop")
+RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
+HARDNESS = ("hardness", "hardness_file")
+ALTERNATIVES = (CROWN_ARC, MATERIAL, HARDNESS, ROUGHNESS, RADII)  # at most one of each
+SURFACE_FILES = ("surface_file", "surface_file2")
+FILES = ("gap_file", "hardness_file", "problem_type", "roller_profile", *SURFACE_FILES)
+WAVY = ("surface_sigma", "surface_decay", "surface_modes")
+SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
