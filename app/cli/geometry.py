@@ -234,8 +234,9 @@ def _fit_grid(options, name, shape, material, texts):
     if name == "python":
         grid = Grid.from_domain(PROBE_CELLS, PROBE_CELLS, (-1, 1, -1, 1))
         shape, _ = user_problem.create(options["problem_type"], grid, material, texts)
+    hardness = options["hardness"]
     try:
-        return fit_grid(shape, material, cells, hardness=options["hardness"], **loading)
+        return fit_grid(shape, material, cells, hardness=hardness, **loading)
     except InputError as error:
         raise InputError(f"-domain auto: {str(error).removeprefix('fit_grid: ')}") from None
 
@@ -248,8 +249,9 @@ def _make_default_patch(options, shape, material, periodic):
         raise InputError(
             "-domain is missing: x0,x1,y0,y1 [mm]; it follows from theory only for smooth bodies on a free patch"
         )
+    hardness = options["hardness"]
     try:
-        return default_patch(shape, material.contact_modulus, hardness=options["hardness"], **loading)
+        return default_patch(shape, material.contact_modulus, hardness=hardness, **loading)
     except InputError as error:
         raise InputError(f"-domain is missing: {error}") from None
 

@@ -231,3 +231,10 @@ def test_wrong_hardness_of_a_file_is_refused_with_its_place(tmp_path, wrong):
     }
     with pytest.raises(InputError, match="hardness.npy: .* in row 3, column 4; must be above 0 N/mm2"):
         problem_from(**options, hardness_file=str(tmp_path / "hardness.npy"))
+
+
+@pytest.mark.parametrize("domain", [{}, {"domain": "auto"}])
+def test_wrong_hardness_is_refused_by_its_own_name_on_fitted_patches(domain):
+    sphere = {"problem": "sphere", "sphere_radius": 10, "grid": "24", "contact_modulus": 100, "load": 1}
+    with pytest.raises(InputError, match="^-hardness 5MPa: must be a positive number"):
+        problem_from(**sphere, **domain, hardness="5MPa")
