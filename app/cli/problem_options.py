@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.quantities import ESTIMATED
 from app.cli import load_path
-from app.cli.geometry import make_problem
 from app.cli.geometry_options import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC
 from app.options.option_table import FILES as OPTION_FILES
@@ -70,6 +69,7 @@ class Request:
     """
 
     def __init__(self, parsed, comm):
+        from app.cli.geometry import make_problem  # -help does without MPI
         from app.io.files import check_output_path, check_shared_folder, hash_samples
 
         texts, options, inputs = parsed.texts, resolve_alternatives(parsed), list_input_files(parsed.texts)

@@ -58,7 +58,8 @@ def main(given):
     from app.api.solver import ContactSolver
     from app.base.errors import InputError, call_collectively
     from app.base.mpi import MPI
-    from app.cli.problem_options import PROBLEM_OPTIONS, make_problem, read_loading, resolve_alternatives
+    from app.cli.geometry import make_problem
+    from app.cli.problem_options import PROBLEM_OPTIONS, read_loading, resolve_alternatives
 
     comm, options = MPI.COMM_WORLD, resolve_alternatives(given)
     if comm.size > 1 or not options["output"]:

@@ -8,7 +8,8 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver
-from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.cli.geometry import make_problem
+from app.cli.problem_options import PROBLEM_OPTIONS
 from app.halfspace.grid import Grid
 from app.options.option_table import OptionReader
 from app.options.solver_options import read_option_file

@@ -6,7 +6,8 @@ from mpi4py import MPI
 
 from app import Paraboloid, Roller
 from app.base.errors import InputError
-from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.cli.geometry import make_problem
+from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.option_table import OptionReader
 from app.reference import EllipticHertz
 

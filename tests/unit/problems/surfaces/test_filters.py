@@ -7,7 +7,8 @@ from mpi4py import MPI
 
 from app import ContactProblem, Material, read_surface
 from app.base.errors import InputError
-from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.cli.geometry import make_problem
+from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.option_table import OptionReader
 from app.problems.surfaces.filters import band_pass
 
