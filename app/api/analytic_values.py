@@ -61,7 +61,7 @@ def theories(problem, mean_pressure, rms_slope):
         Empty unless the bodies are nominally flat, rough and not indented yet. Also empty if the hardness is an array,
         or a body is coated.
     """
-    if problem.material.coating is not None:
+    if problem.material.coatings:
         return {}
     scale, hardness = problem.material.contact_modulus * rms_slope, problem.hardness
     if problem.name != "rough" or not scale > 0 or np.ndim(hardness) or problem.indentation is not None:

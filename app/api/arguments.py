@@ -59,7 +59,8 @@ def parse_arguments(problem, method, options, prefix, listeners):
         texts = {name: in_database[name] for name in sorted(ignored)} | own
     check_compiler()
     check_cells(problem.grid)
-    _check_layer(problem.grid, problem.material)
+    for coating in problem.material.coatings:
+        _check_layer(problem.grid, coating)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
     settings = make_settings(method, texts, bool(problem.grid.periodic))
@@ -68,11 +69,8 @@ def parse_arguments(problem, method, options, prefix, listeners):
     return settings, SolverOptions(prefix, settings.texts, ignored)
 
 
-def _check_layer(grid, material):
+def _check_layer(grid, coating):
     """Raise InputError for a coating or layer that this patch does not allow."""
-    coating = material.coating
-    if coating is None:
-        return
     thickness, cell = coating.thickness, max(grid.dx, grid.dy)
     thinnest = MIN_LOVE_THICKNESS * max(grid.nx * grid.dx, grid.ny * grid.dy)
     if grid.periodic == "love" and thickness < thinnest:

@@ -161,7 +161,7 @@ class Derivatives:
         if self._sum(elastic) < self._sum(solution.contact):
             stiffness = self._stiffness_of(elastic)
         solution = replace(solution, stiffness=stiffness, unloading_stiffness=unloading)
-        if self.problem.material.coating is not None:  # Barber's theorem holds for half-spaces only
+        if self.problem.material.coatings:  # Barber's theorem holds for half-spaces only
             return solution
         width = unloading / self.problem.material.contact_modulus
         return replace(solution, conductance_width=width, **conductances(self.problem.material, width))

@@ -74,8 +74,8 @@ def notes_on(state, problem, contact, roughness):
             f"across the sides of the periodic patch distances step by {format_lengths(across)} (rms), between other "
             f"cells by {format_lengths(inside)}: {what} is not periodic, and touches at these steps"
         )
-    if problem.material.coating is not None:
-        notes += note_thin_layer(problem.material.coating, grid)
+    for coating in problem.material.coatings:
+        notes += note_thin_layer(coating, grid)
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"

@@ -1,5 +1,7 @@
 """Text that describes a solution, which app.solve prints."""
 
+import numpy as np
+
 from app.api.analytic_values import ANALYTIC
 from app.base.errors import format_exact
 from app.base.quantities import ESTIMATED, label_of
@@ -69,11 +71,14 @@ def _describe_random_surfaces(facts):
 
 def _describe_material(facts):
     if "coating_thickness" in facts:
-        (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]
-        return (
-            f"coating of E {facts['coating_young']:g} N/mm2, nu {facts['coating_poisson']:g}, thickness "
-            f"{facts['coating_thickness']:.6g} mm on E {e1:g}, nu {nu1:g}; other body of E {e2:g}, nu {nu2:g}"
-        )
+        names = "coating_young", "coating_poisson", "coating_thickness"
+        coatings = zip(*(np.atleast_1d(facts[name]) for name in names), strict=True)
+        bodies = [f"E {e:g}, nu {nu:g}" for e, nu in zip(facts["young"], facts["poisson"], strict=True)]
+        parts = [
+            f"coating of E {e:g} N/mm2, nu {nu:g}, thickness {thickness:.6g} mm on {body}"
+            for (e, nu, thickness), body in zip(coatings, bodies, strict=False)
+        ]
+        return "; ".join(parts + [f"other body of {body}" for body in bodies[len(parts) :]])
     text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
     if "young" in facts:
         (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]

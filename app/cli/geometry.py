@@ -100,9 +100,17 @@ def _make_elastic_material(options):
                 f"{wrong[0]}: a coating needs {', '.join(f'-{name}' for name in COATING)}, and -young E1,E2 with "
                 "-poisson nu1,nu2 of its substrate and of the other body; inf: rigid"
             )
-        (e1, e2), (nu1, nu2) = options["young"], options["poisson"]
-        coating, ratio, thickness = (options[name] for name in COATING)
-        return Material.coated((coating, e1), (ratio, nu1), thickness, other=(e2, nu2))
+        numbers = [options[name] for name in COATING]
+        if len(set(map(len, numbers))) > 1:
+            raise InputError(
+                f"{', '.join(f'-{name}' for name in COATING)}: must be one number each, or two each for two coatings"
+            )
+        other = options["young"][1], options["poisson"][1]
+        for body in reversed(range(len(numbers[0]))):  # the first body last
+            young, ratio, thickness = (values[body] for values in numbers)
+            base, base_ratio = options["young"][body], options["poisson"][body]
+            other = Material.coated((young, base), (ratio, base_ratio), thickness, None if body else other)
+        return other
     if options.given("contact_modulus"):
         return Material.from_contact_modulus(options["contact_modulus"])
     if options.given("young", "poisson"):

@@ -14,6 +14,7 @@ from app.options.option_table import (
     from_zero,
     half,
     integer,
+    one_or_two_reals,
     pair,
     pair_of_reals,
     positive,
@@ -32,6 +33,8 @@ grid_size = pair("nx,ny or n, whole numbers of at least 1")
 frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
+of_coatings = one_or_two_reals("a positive number, or two of both bodies", above=0)
+ratios_of_coatings = one_or_two_reals("from 0 to 0.5, or two numbers of both bodies", lowest=0, highest=0.5)
 resistivities = pair_of_reals("rho1,rho2, numbers of at least 0", lowest=0)
 conductivities = pair_of_reals("k1,k2, positive numbers", above=0, highest=np.inf)
 radii = pair_of_reals(
@@ -56,9 +59,9 @@ MATERIAL_OPTIONS = [
     Option("poisson", ratios, REQUIRED, "nu1,nu2: their Poisson's ratios"),
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
     Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
-    Option("coating_young", positive, None, "Young's modulus of a coating on the first body of -young [N/mm2]"),
-    Option("coating_poisson", half, None, "its Poisson's ratio"),
-    Option("coating_thickness", positive, None, "its thickness [mm]"),
+    Option("coating_young", of_coatings, None, "Young's modulus of a coating on -young's first body, or both [N/mm2]"),
+    Option("coating_poisson", ratios_of_coatings, None, "its Poisson's ratio"),
+    Option("coating_thickness", of_coatings, None, "its thickness [mm]"),
     Option("resistivity", resistivities, None, "rho1,rho2: with -stiffness, for the electrical conductance [ohm m]"),
     Option("thermal_conductivity", conductivities, None, "k1,k2: with -stiffness, for the thermal one [W/(m K)]"),
     Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),

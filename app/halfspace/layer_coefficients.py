@@ -19,9 +19,9 @@ _TABLE = 1024  # number of points of a table
 _MIN_RADIUS, _MAX_RADIUS = 30.0, 600.0  # of the tables; the least one is for G1 <= G2
 _CELLS = 60  # least radius in cells
 _MAX_GAUSS_CELL = 0.25  # largest cell of which Gauss points suffice everywhere
-_NEAR = 8  # cells within which larger cells need Phi, and others more points
-_FAR = 64  # cells beyond which two points in a direction suffice
-_ANGLES = 24  # Gauss points of an angle
+_NEAR = 8  # longer sides of a cell within which larger cells need Phi
+_FAR = 64  # longer sides of a cell beyond which two points in a direction suffice
+_ANGLES = 32  # Gauss points of an angle
 
 
 @lru_cache(maxsize=16)
@@ -87,17 +87,15 @@ class LayerTables:
         (rows, columns).
         """
         dx, dy = cell
-        x, y = dx * columns[None, :], dy * rows[:, None]
+        x, y, widest = dx * columns[None, :], dy * rows[:, None], max(dx, dy)
         total = self._excess * _rectangle(x, y, dx / 2, dy / 2, 2.0)
-        for points, low, high in ((3, 0, _FAR), (2, _FAR, np.inf)):
-            cells = np.maximum(rows[:, None], columns[None, :])
+        cells = np.maximum(x, y) / widest
+        near = _NEAR if widest > _MAX_GAUSS_CELL else 0
+        for points, low, high in ((3, near, _FAR), (2, _FAR, np.inf)):
             j, i = np.nonzero((cells >= low) & (cells < high))
             total[j, i] += self._gauss_integrals(x[0, i], y[j, 0], dx, dy, points)
-        if max(dx, dy) > _MAX_GAUSS_CELL:
-            for j in np.flatnonzero(rows < _NEAR):
-                for i in np.flatnonzero(columns < _NEAR):
-                    total[j, i] = self._excess * _rectangle(x[0, i], y[j, 0], dx / 2, dy / 2, 2.0)
-                    total[j, i] += self._over_cell(x[0, i], y[j, 0], dx / 2, dy / 2)
+        j, i = np.nonzero(cells < near)
+        total[j, i] += self._corner_integrals(cell, rows[j], columns[i])
         return total
 
     def _gauss_integrals(self, x, y, dx, dy, points):
@@ -113,29 +111,35 @@ class LayerTables:
                 total += in_x * in_y * self.rest(np.hypot(x + a * dx / 2, y + b * dy / 2))
         return dx * dy / 4 * total
 
-    def _over_cell(self, x, y, a, b):
-        """Return the integral of the rest of g over a cell, by the table of Phi.
+    def _corner_integrals(self, cell, rows, columns):
+        """Return the integrals of the rest of g over cells, by the table of Phi.
 
-        The cell has the centre (x, y) and the half sides a and b.
+        The cells have offsets `rows` and `columns`. An integral is a sum over the corners of the cell.
         """
-        total = 0.0
-        for sx in (1, -1):
-            for sy in (1, -1):
-                u, v = x + sx * a, y + sy * b
-                if u and v:
-                    total += sx * sy * np.sign(u * v) * (self._triangle(u, v) + self._triangle(v, u))
-        return total
+        if not rows.size:
+            return 0.0
+        x, y = (
+            (np.arange(index.max() + 1) + 0.5) * side
+            for index, side in zip((columns, rows), cell, strict=True)
+        )
+        to_corner = self._triangles(x, y[:, None]) + self._triangles(y[:, None], x)
+        # Row and column -1 are the mirror images of row and column 0.
+        to_corner = np.pad(to_corner, ((1, 0), (1, 0)), mode="edge")
+        to_corner[0] *= -1
+        to_corner[:, 0] *= -1
+        return np.diff(np.diff(to_corner, axis=0), axis=1)[rows, columns]
 
-    def _triangle(self, u, v):
-        """Return the integral of the rest of g over a triangle.
+    def _triangles(self, u, v):
+        """Return the integrals of the rest of g over triangles.
 
-        The corners are (0, 0), (u, 0) and (u, v).
+        The corners are (0, 0), (u, 0) and (u, v), with arrays u and v above 0 that are broadcast.
         """
-        u, v = abs(u), abs(v)
         nodes, weights = np.polynomial.legendre.leggauss(_ANGLES)
-        half = np.arcsinh(v / u) / 2
-        angle = half * (nodes + 1)
-        return half * weights @ (self._phi(u * np.cosh(angle)) / np.cosh(angle))
+        half, total = np.arcsinh(v / u) / 2, 0.0
+        for node, weight in zip(nodes, weights, strict=True):
+            stretch = np.cosh(half * (node + 1))
+            total = total + weight * self._phi(u * stretch) / stretch
+        return half * total
 
 
 def _rectangle(x, y, a, b, z):

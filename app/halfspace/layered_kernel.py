@@ -1,6 +1,6 @@
-"""Kernel of a body with a layer, and of another body.
+"""Kernel of bodies with layers.
 
-The layer is on the surface of the first body. The other body is a half-space or rigid.
+One body has a layer on its surface, or both have. A body without a layer is a half-space or rigid.
 """
 
 from functools import lru_cache
@@ -21,17 +21,18 @@ _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q 
 
 
 class LayeredKernel(HalfSpaceKernel):
-    """Kernel of a layer on a base, and of a half-space on top.
+    """Kernel of a layer on one body or on both.
 
-    The base is a half-space or rigid. For a pressure wave of wave number q, the compliance is ``c1 S(q t) + c``. c1 is
-    the compliance of the layer's material, c that of the other body, t the thickness, and S the ratio of
-    `app.halfspace.layer`.
+    The base of a layer is a half-space or rigid. For a pressure wave of wave number q, the compliance of a layered body
+    is ``c1 S(q t)``. c1 is the compliance of the layer's material, t the thickness, and S the ratio of
+    `app.halfspace.layer`. The compliances of the two bodies are added.
 
     Parameters
     ----------
-    layer : Layer
+    layers : tuple of Layer
+        One layer, or one on each body.
     other : float
-        (1 - nu) / (2 pi G) of the other body [mm2/N]; 0: rigid.
+        (1 - nu) / (2 pi G) of a body without a layer [mm2/N]; 0: rigid.
 
     Attributes
     ----------
@@ -41,64 +42,48 @@ class LayeredKernel(HalfSpaceKernel):
 
     scale_free = False
 
-    def __init__(self, layer, other=0.0):
-        super().__init__(layer.plane_compliance + other)
-        self.layer, self.other = layer, float(other)
-        self.far_reaching = not layer.on_rigid_base
+    def __init__(self, layers, other=0.0):
+        super().__init__(sum(layer.plane_compliance for layer in layers) + other)
+        self.layers, self.other = layers, float(other)
+        self.far_reaching = not any(layer.on_rigid_base for layer in layers)
 
     @property
     def parameters(self):
         """Numbers that define the kernel."""
-        layer = self.layer
-        return layer.thickness, *layer.young, *layer.poisson, self.other
+        numbers = ((layer.thickness, *layer.young, *layer.poisson) for layer in self.layers)
+        return *(number for each in numbers for number in each), self.other
 
     def uniform_compliance(self, grid):
         """Return the displacement by pressure 1 on all cells.
 
         See `HalfSpaceKernel.uniform_compliance`.
         """
-        return self.layer.uniform_compliance if grid.periodic else 0.0
+        return sum(layer.uniform_compliance for layer in self.layers) if grid.periodic else 0.0
 
     def wave_compliance(self, q):
         """Return the compliance for pressure waves [mm2/N].
 
         `q` is an array of wave numbers above 0 [1/mm].
         """
-        return self.layer.plane_compliance * self.layer.ratio(q) + self.other
+        return sum(layer.plane_compliance * layer.ratio(q) for layer in self.layers) + self.other
 
     def eigenvalues(self, grid, columns, rows):
         """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""
         if grid.periodic == "love":
-            half_space = super().eigenvalues(grid, columns, rows)
-            return half_space + 2 * np.pi * self._alias_sums(grid, np.asarray(columns), np.asarray(rows))
+            half_space, columns, rows = (
+                super().eigenvalues(grid, columns, rows),
+                np.asarray(columns),
+                np.asarray(rows),
+            )
+            return half_space + 2 * np.pi * sum(
+                _alias_sums(layer, grid, columns, rows) for layer in self.layers
+            )
         qx, qy = wave_numbers(grid, columns, rows)
         q = np.hypot(qx[:, None], qy)
         waves = q > 0
         values = np.zeros(q.shape)
         values[waves] = 2 * np.pi * self.wave_compliance(q[waves]) / q[waves]
         return values
-
-    def _alias_sums(self, grid, columns, rows):
-        """Return sums of ``c1 (S - 1) sinc sinc / |q|`` over aliased waves q.
-
-        The sum is an eigenvalue of the layer minus that of a half-space of the layer's material, over 2 pi, for uniform
-        pressures on cells. Waves with large q t do not count.
-        """
-        highest = _MAX_DECAY / self.layer.thickness
-        (x, in_x), (y, in_y) = (
-            _aliases(index, n, d, highest) for index, n, d in ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy))
-        )  # fmt: skip
-        total, qy, weights = np.zeros((columns.size, rows.size)), y.reshape(-1), in_y.reshape(-1)
-        for selected in row_blocks(columns.size, x.shape[0] * qy.size):
-            qx = x[:, selected].reshape(-1, 1)
-            q = np.hypot(qx, qy)
-            waves = (q > 0) & (q < highest)
-            terms = np.zeros(q.shape)
-            terms[waves] = (self.layer.ratio(q[waves]) - 1) / q[waves]
-            terms *= in_x[:, selected].reshape(-1, 1) * weights
-            total[selected] = terms.reshape(x.shape[0], -1, *y.shape).sum(axis=(0, 2))
-        total[np.ix_(columns == 0, rows == 0)] = 0.0
-        return self.layer.plane_compliance * total
 
     def coefficients(self, grid, rows, columns):
         """Return influence coefficients of a free patch; see `love_coefficients`."""
@@ -116,14 +101,19 @@ class LayeredKernel(HalfSpaceKernel):
 
         The arrays `rows` and `columns` are the offsets.
         """
-        layer = self.layer
         love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
-        cell = grid.dx / layer.thickness, grid.dy / layer.thickness
-        own = love + layer.thickness * layer_tables(layer, cell).integrals(cell, rows, columns)
-        if layer.on_rigid_base:
-            distances = np.hypot(cell[0] * columns, cell[1] * rows[:, None])
-            own[distances > _MAX_REACH] = 0.0  # below rounding
-        return layer.plane_compliance * own + self.other * love
+        total = self.other * love
+        for layer in self.layers:
+            cell = grid.dx / layer.thickness, grid.dy / layer.thickness
+            own = love + layer.thickness * layer_tables(layer, cell).integrals(cell, rows, columns)
+            if layer.on_rigid_base:
+                x, y = (
+                    side * np.maximum(index - 0.5, 0)
+                    for side, index in zip(cell, (columns, rows), strict=True)
+                )
+                own[np.hypot(x, y[:, None]) > _MAX_REACH] = 0.0  # below rounding
+            total += layer.plane_compliance * own
+        return total
 
     def scale(self, eigenvalues, q):
         """Return eigenvalues times the compliance of waves; see `HalfSpaceKernel`."""
@@ -139,15 +129,16 @@ class LayeredKernel(HalfSpaceKernel):
 
         The rectangle is loaded, and the displacement is that of its middle.
         """
-        layer = self.layer
-        if layer.on_rigid_base:
-            q = np.pi / max(lengths)
-            longest = 2 * np.pi * layer.plane_compliance * float(layer.ratio(np.array([q]))[0]) / q
-            return max(longest, layer.uniform_compliance) + HalfSpaceKernel(self.other).middle_displacement(
-                lengths
-            )
-        softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
-        return HalfSpaceKernel(layer.plane_compliance * softest + self.other).middle_displacement(lengths)
+        q = np.array([np.pi / max(lengths)])
+        rigid, compliance = 0.0, self.other
+        for layer in self.layers:
+            if layer.on_rigid_base:
+                longest = 2 * np.pi * layer.plane_compliance * float(layer.ratio(q)[0]) / q[0]
+                rigid += max(longest, layer.uniform_compliance)
+            else:
+                softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
+                compliance += layer.plane_compliance * softest
+        return rigid + HalfSpaceKernel(compliance).middle_displacement(lengths)
 
     def self_displacement(self, grid):
         """Estimate the displacement of a cell by pressure 1 on it."""
@@ -189,6 +180,29 @@ class LayeredKernel(HalfSpaceKernel):
         return np.pi * float(self.wave_compliance(np.array([2 * np.pi / length]))[0])
 
 
+def _alias_sums(layer, grid, columns, rows):
+    """Return sums of ``c1 (S - 1) sinc sinc / |q|`` over aliased waves q.
+
+    The sum is an eigenvalue of the layered body minus that of a half-space of the layer's material, over 2 pi, for
+    uniform pressures on cells. Waves with large q t do not count.
+    """
+    highest = _MAX_DECAY / layer.thickness
+    (x, in_x), (y, in_y) = (
+        _aliases(index, n, d, highest) for index, n, d in ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy))
+    )  # fmt: skip
+    total, qy, weights = np.zeros((columns.size, rows.size)), y.reshape(-1), in_y.reshape(-1)
+    for selected in row_blocks(columns.size, x.shape[0] * qy.size):
+        qx = x[:, selected].reshape(-1, 1)
+        q = np.hypot(qx, qy)
+        waves = (q > 0) & (q < highest)
+        terms = np.zeros(q.shape)
+        terms[waves] = (layer.ratio(q[waves]) - 1) / q[waves]
+        terms *= in_x[:, selected].reshape(-1, 1) * weights
+        total[selected] = terms.reshape(x.shape[0], -1, *y.shape).sum(axis=(0, 2))
+    total[np.ix_(columns == 0, rows == 0)] = 0.0
+    return layer.plane_compliance * total
+
+
 def _aliases(index, n, d, highest):
     """Return wave numbers and sinc of aliased waves along an axis.
 
@@ -206,6 +220,7 @@ def _least_coefficient(kernel, grid):
 
     Negative coefficients, if any, begin within a few thicknesses.
     """
-    near = (int(_NEAR_CELLS + _BULGE * kernel.layer.thickness / d) for d in (grid.dy, grid.dx))
+    thickness = max(layer.thickness for layer in kernel.layers)
+    near = (int(_NEAR_CELLS + _BULGE * thickness / d) for d in (grid.dy, grid.dx))
     rows, columns = (min(n, count) for n, count in zip(grid.shape, near, strict=True))
     return float(kernel.coefficients(grid, np.arange(rows), columns).min())

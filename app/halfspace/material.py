@@ -34,9 +34,9 @@ class Material:
         alone; None if it was made from G and nu.
     resistivity, thermal_conductivity : tuple of float, or None
         Constants of the two bodies, see `conducting`.
-    coating : app.halfspace.layer.Layer or None
-        Layer on the first body, see `coated` and `layer`. With a layer, all numbers above are those of the layer's
-        material and of the other body; these numbers determine the displacement by short waves.
+    coatings : tuple of app.halfspace.layer.Layer
+        Layers of the bodies, see `coated` and `layer`: none, that of the first body, or those of both. For a body with
+        a layer, all numbers above are those of the layer's material, which determine the displacement by short waves.
 
     Notes
     -----
@@ -49,7 +49,7 @@ class Material:
     bodies: Mapping | None = field(default=None, init=False, repr=False, compare=False)
     resistivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
     thermal_conductivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
-    coating: Layer | None = field(default=None, init=False, repr=False)
+    coatings: tuple[Layer, ...] = field(default=(), init=False, repr=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
         if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
@@ -144,7 +144,9 @@ class Material:
         return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._made_from()
 
     @classmethod
-    @usage("Material.coated((E_coat, E_substrate), (nu_coat, nu_substrate), thickness, other=(E, nu))")
+    @usage(
+        "Material.coated((E_coat, E_substrate), (nu_coat, nu_substrate), thickness, other=(E, nu) or a coated body)"
+    )
     def coated(cls, young, poisson, thickness, other=None):
         """Make the material of a coated body and of another one.
 
@@ -156,8 +158,9 @@ class Material:
             E [N/mm2] and nu of the coating and of the substrate; E inf: a rigid substrate.
         thickness : float
             Thickness of the coating [mm].
-        other : two floats, optional
-            E [N/mm2] and nu of the other body; default: rigid.
+        other : two floats or Material, optional
+            E [N/mm2] and nu of the other body, or a Material made by `coated` or `layer` without `other`; default:
+            rigid.
 
         Examples
         --------
@@ -169,13 +172,20 @@ class Material:
         if not (np.isfinite(thickness) and thickness > 0):
             raise InputError(f"thickness {format_exact(thickness)}: must be positive and finite [mm]")
         moduli, ratios = _pair_of_reals(young, poisson, "coated")
-        (e3, nu3) = _pair_of_reals(other, (0, 0), "other")[0] if other is not None else (np.inf, 0.0)
         if not np.isfinite(moduli[0]):
             raise InputError(f"Young's modulus {format_exact(moduli[0])} of the coating: must be finite")
-        material = cls.pair((moduli[0], e3), (ratios[0], nu3))
-        cls.pair((moduli[0], moduli[1]), ratios)  # checks the substrate
-        material._made_from(young=(moduli[1], e3), poisson=(ratios[1], nu3))
-        object.__setattr__(material, "coating", Layer(thickness, moduli, ratios))
+        cls.pair(moduli, ratios)  # checks the substrate
+        layers = [Layer(thickness, moduli, ratios)]
+        if isinstance(other, Material):
+            layers += other._only_layer()
+            (surface, below) = zip(layers[1].young, layers[1].poisson, strict=True)
+        else:
+            surface = below = (
+                _pair_of_reals(other, (0, 0), "other")[0] if other is not None else (np.inf, 0.0)
+            )
+        material = cls.pair((moduli[0], surface[0]), (ratios[0], surface[1]))
+        material._made_from(young=(moduli[1], below[0]), poisson=(ratios[1], below[1]))
+        object.__setattr__(material, "coatings", tuple(layers))
         return material
 
     @classmethod
@@ -191,6 +201,14 @@ class Material:
         """
         young, poisson = _real("Young's modulus", young), _real("Poisson's ratio", poisson)
         return cls.coated((young, np.inf), (poisson, 0.0), thickness, other)
+
+    def _only_layer(self):
+        """Return the layer of a coated body in a list, if the other body of this material is rigid."""
+        if len(self.coatings) != 1 or np.isfinite(self.bodies["young"][1]):
+            raise InputError(
+                "other: must be E, nu of the other body, or Material.coated or Material.layer without other="
+            )
+        return list(self.coatings)
 
     def _made_from(self, **bodies):
         object.__setattr__(self, "bodies", bodies)
@@ -212,8 +230,10 @@ class Material:
         >>> copper.resistivity
         (1.7e-08, 1.7e-08)
         """
-        if self.coating is not None and not (resistivity is None and thermal_conductivity is None):
-            raise InputError("conducting: the conductance of a coated body is not known")
+        if self.coatings and not (resistivity is None and thermal_conductivity is None):
+            raise InputError(
+                "conducting: the stiffness does not give the conductance of a coated body; it does so for half-spaces"
+            )
         copied = copy(self)
         for name, values, wanted, is_allowed in (
             ("resistivity", resistivity, "at least 0, and one above 0 [ohm m]", _are_resistivities),
@@ -239,14 +259,16 @@ class Material:
     def describe(self):
         """Return E* and the constants given by the user.
 
-        A coated body has no E*; `young` and `poisson` are those of substrate and other body.
+        Coated bodies have no E*; `young` and `poisson` are those of their substrates. The numbers of the coatings are
+        lists if both bodies are coated.
         """
-        if self.coating is not None:
+        if self.coatings:
+            each = [(layer.young[0], layer.poisson[0], layer.thickness) for layer in self.coatings]
+            numbers = each[0] if len(each) == 1 else [list(values) for values in zip(*each, strict=True)]
+            names = "coating_young", "coating_poisson", "coating_thickness"
             return {
                 **{name: list(values) for name, values in self.bodies.items()},
-                "coating_young": self.coating.young[0],
-                "coating_poisson": self.coating.poisson[0],
-                "coating_thickness": self.coating.thickness,
+                **dict(zip(names, numbers, strict=True)),
             }
         pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
@@ -269,16 +291,17 @@ class Material:
     @property
     def kernel(self):
         """Kernel of the bodies; see `app.halfspace.kernel`."""
-        if self.coating is None:
+        if not self.coatings:
             return HalfSpaceKernel(self.compliance)
         young, poisson = (values[1] for values in (self.bodies["young"], self.bodies["poisson"]))
-        return LayeredKernel(self.coating, (1 - poisson**2) / (np.pi * young))
+        other = (1 - poisson**2) / (np.pi * young) if len(self.coatings) == 1 else 0.0
+        return LayeredKernel(self.coatings, other)
 
     @property
     def contact_modulus(self):
         """Contact modulus E* = G / (1 - nu) [N/mm2].
 
-        With a coating, this is E* for waves much shorter than the coating is thick.
+        With coatings, this is E* for waves much shorter than the coatings are thick.
         """
         return self.shear_modulus / (1 - self.poisson_ratio)
 

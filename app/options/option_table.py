@@ -337,6 +337,12 @@ def pair_of_reals(allowed, nonzero=False, one=False, **limits):
     return parse
 
 
+def one_or_two_reals(allowed, **limits):
+    """Return a parser of one or two real numbers within the limits of `real`, as a tuple."""
+    kind = partial(_real, **limits)
+    return lambda text: _several(text, kind, [1, 2], allowed, lambda *_: True)
+
+
 def cells(text):
     """Parse ``i0,i1,j0,j1``, ranges of columns and rows.
 

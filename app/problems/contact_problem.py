@@ -159,9 +159,10 @@ class ContactProblem(Problem):
     def __repr__(self):
         grid, n = self.grid, len(self.surfaces)
         periodic = ", periodic" if grid.periodic else ""
-        coating, elastic = self.material.coating, f"E* {self.material.contact_modulus:g} N/mm2"
-        if coating is not None:
-            elastic = f"coated by {coating.thickness:g} mm of E {coating.young[0]:g} N/mm2"
+        coatings, elastic = self.material.coatings, f"E* {self.material.contact_modulus:g} N/mm2"
+        if coatings:
+            each = (f"{coating.thickness:g} mm of E {coating.young[0]:g} N/mm2" for coating in coatings)
+            elastic = f"coated by {' and '.join(each)}"
         return (
             f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of "
             f"{format_lengths(grid.dx, grid.dy)}{periodic}, {elastic}, "
@@ -209,7 +210,7 @@ class ContactProblem(Problem):
         The analytic solution is known for some smooth shapes, if the patch is not periodic and no body is coated.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
-        if not smooth or self.material.coating is not None or not hasattr(self.shape, "analytic"):
+        if not smooth or self.material.coatings or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 

@@ -201,7 +201,7 @@ def test_thin_compressible_layer_on_a_free_patch_is_a_bed_of_springs():
     material = Material.layer(3.0, 0.3, thickness)
     grid = Grid.from_domain(256, 256, (-1.2, 1.2, -1.2, 1.2))
     solution = solve(ContactProblem(grid, material, Sphere(radius)), approach=approach)
-    modulus = thickness / material.kernel.layer.uniform_compliance
+    modulus = thickness / material.kernel.layers[0].uniform_compliance
     assert solution.load == pytest.approx(np.pi * modulus * radius * approach**2 / thickness, rel=2e-3)
     assert np.sqrt(solution.contact_area / np.pi) == pytest.approx(np.sqrt(2 * radius * approach), rel=1e-2)
 

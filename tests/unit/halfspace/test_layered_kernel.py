@@ -31,6 +31,22 @@ def test_limits_are_half_spaces(grid):
         np.testing.assert_allclose(eigenvalues(material, grid), eigenvalues(half_space, grid), rtol=error)
 
 
+@pytest.mark.parametrize("periodic", ["", "spectral", "love"])
+def test_displacements_of_two_layered_bodies_are_added(periodic):
+    grid = Grid(9, 7, 0.1, 0.13, periodic=periodic)
+    film, lining = Material.coated((3.0, 1.0), (0.2, 0.4), 0.1), Material.layer(2.0, 0.3, 0.4)
+    for one, other in ((film, lining), (lining, film), (lining, lining)):
+        layers = one.coatings[0], other.coatings[0]
+        both = Material.coated(layers[0].young, layers[0].poisson, layers[0].thickness, other=other).kernel
+        kernels = both, one.kernel, other.kernel
+        together, *each = (dense_matrix(grid, kernel) for kernel in kernels)
+        np.testing.assert_allclose(together, sum(each), atol=1e-14 * together[0, 0])
+        uniform, *parts = (kernel.uniform_compliance(grid) for kernel in kernels)
+        assert uniform == pytest.approx(sum(parts), rel=1e-15)
+        longest, *parts = (kernel.middle_displacement((1.0, 0.7)) for kernel in kernels)
+        assert longest == pytest.approx(sum(parts), rel=1e-14)
+
+
 def test_uniform_cells_sum_over_all_waves():
     """The difference from a half-space, whose waves beyond 1 / thickness do not count, by a sum over waves."""
     grid, material = Grid(6, 5, 0.1, 0.2, periodic="love"), Material.coated((1.0, 4.0), (0.3, 0.2), 0.1)
@@ -65,7 +81,7 @@ def test_no_eigenvalue_of_a_free_patch_is_below_its_bound(shape, nu):
 @pytest.mark.parametrize("nu", [0.0, 0.3])
 def test_wide_punch_on_a_thin_layer_compresses_it_uniformly(nu):
     kernel, area = Material.layer(2.0, nu, 1e-4).kernel, 3.0
-    assert kernel.punch_stiffness(area) == pytest.approx(area / kernel.layer.uniform_compliance, rel=1e-3)
+    assert kernel.punch_stiffness(area) == pytest.approx(area / kernel.layers[0].uniform_compliance, rel=1e-3)
     assert Material.layer(2.0, nu, 1e4).kernel.punch_stiffness(area) == pytest.approx(
         Material.pair((2.0, np.inf), (nu, 0.0)).kernel.punch_stiffness(area), rel=1e-3
     )
@@ -78,7 +94,7 @@ def test_displacements_on_a_wide_free_patch_are_those_of_a_uniform_pressure(cell
     grid = Grid(int(40 / cell[0]), int(40 / cell[1]), *cell)
     quadrant = influence_quadrant(grid, kernel)
     total = 4 * quadrant.sum() - 2 * quadrant[0].sum() - 2 * quadrant[:, 0].sum() + quadrant[0, 0]
-    assert total == pytest.approx(kernel.layer.uniform_compliance, rel=1e-8)
+    assert total == pytest.approx(kernel.layers[0].uniform_compliance, rel=1e-8)
 
 
 @pytest.mark.parametrize("thickness, same", [(1e4, 0), (1e-4, 1)])
@@ -104,7 +120,7 @@ def test_coefficients_of_equal_materials_are_those_of_a_half_space():
 def test_coefficients_are_integrals_of_the_point_load(nu, young, cell):
     """The sum over q is taken by quadrature in the plane of wave numbers."""
     kernel, (dx, dy) = Material.coated(young, (nu, 0.25), 1.0).kernel, cell
-    layer, grid = kernel.layer, Grid(6, 6, dx, dy)
+    layer, grid = kernel.layers[0], Grid(6, 6, dx, dy)
     half_space = influence_quadrant(grid, Material.pair((young[0], np.inf), (nu, 0)).kernel)
     q, weights = np.polynomial.legendre.leggauss(400)
     q, weights = 15 * (q + 1), 15 * weights

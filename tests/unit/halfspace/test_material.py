@@ -161,6 +161,28 @@ def test_coated_material_describes_its_bodies():
     assert Material.layer(5.0, 0.4, 1.0).describe()["young"] == [np.inf, np.inf]
 
 
+def test_both_bodies_may_be_coated():
+    film, lining = ((450e3, 210e3), (0.25, 0.3), 0.002), ((5.0, np.inf), (0.5, 0.0), 3.0)
+    material = Material.coated(*film, other=Material.coated(*lining))
+    assert material.describe() == {
+        "young": [210e3, np.inf], "poisson": [0.3, 0.0],
+        "coating_young": [450e3, 5.0], "coating_poisson": [0.25, 0.5], "coating_thickness": [0.002, 3.0],
+    }  # fmt: skip
+    options = {
+        "young": "210e3,inf",
+        "poisson": "0.3,0",
+        "coating_young": "450e3,5",
+        "coating_poisson": "0.25,0.5",
+    }
+    assert made(**options, coating_thickness="2e-3,3") == material
+    assert made(**options | {"young": "210e3,3e3"}, coating_thickness="2e-3,3") != material
+    with pytest.raises(InputError, match="one number each, or two each"):
+        made(**options, coating_thickness="2e-3")
+    for other in (material, Material.isotropic(1.0, 0.3), Material.layer(5.0, 0.4, 1.0, other=(1.0, 0.3))):
+        with pytest.raises(InputError, match="other: must be E, nu"):
+            Material.coated(*film, other=other)
+
+
 @pytest.mark.parametrize("arguments, text", [
     (((1, 2), (0.3, 0.3), 0), "thickness 0: must be positive"),
     (((np.inf, 2), (0.3, 0.3), 1), "of the coating: must be finite"),
