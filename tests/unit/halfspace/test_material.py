@@ -5,8 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from app.base.errors import InputError
-from app.cli.option_sources import OptionSource, ParsedOptions
 from app.cli.geometry import make_problem
+from app.cli.option_sources import OptionSource, ParsedOptions
 from app.cli.problem_options import PROBLEM_OPTIONS, resolve_alternatives
 from app.halfspace.material import Material
 from app.options.option_table import OptionReader
