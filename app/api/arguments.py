@@ -70,7 +70,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
 
 
 def _check_layer(grid, coating):
-    """Raise InputError for a coating or layer that this patch does not allow."""
+    """Raise InputError for a layer that does not suit the patch."""
     thickness, cell = coating.thickness, max(grid.dx, grid.dy)
     thinnest = MIN_LOVE_THICKNESS * max(grid.nx * grid.dx, grid.ny * grid.dy)
     if grid.periodic == "love" and thickness < thinnest:

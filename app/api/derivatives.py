@@ -250,7 +250,7 @@ class Derivatives:
             yield solve
 
     def _stiffness_of(self, cells):
-        """Return dx dy sum(q) [N/mm], with A q = 1 on `cells`. Collective.
+        """Return the stiffness dx dy sum(q), A q = 1, of `cells` [N/mm]. Collective.
 
         The uniform displacement of a layer on a rigid base acts as a spring in series with this stiffness.
         """

@@ -91,7 +91,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, 
 
 
 def _enlarge(patch, area):
-    """Return the patch, enlarged about its centre to at least an area [mm2]."""
+    """Enlarge a patch about its centre to at least an area [mm2]."""
     x0, x1, y0, y1 = patch
     half = max(math.sqrt(area / ((x1 - x0) * (y1 - y0))) - 1, 0.0) / 2
     return x0 - half * (x1 - x0), x1 + half * (x1 - x0), y0 - half * (y1 - y0), y1 + half * (y1 - y0)

@@ -1,7 +1,7 @@
 """Approach of a layer on a rigid base.
 
-On a periodic patch a uniform pressure p displaces the surface of such a layer by c p. The operators leave this
-displacement out, so it is added to the solutions. A prescribed approach is found by a search over the load. The
+On a periodic patch a uniform pressure p displaces the surface of such a layer by c p. Products with A do not include
+this displacement, so it is added to the solutions. A prescribed approach is found by a search over the load. The
 derivative of the approach with respect to the load is at least c over the area of the patch.
 """
 

@@ -252,7 +252,7 @@ class LoadPath:
 
 
 class _LoadHistory:
-    """Largest load of a path so far, and the bodies indented by it.
+    """Largest load of a path so far, and the indented bodies.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ class _LoadHistory:
         return number > self.largest if self._by_gap else number < self.largest
 
     def add(self, number, solution=None):
-        """Record a step; it counts if its load is the largest one."""
+        """Record a step if its load is the largest so far."""
         if self._capped and not self.unloads(number):
             self.largest, self.solution, self.indented = number, solution, None
 
@@ -301,7 +301,7 @@ class _LoadHistory:
 
 
 def numbers_of(solution):
-    """Return the numbers of a solution for a row of a table. Collective."""
+    """Return a solution's numbers for a row of a table. Collective."""
     optional = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
     return {
         **{name: getattr(solution, name) for name in COLUMNS},
@@ -334,7 +334,7 @@ def _as_rows(rows, kind, numbers):
 
 
 def check_one_kind(loadings):
-    """Return the loadings of a path; raise unless they are of one kind."""
+    """Return a path's loadings; raise unless they are of one kind."""
     if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
         raise InputError(f"path: must be by exactly one of {', '.join(LOADINGS)}, a number for each step")
     return loadings

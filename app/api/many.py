@@ -1,4 +1,4 @@
-"""Many problems: one solver for all that share grid and material, on one process or several."""
+"""Solution of many problems, on one process or several."""
 
 import signal
 import warnings
@@ -295,7 +295,7 @@ class _ReusedSolver:
         self._solver.quiet = True
 
     def solve(self, job):
-        """Return a job's first row number, rows, fields. Collective."""
+        """Solve a job; return its first row number, rows and fields. Collective."""
         try:
             self.set_up(job.problem)
             self._solver.update(job.problem)
@@ -420,7 +420,7 @@ def _results(connections, chunks):
 
 
 def _warn(jobs, rows):
-    """Warn of problems that have not converged, and of each kind of notes once."""
+    """Warn of problems that failed, and of each kind of notes once."""
     failed = [row for row in rows if not row["converged"]]
     if failed:
         numbers = list(dict.fromkeys(str(row["problem"]) for row in failed))

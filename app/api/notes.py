@@ -155,7 +155,7 @@ def note_doubtful_moduli(material):
 
 
 def note_hardness(problem, contact):
-    """Return a note if a hardness has no effect or makes all contact plastic."""
+    """Return a note if no contact is plastic, or all contact is."""
     hardness, pressure = float(np.min(problem.hardness)), contact.max_pressure
     largest = MAX_ELASTIC_PRESSURE * problem.material.contact_modulus
     if not contact.plastic_area and problem.indentation is None:
@@ -188,7 +188,7 @@ def note_filled_points(surface, state):
 
 
 def _touches_boundary(state, contact_cells):
-    """Return whether contact, or the smallest distance, is at the patch boundary."""
+    """Return whether contact, or else the smallest distance, is at the patch boundary."""
     if contact_cells:
         cells = state.in_contact()
     else:

@@ -81,7 +81,7 @@ def plot_surface(surface, axes=None):
 def plot_stress(below):
     """Draw the stress on vertical sections and a line.
 
-    All contain the point of the largest von Mises stress.
+    Sections and line contain the point of the largest von Mises stress.
     """
     grid = below.grid
     heading = f"Stress below {grid.nx} × {grid.ny} cells, ν = {below.nu:.3g}"

@@ -145,7 +145,7 @@ class CappedBounds(PressureBounds):
         return p.sum() if plastic.any() else total
 
     def count_cells(self, p, contact, factor=1.0):
-        """Count the cells with factor p >= H, and these cells and those of C together."""
+        """Count cells with factor p >= H, and all cells in contact."""
         return capped_kernels.count_cells(p, self.upper, self.admissible, contact, factor)
 
     def not_plastic(self, p):
@@ -193,7 +193,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
     def local_load(self, b, depth, u, p, t, compliance):
-        """Return the sum of pressures after a local approach; see `capped_kernels.local_load`."""
+        """Return the sum of p after all cells approach; see `capped_kernels.local_load`."""
         return capped_kernels.local_load(b, depth, u, p, self.upper, self.admissible, t, compliance)
 
     def change(self, p, step):
@@ -215,8 +215,7 @@ class CappedBounds(PressureBounds):
     def contact(self, p, gap, margin=0.0):
         """Return a mask of cells that belong to C; see `PressureBounds.contact`.
 
-        The pressure of these cells is between the bounds, or would leave its bound: open cells overlap, plastic cells
-        have a gap.
+        These cells have a pressure between the bounds, or they are open cells that overlap or plastic cells with a gap.
         """
         opens = (p >= self.upper - margin) & (2 * p > self.upper)
         leaves = np.where(opens, gap >= 0, gap <= 0)

@@ -26,9 +26,9 @@ def _reduce(e, p, upper, slope):
 
 @njit_reassoc
 def _price(g, p, upper):
-    """Return the price of a gap g.
+    """Return the contribution of a gap g to the duality gap.
 
-    An open gap has the price p g, an overlap the price (H - p) |g|.
+    An open gap contributes p g, an overlap (H - p) |g|.
     """
     if g >= 0:
         return p * g
@@ -66,9 +66,9 @@ def _survey_row(b, depth, u, p, upper, admissible, smallest):
 def survey(b, depth, u, p, upper, admissible, smallest, largest, sums):
     """Update maxima and sums of gaps and pressures.
 
-    `largest` gets the maxima of: the overlap of cells with p < H, |h|, the violation of the bounds, the price of a gap
-    (`_price`), and p. `sums` gets the sums of: u u, p u, the price of e, the price of the reduced gap, its squared
-    distance from e, and p p. `smallest`, the smallest eigenvalue of A, is the slope of the reduced gap.
+    `largest` gets the maxima of: the overlap of cells with p < H, |h|, the violation of the bounds, `_price` of the
+    gap, and p. `sums` gets the sums of: u u, p u, `_price` of the gap e, `_price` of the reduced gap g, (g - e)^2, and
+    p p. `smallest`, the smallest eigenvalue of A, is the slope of the reduced gap.
     """
     for j in range(b.shape[0]):
         most, more = _survey_row(b[j], depth, u[j], p[j], upper[j], admissible[j], smallest)
@@ -103,8 +103,8 @@ def _gaps_row(b, depth, u, p, upper, admissible, slope):
 def gaps(b, depth, u, p, upper, admissible, slope):
     """Return the sums that certify a pressure on a periodic patch.
 
-    The summed fields are: the reduced gap g where it is open, -g where it overlaps, g - e, the prices of open gaps, the
-    prices of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
+    The summed fields are: the reduced gap g where it is open, -g where it overlaps, g - e, `_price` of open gaps,
+    `_price` of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):

@@ -141,7 +141,7 @@ def _count_row(p, upper, admissible, contact, factor):
 
 @njit()
 def count_cells(p, upper, admissible, contact, factor):
-    """Count the cells with factor p >= H, and these cells and those of C together."""
+    """Count cells with factor p >= H, and all cells in contact."""
     counts = 0, 0
     for j in range(p.shape[0]):
         counts = add_tuples(counts, _count_row(p[j], upper[j], admissible[j], contact[j], factor))

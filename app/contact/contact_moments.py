@@ -1,6 +1,6 @@
 """Centre of pressure, moments, and ellipse of the contact.
 
-All are NaN on a periodic patch, which has no origin.
+These numbers are NaN on a periodic patch.
 """
 
 from math import atan2, degrees, hypot, nan, sqrt

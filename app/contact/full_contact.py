@@ -23,8 +23,6 @@ _MAX_PRESSURE_FRACTION = 0.5
 class FullContact:
     """Solver for the case that all cells are in contact.
 
-    The history treats it as a linear solver.
-
     Parameters
     ----------
     hierarchy : Hierarchy
@@ -46,7 +44,8 @@ class FullContact:
         """Return the Outcome of full contact; None if it is no solution.
 
         Collective over all ranks. If the result is None, the pressure of `state` may have changed. At full contact many
-        mean pressures give the same approach. So if the approach is prescribed, the solution has the least one.
+        mean pressures give the same approach. So if the approach is prescribed, the solution has the least mean
+        pressure.
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)
@@ -99,9 +98,7 @@ class FullContact:
         """Return whether a coarser grid is far from full contact. Collective.
 
         The coarser grid is far from full contact if full contact there needs much more than the prescribed
-        `mean_pressure` [N/mm2], or if the hardness allows full contact only under a smaller mean pressure. Shapes on
-        coarser grids are smoother. So if the hardness does not allow full contact on the coarser grid, full contact is
-        unlikely on this grid, too.
+        `mean_pressure` [N/mm2], or if the hardness does not allow full contact there.
         """
         if not self.level:
             return False

@@ -33,7 +33,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     nested : bool
         True for a nested iteration. Otherwise only the target grid is used, from C = {h <= 0}.
     beta : float
-        Tolerance of the first contact set of a grid (4.1), divided by the largest displacement.
+        Option -lcp_beta: tolerance (4.1) of a grid's first contact set, divided by the largest displacement.
     prolong : callable or None
         Function used instead of the prolongation by copy; see `prolongate`.
     target_solver : LinearSolver

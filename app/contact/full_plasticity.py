@@ -15,8 +15,6 @@ LOAD_ROUNDING = 1e-13  # relative rounding error of the largest load
 class FullPlasticity:
     """Solver for the case that all cells are at the hardness.
 
-    The history treats it as a linear solver.
-
     Parameters
     ----------
     level : int
@@ -31,8 +29,8 @@ class FullPlasticity:
     def solve(self, state, loading, history):
         """Solve if the load is the largest one. Collective.
 
-        Many approaches are possible under the largest load. The approach becomes the smallest of these, at which a cell
-        just touches without overlap. Return the Outcome, or None under a smaller load.
+        Many approaches are possible under the largest load. The smallest of these approaches is chosen. Return the
+        Outcome, or None under a smaller load.
         """
         bounds, load = state.bounds, loading.load
         if load is None or load < (1 - LOAD_ROUNDING) * bounds.largest_load:

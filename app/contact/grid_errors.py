@@ -46,9 +46,9 @@ class GridErrors(NamedTuple):
     contact_area_error: float = float("nan")
 
     def with_contact_edge(self, solution):
-        """Return these errors, with the contact area's raised if too small.
+        """Return these errors; raise that of the contact area if too small.
 
-        The error of the area is raised to the relative difference of ``contact_fraction`` and
+        The error of the area is at least the relative difference of ``contact_fraction`` and
         ``contact_fraction_corrected``. The areas of two grids may agree by chance, because numbers of cells scatter.
         """
         if not solution.contact_fraction or np.isnan(self.contact_area_error):

@@ -22,7 +22,7 @@ class GridSequence:
     outcome : Outcome or None
         Outcome of the grid solved last, with the fallbacks of all grids.
     grid_numbers : list of GridNumbers
-        Numbers of the coarser grids, from coarse to fine. The method appends them, if it does.
+        Numbers of the coarser grids, from coarse to fine, if the method appends them.
     """
 
     def __init__(self, hierarchy, distances, loading, nested, only_target=False):

@@ -41,9 +41,9 @@ def _pressure_row(p, contact):
 
 @njit()
 def sum_pressure(p, contact):
-    """Return sum and maximum of p, and a number of cells.
+    """Return sum and maximum of p, and the number of loaded cells.
 
-    The number is that of cells of C with p > 0.
+    Loaded cells are the cells of C with p > 0.
     """
     total, highest, cells = 0.0, 0.0, 0  # in C with p > 0
     for j in range(p.shape[0]):

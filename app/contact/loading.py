@@ -18,7 +18,7 @@ import numpy as np
 
 
 class Loading:
-    """Base class of loadings; its methods are right for a known approach.
+    """Base class of loadings; its methods suit a prescribed approach.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class PrescribedMeanGap(PrescribedApproach):
     def restore_prescribed(self, measures):
         """Restore the mean gap, at least 0; see `Loading.restore_prescribed`.
 
-        What is prescribed is the mean of e. Plastic cells overlap, and then the mean of max(e, 0) is larger.
+        The prescribed number is the mean of e. The mean of max(e, 0) is larger if plastic cells overlap.
         """
         return measures if measures.mean_plastic_depth else measures._replace(mean_gap=self._mean_gap)
 

@@ -87,7 +87,7 @@ _LOAD_ROUNDING = 1e-15  # relative rounding error of a sum of pressures
 
 
 class Displacement(IntEnum):
-    """Accuracy with which u equals A p."""
+    """Accuracy of the displacement u = A p."""
 
     STALE = 0  # u is not A p
     UPDATED = 1  # u is A p up to single precision and the errors of summed changes
@@ -303,8 +303,7 @@ class ContactState:
     def tension(self):
         """Return the sum of tension on C over that of pressure. Collective.
 
-        Pressure above the hardness counts like tension. A release would remove this share of the pressure. The result
-        is infinite if there is tension without pressure.
+        Pressure above the hardness counts like tension. The result is infinite if there is tension without pressure.
         """
         total, outside = self.sum(self.bounds.tension(self.p, self.contact))
         return outside / total if total > 0 else float("inf") if outside else 0.0
@@ -384,9 +383,9 @@ class ContactState:
         self.displacement_status = Displacement.STALE
 
     def reach_sum(self, p, total):
-        """Add a constant to a pressure on C, within its bounds, so that its sum is `total` [N/mm2].
+        """Add a constant to a pressure on C, to reach a sum.
 
-        Collective. Returns what is still missing.
+        Collective. p stays within its bounds. Return `total` minus the sum that is reached [N/mm2].
         """
         least = _LOAD_ROUNDING * total
         for _ in range(2):  # a change of large pressures leaves a rounding error

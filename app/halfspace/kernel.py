@@ -41,8 +41,8 @@ class HalfSpaceKernel:
     def uniform_compliance(self, grid):
         """Return the displacement by pressure 1 on all cells [mm / (N/mm2)].
 
-        The patch is periodic. The displacements of operators leave this number out. On half-spaces it would be
-        infinite, so displacements are relative to their mean.
+        The patch is periodic. A p is relative to its mean, and does not include this displacement. For half-spaces,
+        where it would be infinite, the result is 0.
         """
         return 0.0
 

@@ -157,7 +157,7 @@ class LayeredKernel(HalfSpaceKernel):
         return (_LOVE_FACTORS[1] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).max())
 
     def _spectrum(self, grid):
-        """Sample the eigenvalues from the longest wave, of which half fits into a free patch."""
+        """Return samples of the eigenvalues of A, from long to short waves."""
         longest = max(grid.nx * grid.dx, grid.ny * grid.dy) * (1 if grid.periodic else 2)
         q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
         return 2 * np.pi * self.wave_compliance(q) / q

@@ -1,7 +1,7 @@
 """Methods of the influence matrix as PETSc Mat.
 
-The solvers of this program do not need them. A Mat is ``a C A C + s I``, where C restricts fields to the contact set.
-Each Mat has its own numbers a and s. All Mats of an operator share its contact set.
+User programs need these methods; the solvers of this program do not. A Mat is ``a C A C + s I``, where C restricts
+fields to the contact set. Each Mat has its own numbers a and s. All Mats of an operator share its contact set.
 """
 
 import numpy as np

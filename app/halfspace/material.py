@@ -191,9 +191,10 @@ class Material:
     @classmethod
     @usage("Material.layer(E, nu, thickness, other=(E, nu))")
     def layer(cls, young, poisson, thickness, other=None):
-        """Make the material of a layer on a rigid base and of another body.
+        """Make the material of a layer on a rigid base.
 
-        `young` E [N/mm2] and `poisson` nu are those of the layer. The other parameters are those of `coated`.
+        `young` E [N/mm2] and `poisson` nu are those of the layer. `thickness` and `other`, the other body, are as in
+        `coated`.
 
         Examples
         --------

@@ -104,7 +104,7 @@ class MultilevelOperator:
     def points(self):
         """Number of cells transformed by FFT so far.
 
-        Stencils and interpolation are counted as the number of cells whose FFT takes as long.
+        The work of stencils and interpolation is counted as that of an FFT that takes the same time.
         """
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
@@ -180,7 +180,8 @@ def _double(row, sixteenth, three, out):
 def _in_y(rows, stencil, middle, once, twice):
     """Apply the stencil in y: sum five rows with its weights.
 
-    `middle`, `once` and `twice` receive the sums for columns at distance 0, 1 and 2.
+    The stencil has other weights at the distances 0, 1 and 2 in x, so there are three sums: `middle`, `once` and
+    `twice`.
     """
     a, b, c, d, e = rows
     here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]

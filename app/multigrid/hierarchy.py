@@ -47,8 +47,7 @@ def _check_equal_on_ranks(comm, problem):
     """Raise InputError if the problem differs between ranks. Collective.
 
     Random numbers without a seed make a problem differ, for example. The ranks compare weighted sums of some rows, up
-    to rounding. No compared row is in the middle of the grid, and each cell has another weight, so that turned or
-    shifted rows are noticed.
+    to rounding. Each cell has another weight, so that mirrored or shifted rows differ.
     """
     if comm.size == 1:
         return
@@ -127,7 +126,7 @@ class Hierarchy:
     comm : mpi4py communicator
         All ranks of the solver.
     coarsest : int
-        Directions with at most this many cells are not halved.
+        A direction with at most this many cells is not coarsened.
     cells_per_rank : int
         Smallest number of cells per rank on a coarser grid or window that several ranks share.
     target_only : bool

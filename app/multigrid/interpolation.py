@@ -1,8 +1,7 @@
 """Interpolation to a finer grid: bilinear, or quintic if periodic.
 
 Values belong to the centres of cells. Bilinear interpolation is that of the paper, step 2 of Sec. 4.3. Quintic
-polynomials through six cells in x and y have an error of sixth order. Both interpolations take the same time, because
-access to memory determines it.
+polynomials through six cells in x and y have an error of sixth order. Both interpolations take the same time.
 """
 
 from functools import lru_cache

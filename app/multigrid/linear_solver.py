@@ -131,8 +131,7 @@ class LinearSolver:
             Solution, overwritten by the next call.
         iterations : int
         failure : str
-            Why the solver failed; empty if it did not. To reach the limit of iterations is no failure, because an
-            active set iteration may ask for a single cycle, or for a few steps of CG.
+            Why the solver failed; empty if it did not. It is no failure if the limit of iterations is reached.
         """
         if self._work is None:
             self._work = self.mat.createVecRight()

@@ -248,9 +248,8 @@ def _energy_of_constant(fine, coarse):
     """Return the energy p.Ap of a constant pressure on C. Collective.
 
     The pressure is 1 on the contact set C. `MaskedMatrix.update` uses the energy on the coarsest grid of a periodic
-    patch; on other patches it is 0. The energy is computed on the fine grid: on a coarser grid C has a larger share of
-    the cells, up to all of them, where a constant pressure has no energy. Its correction would then be much too large,
-    or infinite.
+    patch; on other patches it is 0. The energy is computed on the fine grid, because C may cover all cells of the
+    coarsest grid, where a constant pressure has no energy.
     """
     if not fine.grid.periodic:
         return 0.0

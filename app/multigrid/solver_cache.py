@@ -46,7 +46,7 @@ class SolverCache:
         return self._solvers[operator]
 
     def release_solver(self, operator):
-        """Free an operator's solver if large. Collective.
+        """Free the solver of an operator if its grid is large. Collective.
 
         The target's solver only frees its large work arrays.
         """

@@ -280,7 +280,7 @@ def _copy_row(coarse, fine, fx):
 def _copy(coarse, fine, skipped, fy, fx):
     """Copy coarse cells' values to their children.
 
-    `skipped` is the number of fine rows that `fine` lacks of the first coarse row.
+    `skipped` is the number of children of the first coarse row that come before the first row of `fine`.
     """
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], fine[j], fx)

@@ -51,7 +51,7 @@ def check_size(label, values, first_row=0):
 def check_hardness(hardness, grid, label="hardness"):
     """Return the hardness as None, a number, or an array of the cells of a grid.
 
-    Raises InputError unless all values are positive; they may be infinite. None is returned if all are.
+    Raises InputError unless all values are positive. Values may be infinite; the result is None if all are infinite.
     """
     if hardness is None:
         return None

@@ -48,8 +48,8 @@ _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 class _Sequences:
     """Work arrays for complex sequences and transforms, with plans.
 
-    The starts of neighbouring sequences are an odd number of cache lines apart. Otherwise entries with equal index in
-    all sequences would compete for a few places of the cache, if the length is a multiple of a large power of two.
+    The starts of neighbouring sequences are an odd number of cache lines apart, so that they do not compete for the
+    same places of the cache.
     """
 
     def __init__(self, length, dtype, count):
@@ -216,7 +216,7 @@ class EvenMultiplier:
         """Set the spectrum to a function of the frequencies.
 
         The function ``symbol(columns, rows)`` returns the spectrum at the frequencies `columns` in x and `rows` in y.
-        Each call of `symbol` has a few frequencies in x, and with all frequencies in y up to half the period.
+        Each call of `symbol` is for a few frequencies in x, and for all frequencies in y up to half the period.
         """
         columns, rows = self._frequencies()
         spectrum = np.empty((columns.size, rows.size), self.dtype)

@@ -205,7 +205,7 @@ def _any_active(p, mask, rows, start, stop):
 def rows_to_strips(
     p, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward
 ):
-    """Transform the rows of p in x, and store the transforms as strips.
+    """Transform the rows of p in x, and store strips.
 
     - With a `mask`, p counts as zero outside of it. Without a mask, this array has size 0.
     - `rows` marks the rows that are not zero. If they are unknown, this array has size 0.

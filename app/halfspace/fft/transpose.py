@@ -52,7 +52,7 @@ class ColumnGroup:
         self.to_receive = int(received.sum())
 
     def part(self, transformed):
-        """Return this group's part of all groups' array."""
+        """Return this group's part of the strips of all groups."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):

@@ -79,8 +79,7 @@ class GaussSeidel:
         """Mean work of past sweeps, in products with A.
 
         The operations are counted by a model: 2.5 N log2 N for a real transform of length N, twice as many for a
-        complex transform, and 2 for a multiplication with addition. Within its row, each contact cell is multiplied
-        with half a segment. So the count depends on the contact sets only.
+        complex transform, and 2 for a multiplication with addition. The count depends only on the contact sets.
         """
         ny, nx = self.shape
         in_x, in_y = transform_length(nx), transform_length(ny)

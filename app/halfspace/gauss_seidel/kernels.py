@@ -240,8 +240,10 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
     w : ndarray, shape (2, chunks, rows, 2 LANES)
         This leaf, w[now], and the leaf before. In chunks of frequencies from `summed` on, the effect of the leaves up
         to m - 2 is zero; there w[now] need not be set on entry.
-    near, reach : ndarray, shapes (chunks * 2 rows * 2 LANES,), (chunks,)
-        Kernel at all lags (distances in rows) between the two leaves. Lag beyond which the kernel is negligible.
+    near : ndarray, shape (chunks * 2 rows * 2 LANES,)
+        Kernel at all lags (distances in rows) between the two leaves.
+    reach : ndarray, shape (chunks,)
+        Lag beyond which the kernel is negligible.
     filled : ndarray of bool, shape (2 rows / TILE,)
         True for tiles (groups of TILE rows) with contact: first those of the leaf before, then those of this leaf.
     rows : RowSolver

@@ -113,7 +113,7 @@ class SubsurfaceStress:
     def plot(self):
         """Draw the stress on two vertical sections and on a vertical line.
 
-        They contain the point of the largest von Mises stress. Return figure and axes.
+        All of them contain the point of the largest von Mises stress. Return figure and axes.
         """
         return views.load().plot_stress(self)
 

@@ -131,11 +131,11 @@ class Circulant:
     def precondition(self, r, z, reduced=None):
         """Apply the preconditioner to a residual on contact.
 
-        The result is z = E^T B E r. E is the extension of `Circulant`, B the inverse of A. r and z are float64 or
-        float32, and may be the same array. r must be zero outside contact; there z is arbitrary. If r is the residual
-        of the last call on this contact set minus share * q, pass ``reduced = (share, terms)`` to save a sum over
-        ranks; `terms` is the sum of `local_terms(q)` over the ranks. Return r.z if it is known at no cost, otherwise
-        None.
+        The result is z = E^T B E r, with the extension E of `Circulant` and the periodic inverse B of A. r must be zero
+        outside contact, where z is arbitrary. Both are float64 or float32, and may be the same array. To save a sum
+        over ranks, pass ``reduced = (share, terms)`` if r is the residual of the last call minus share * q on the same
+        contact set; `terms` is the sum of `local_terms(q)` over the ranks. Return r.z if it needs no extra work,
+        otherwise None.
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
@@ -150,7 +150,7 @@ class Circulant:
     def local_terms(self, q):
         """Return this rank's block means of q, for `precondition`.
 
-        The terms are empty if they save nothing, that is without block means or on a single rank.
+        The result is empty on a single rank, and if no block means are used.
         """
         return self.average.local_means(q) if self._scattered and self.operator.comm is not None else ()
 

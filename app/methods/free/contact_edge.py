@@ -120,7 +120,7 @@ class EdgeExtension:
     def restrict(self, x):
         """Apply E^T, the transpose of the extension, to x in place.
 
-        Outside the contact set, the result is the part of E^T x that belongs to the values from which the steps start.
+        Outside the contact set, the result is the transpose with respect to the start values (zeros or block means).
         """
         self._sweep(x, x, back=True)
 

@@ -16,9 +16,8 @@ _event = PETSc.Log.Event("InfluenceByLevels")
 class TrackingSolver(LinearSolver):
     """Linear solver whose KSP is TrackingCG. Collective.
 
-    After `improve` has changed the pressure p, an iteration updates the displacement u by `release` or
-    `update_displacement`, or recomputes u. After a `release` it may call `predict`. The parameters are those of
-    `LinearSolver`.
+    `improve` changes the pressure p. Then the caller updates the displacement u by `release` or `update_displacement`,
+    or recomputes u. The parameters are those of `LinearSolver`.
 
     Attributes
     ----------
@@ -138,9 +137,8 @@ class TrackingSolver(LinearSolver):
         """Predict the change of u outside contact for a zero residual [mm].
 
         The preconditioner's method ``extend`` continues the residual past the contact edge. ``extend`` uses the contact
-        set of the last solve, so that released cells are not predicted to return. Between plastic cells the mean
-        residual on C also displaces cells far from C. Return `factor` times the change, in a work array of the solver.
-        Return None if `factor` is 0 or the preconditioner has no ``extend``.
+        set of the last solve, so that released cells are not predicted to return. Return `factor` times the change, in
+        a work array of the solver. Return None if `factor` is 0 or the preconditioner has no ``extend``.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None

@@ -70,11 +70,7 @@ class WindowCache(SolverCache):
             self._free(operator)
 
     def reset_windows(self):
-        """Close all cached windows after an error, which has skipped `close`.
-
-        Their new products are added to the work of the hierarchy, and their products on all cells of the grid are
-        freed.
-        """
+        """Close all cached windows after an error."""
         for operator in self._windows.values():
             self._hierarchy.count_window(operator)
             operator.free_exact_product()

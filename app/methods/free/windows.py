@@ -56,10 +56,7 @@ class WindowState(ContactState):
         self.scaled = 1.0 if self.displacement_status is Displacement.EXACT else self.scaled
 
     def first_touch(self):
-        """Return the depth of first touch in the window [mm]. Collective.
-
-        The depth is computed, because windows do not store it.
-        """
+        """Return the depth of first touch in the window [mm]. Collective."""
         return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
     def scale(self, factor):
@@ -75,7 +72,7 @@ class WindowState(ContactState):
 
 
 class Boxes(NamedTuple):
-    """Rectangles that determine the next finer window, in cells of this grid."""
+    """Rectangles that the next finer window must contain, in cells of this grid."""
 
     outer: Window  # the window of this grid
     contact: Window | None  # bounding box of contact, in cells from the corner of `outer`; None: no contact
@@ -152,9 +149,9 @@ class WindowedLevel:
     def boxes_for_next(self, coarse_minimum, depth):
         """Return the Boxes from which the next finer window is chosen.
 
-        Collective over the ranks of the state. None on grids coarser than the finest grid without a window. On this
-        grid, contact is predicted from `coarse_minimum`, the least undeformed distance of target cells in its cells,
-        and from `depth`, the depth predicted on the next finer grid [mm].
+        Collective over the ranks of the state. The result is None on grids coarser than the finest grid without a
+        window. On the finest grid without a window, contact is predicted from `coarse_minimum`, the least undeformed
+        distance of target cells in its cells, and from `depth`, the depth predicted on the next finer grid [mm].
         """
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:

@@ -1,9 +1,9 @@
 """Default method on periodic patches, in primal form.
 
-In the primal form of a variational inequality the displacement is the unknown. (`app.contact.certificate` calls it the
-dual side.) On a periodic patch A is diagonal in Fourier space. So a product with its inverse B, on fields without mean,
-costs as much as a product with A, and the displacement can be the unknown instead of the pressure. Let
-``w = u - approach``, and let h0 be the shape. Then the gap is ``e = h0 + w``, and
+In the primal form of a variational inequality the displacement is the unknown. On a periodic patch A is diagonal in
+Fourier space. So a product with its inverse B, on fields without mean, costs as much as a product with A, and the
+displacement can be the unknown instead of the pressure. Let ``w = u - approach``, and let h0 be the shape. Then the gap
+is ``e = h0 + w``, and
 
     w = -h0  on C,        p = B w + mean pressure = 0  on O, the free cells outside C.
 

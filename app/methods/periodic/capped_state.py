@@ -252,7 +252,7 @@ class CappedPrimalState(PrimalState):
 def _feasible(loading, state):
     """Return the loading, reduced if a coarse grid cannot reach it.
 
-    The area of coarse cells may be smaller. A coarse cell is elastic if one of its fine cells is.
+    The area where contact is possible, and so the largest load, may be smaller on a coarse grid.
     """
     distance, largest = state.distance, state.bounds.largest_load
     if loading.load is not None:
@@ -264,12 +264,12 @@ def _feasible(loading, state):
 
 
 def _fill(gap, upper, total, comm):
-    """Return the gap up to which cells at the hardness carry a load.
+    """Return the gap up to which cells are plastic if they carry a load.
 
-    Collective over `comm`. `gap` [mm] is infinite in cells that cannot carry pressure; `upper` is the hardness, and
-    `total` the sum of pressures [N/mm2]. Return two numbers. The first is the least gap g for which the cells with gaps
-    up to g carry more than `total`. If all cells together carry less, g is the largest gap. The second number is
-    `total` minus the pressures of the cells with gaps below g.
+    Cells become plastic in the order of their gaps, until they carry more than `total`. Return the gap g of the last
+    one (the largest gap if all cells carry less), and `total` minus the pressures of the cells with gaps below g. `gap`
+    [mm] is infinite in cells that cannot carry pressure, `upper` is the hardness, `total` the sum of pressures [N/mm2].
+    Collective over `comm`.
     """
     inside = gap < np.inf
     gap, upper, carried = gap[inside], upper[inside], 0.0

@@ -50,7 +50,7 @@ class InverseOperator:
         return self.influence.inverse
 
     def spare_fields(self, *types):
-        """Return work fields in unused storage of A, or None for each.
+        """Return unused storage of A as work fields, or None for each.
 
         See `InfluenceOperator.spare_fields`. Products on the coarser grid do not overwrite the fields.
         """

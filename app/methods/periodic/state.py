@@ -38,8 +38,8 @@ class PrimalState:
     approximate : bool
         True if p contains the error of multilevel products.
     extrapolates : bool
-        Projected sweeps guess contact sets, and captured cells take their neighbours along. Extrapolation saves
-        iterations, but the sets may cycle with layers.
+        True if projected sweeps guess contact sets, and if w is also corrected in the neighbours of captured cells.
+        This saves iterations, but with layers the contact sets may repeat in a cycle.
     """
 
     def __init__(self, state, inverse, loading):

@@ -49,14 +49,11 @@ class TwoGrid:
     centre of B. The sweeps have Chebyshev's step lengths. So M is positive, but not quite symmetric.
 
     If cells are long, or if there are few rows, there are also sweeps before the coarser grid. The coarser grid then
-    gets the means of their residual, and the sweeps after it are in reversed order. The reasons: on long cells sweeps
-    reduce the residual little, and with few rows the coarser grid also affects the highest waves.
+    gets the means of their residual, and the sweeps after it are in reversed order.
 
-    A does not include contact, which holds the half-space like springs. So A is replaced by ``(B + stiffness)^-1``.
-    Like a flat punch, a contact spot holds the half-space by its perimeter. So the compliance for a constant is
-    proportional to the spacing of contact (area divided by perimeter) and to the root of the fraction of free cells.
-    Near contact, waves are reduced further: before and after A the field is divided by the root of one plus a multiple
-    of the share of contact nearby.
+    A does not include contact, which holds the half-space like springs. So A is replaced by ``(B + stiffness)^-1``, and
+    the long waves are reduced near contact. The stiffness of the springs follows from the area and the perimeter of
+    contact.
 
     Option: ``-pc_two_grid_sweeps k``, the number of sweeps after the coarser grid (default 2).
 
@@ -148,7 +145,7 @@ class TwoGrid:
             field += amount / total_response * response
 
     def _update_contact(self):
-        """Fetch the halo of a new contact set, and set its springs."""
+        """Fetch the halo of a new contact set, and set the stiffness of its springs."""
         if self._contact_version != self.operator.contact_version:
             self._contact_version, self._response = self.operator.contact_version, None
             mask, grid = self.operator.mask, self.operator.grid
@@ -161,10 +158,10 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return the displacement for a constant pressure, and its sum.
+        """Return the displacement by a pressure of B_00 in all cells, and its sum.
 
-        The pressure is B_00, the diagonal entry of B, in all cells. The preconditioner computes an approximate
-        displacement, once for each contact set.
+        B_00 is the diagonal entry of B. The preconditioner computes the displacement approximately, once for each
+        contact set.
         """
         if self._response is None:
             response = np.empty(self.operator.local_shape)

@@ -38,9 +38,9 @@ MIN_SIGNED_INTEGERS = 8
 
 
 class UnknownText(ValueError):
-    """Error for a text in no known format, or for no text.
+    """Error for a text in no known format, or a file that is no text.
 
-    `is_text` is False in the second case.
+    `is_text` is False if the file is no text.
     """
 
     def __init__(self, message, is_text=True):
