@@ -115,7 +115,7 @@ def check_rank_memory(grid, cells):
 def _check(grid, needed, free, where):
     """Raise InputError if a grid exceeds the free bytes.
 
-    `where` says in the message where they are free.
+    `where` says in the message which memory is meant.
     """
     if needed > free:
         raise InputError(

@@ -20,7 +20,7 @@ SOURCES = {
 
 
 def is_installed(name):
-    """Return whether a package is installed; a folder without code does not count."""
+    """Return whether a package with code is installed."""
     spec = PathFinder.find_spec(name)
     return spec is not None and spec.origin is not None
 

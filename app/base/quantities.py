@@ -88,7 +88,7 @@ def label_of(name):
 
 
 def scale_for_axis(largest, name):
-    """Return the factor of a quantity's numbers on an axis, and its label.
+    """Return a quantity's factor and label for an axis.
 
     Examples
     --------

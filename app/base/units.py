@@ -56,7 +56,7 @@ def choose_length_unit(largest):
 
 
 def choose_unit(largest, unit):
-    """Return the factor to a unit in which numbers up to `largest` are readable.
+    """Return factor and name of a unit for numbers up to `largest`.
 
     Lengths [mm] and forces [N] have several units; other units are kept.
 

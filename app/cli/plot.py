@@ -5,8 +5,8 @@ pressure, deformation, sections through the maximum, distributions, spectrum (of
 history and summary. A table of a sweep or load path (.csv) has one figure, of the columns of --x and --y; a measured
 surface (.h5 of app.convert, .npy, text) one of its heights above their best plane. Several files have a folder DIR/NAME
 each, and their paths are drawn together in DIR/paths. The default folder has the name of the file without suffix.
-``--style paper`` draws for a column of a journal.
-Prints the names of the figures. Exit status 0, or 2 after an error. One rank.
+``--style paper`` draws for a column of a journal. The command prints the names of the figures. Exit status 0, or 2
+after an error. Runs on one rank.
 """
 
 from pathlib import Path

@@ -76,7 +76,7 @@ _format = partial(format_quantity, digits=6)
 
 
 def typeset(text):
-    """Return a text with long minus signs (U+2212), and units such as µm and mm²."""
+    """Return a text with long minus signs, µm and superscripts."""
     text = re.sub(r"(?<=\d\s)u(?=[mN])", "µ", text)
     text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)([23])\b", lambda unit: unit[1] + "²³"[unit[2] == "3"], text)
     return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
@@ -219,7 +219,7 @@ def stress_section(result, poisson_ratio=None, body=None):
 
 
 def _draw_panels(figure):
-    """Return a figure's panels, each as bytes of a PNG and width on the page [pixels]."""
+    """Return a figure's panels as PNGs, with widths [pixels]."""
     panels = []
     for box in style.panel_boxes(figure):
         image = io.BytesIO()

@@ -81,7 +81,7 @@ def main(argv):
 
 
 def _merge_messages(rows, varied):
-    """Yield each message, with its runs' varied options."""
+    """Yield each message, with the varied options of its runs."""
     runs_of = {}
     for row in rows:
         options = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)

@@ -2,8 +2,8 @@
 
 A result becomes a uniform grid with fields on cells; several results, such as the steps of a load path, become a time
 series. The XDMF file refers to HDF5 files of its own folder by name. The patch is written as a layer of cells below z =
-0. A two-dimensional mesh (``2DCoRectMesh``) would not do, because ParaView puts it in the y-z plane. A layer without
-thickness would not do either, because only one of ParaView's readers reads fields on it.
+0. ParaView would put a two-dimensional mesh (``2DCoRectMesh``) into the y-z plane, and only one of its readers reads
+fields on a layer without thickness.
 """
 
 from pathlib import Path

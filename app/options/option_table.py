@@ -294,7 +294,7 @@ def real(allowed="a finite number", **limits):
 def _several(text, kind, counts, allowed, fits):
     """Parse numbers separated by commas.
 
-    `counts` are the allowed numbers of numbers. The function ``fits(*numbers)`` tests all numbers together.
+    `counts` are the allowed lengths of the list. The function ``fits(*numbers)`` tests all numbers together.
     """
     values = tuple(kind(part, allowed=allowed) for part in text.split(","))
     if len(values) not in counts or not fits(*values):

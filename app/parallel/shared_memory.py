@@ -45,7 +45,7 @@ class Storage:
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
 
     def suits(self, sizes):
-        """Return whether all ranks have the bytes in `sizes`."""
+        """Return whether each rank has as many bytes as `sizes` demands."""
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 

@@ -208,9 +208,9 @@ def _draw_shares(axes, paths, value):
 
 
 def _draw_hardness_theory(axes, paths, name, value, label):
-    """Draw a column of Persson's theory with hardness, ``value(x, column)`` as in `_draw_shares`.
+    """Draw a column of Persson's theory with hardness.
 
-    Returns the lines.
+    The function ``value(x, column)`` is as in `_draw_shares`. Return the lines.
     """
     lines = []
     for path in paths:

@@ -325,7 +325,7 @@ class _Parts:
         return (1 + self.a2 + self.c2 - 2 * sine2) * sine2 + self._constant
 
     def _plastic(self, start):
-        """Return integration nodes and weights from `start` to K.
+        """Return integration nodes and weights from `start` to x = 0.
 
         The nodes are dense at K, along the last axis.
         """

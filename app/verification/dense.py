@@ -142,7 +142,7 @@ class DenseProblem:
     def at(self, approach):
         """Return pressure at an approach, (ny, nx) [N/mm2].
 
-        Of full contact the pressure is the smallest one.
+        In full contact, the smallest possible pressure is returned.
         """
         depth = np.longdouble(approach) - self._least
         beyond = float(depth - self._gap.mean())
