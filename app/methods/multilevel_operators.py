@@ -83,9 +83,10 @@ def create_multilevel_inverse(grid, kernel, layout=SERIAL):
 
 
 def _create_inverse(grid, kernel, layout, near, periods, mean):
-    """Create B with stencils on levels `near`, or by FFT alone.
+    """Create the inverse B of A: multilevel, or by FFT alone.
 
-    `periods` are those of the FFT on the coarsest grid; `mean` is the eigenvalue of A for constants.
+    `near` are the StencilLevels, none for an FFT alone. `periods` are those of the FFT on the coarsest grid; `mean` is
+    the eigenvalue of A for constants.
     """
     cy, cx = coarsening_factors(near)
 
@@ -157,9 +158,9 @@ def multilevel_inverse(operator):
 
 
 def get_or_create(operator, name, create, **options):
-    """Return the multiplier `name` of an operator, created on first use.
+    """Return an operator's product with a given name, created on first use.
 
-    To create it, ``create`` is called, which is collective. None on ranks without rows.
+    The function ``create`` creates the product; it is collective. The result is None on ranks without rows.
     """
     multipliers = operator.multipliers
     if name not in multipliers and operator.active:

@@ -143,7 +143,7 @@ class MultilevelOperator:
 
 @njit_reassoc
 def _add_rows(a, b, c, d, three, out):
-    """Add four rows with the weights 1, 3, 3, 1."""
+    """Add four rows with weights 1, 3, 3, 1."""
     for i in range(out.size):
         out[i] = a[i] + d[i] + three * (b[i] + c[i])
 
@@ -196,7 +196,7 @@ def _in_y(rows, stencil, middle, once, twice):
 
 @njit_reassoc
 def _in_x(middle, once, twice, near, far, three, out):
-    """Apply the stencil in x, and add the interpolated coarse rows.
+    """Apply the stencil in x, and add interpolated coarse rows.
 
     `middle`, `once` and `twice` are the sums of `_in_y`; `near` and `far` are the nearer and the farther coarse row.
     """
@@ -279,9 +279,9 @@ def _widen(row, fx, three, periodic, wide, out):
 
 @njit()
 def _widen_parent(k, above, coarse, below, fx, three, periodic, wide, out):
-    """Interpolate coarse row k in x, times 1/4.
+    """Interpolate row k of a coarse field in x, times 1/4.
 
-    Rows are counted from the first of `above`, the halo.
+    `above` and `below` are the halo of `coarse`; rows are counted from the first row of `above`.
     """
     here = k - len(above)
     if here < 0:

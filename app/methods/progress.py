@@ -15,7 +15,7 @@ class NeedsSafeguard(Exception):
 
 
 class HalvingTest:
-    """Test that a number is halved within PATIENCE iterations.
+    """Test whether a number is halved within PATIENCE iterations.
 
     Attributes
     ----------

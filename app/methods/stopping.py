@@ -20,7 +20,7 @@ class InexactStop(StoppingTest):
     coarse_rtol : float
         Largest ||r|| / ||h|| on C for which a coarser grid is left.
     predictor : float
-        Factor that multiplies the predicted change of u, by which cells enter C.
+        Factor on the predicted displacement, by which cells enter C.
     error_bound : float
         Largest error bound (`app.contact.certificate`) for which the target grid counts as solved.
     defect_correction : float
@@ -63,10 +63,9 @@ class InexactStop(StoppingTest):
         return estimate(state, self.error_bound, work).error_bound <= self.error_bound
 
     def is_weak(self, state, h_on_contact):
-        """Return whether (5.1) is weak because contact is small.
+        """Return whether the test (5.1) is weak because contact is small.
 
-        The test is weak if `h_on_contact`, the norm of h on C [mm], is below 1% of ||h||. Then the certificate is
-        checked before a verification product.
+        It is weak if `h_on_contact`, the norm of h on C [mm], is below 1% of the norm of h on all cells.
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 

@@ -180,15 +180,16 @@ def _near_field_correction(dx, dy, levels):
 
 
 def _powers(kind, dx, dy, x, y, power):
-    """Return g_0 = lambda^power at wave numbers x, y, for unit compliance."""
+    """Return eigenvalues of A (`power` 1) or their reciprocals (-1)."""
     return (2 * np.pi * _eigenvalues(kind, dx, dy, x, y)) ** power
 
 
 def coarsen_symbol(values, near, x, y):
-    """Return the remainder g_l on the grid below the levels `near`.
+    """Return the eigenvalues that stencils leave to the next coarser grid.
 
-    g_l is that of the module docstring. `values`, shape (x.size, y.size), are g_0 at the wave numbers x and y, which
-    are divided by the highest ones of the finest grid. `near` are StencilLevels in the unit of g_0.
+    `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, which are divided by the highest
+    ones of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result is g_l of the module
+    docstring.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -325,9 +325,9 @@ class _Parts:
         return (1 + self.a2 + self.c2 - 2 * sine2) * sine2 + self._constant
 
     def _plastic(self, start):
-        """Return integration nodes and weights from `start` to x = 0.
+        """Return integration nodes and weights from `start` to the plastic edge.
 
-        The nodes are dense at K, along the last axis.
+        The nodes are values of v, where x = c sn(v), dense at the edge. They are along the last axis.
         """
         width = math.sqrt(1 - self.c2)
         end = np.arcsinh((self.whole - np.asarray(start))[..., None] / width)
@@ -335,7 +335,7 @@ class _Parts:
         return self.whole - width * np.sinh(v), end * _WEIGHTS * width * np.cosh(v)
 
     def _elastic(self, end):
-        """Return sin^2, and weights of dp, from the contact edge to `end`."""
+        """Return nodes and weights of integrals over the pressure p."""
         width = math.sqrt(self.open) or 1e-12
         end = np.arcsinh(np.asarray(end)[..., None] / width)
         v = end * _NODES

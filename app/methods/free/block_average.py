@@ -53,9 +53,9 @@ class BlockAverage:
         self._means, self._weights, self._work = (np.zeros(self._shape) for _ in range(3))
 
     def set_contact(self, contact, r=None):
-        """Set the contact set; return whether contact is scattered.
+        """Set the contact set; return whether contact consists of scattered spots.
 
-        If a residual r is given, the same reduction over ranks computes its block means.
+        If a residual r is given, its block means are computed, too.
         """
         self._contact = contact
         fields = [contact] if r is None else [contact, r]
@@ -72,14 +72,14 @@ class BlockAverage:
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Update the block means after the residual changed by -share * q.
+        """Update the block means of a residual from which share * q was subtracted.
 
         `means` is the sum of `local_means(q)` over the ranks.
         """
         self._means -= share * means.reshape(self._shape)
 
     def local_means(self, q):
-        """Return this rank's part of the block means of q on contact."""
+        """Return this rank's part of the block means of a field q on contact."""
         blocks = np.zeros(self._shape)
         _sum_blocks(q, self._contact, *self._places, blocks)
         return blocks
@@ -97,8 +97,8 @@ class BlockAverage:
     def apply_transpose(self, r, b):
         """Apply the transpose of `extend` to b, in place; return r.b.
 
-        Only contact cells of b are changed. `r` must be the residual last passed to `extend`, because its block means
-        are then known, and r.b costs no further sum over ranks.
+        Only contact cells of b are changed. `r` must be the residual last passed to `extend`. r.b is the scalar
+        product.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)
@@ -133,7 +133,7 @@ def _add_row_to_blocks(row, cells, blocks):
 
 @njit()
 def _sum_blocks(field, contact, cells, first, row, blocks):
-    """Add the block means of a field to `blocks`.
+    """Add a field's block means on contact to `blocks`.
 
     In the means, cells outside contact count as zero.
     """
@@ -156,9 +156,9 @@ def _sum_row_outside(r, b, contact, total):
 
 @njit()
 def _sum_blocks_outside(r, b, contact, cells, first, row, blocks):
-    """Add the block means of b to `blocks`; return r.b on contact.
+    """Add a field's block means outside contact to `blocks`.
 
-    In the means, contact cells count as zero.
+    The field is b; contact cells count as zero. Return the scalar product r.b over contact, where r is the residual.
     """
     product = 0.0
     for k in _block_rows(first, len(b), cells):

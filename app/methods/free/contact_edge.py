@@ -147,7 +147,7 @@ class EdgeExtension:
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first Richardson step of E^T b in a row."""
+    """Make the first step of E^T b in a row (E: see module)."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -156,10 +156,10 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make a later Richardson step of E^T b in a row.
+    """Make a later step of E or E^T in a row (E: see module).
 
-    `source` is the row of b; if it is zero this is a step of the extension E. `above`, `here` and `below` are rows of
-    the field before the step, and `length` is the step length.
+    `above`, `here` and `below` are rows of the field before the step. `source` is the row of b for E^T b, zero for E.
+    `length` is the step length.
     """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
@@ -171,11 +171,10 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Finish the product E^T b in a row with contact.
+    """Finish E^T b in a row with contact (E: see module).
 
-    s + N s is subtracted from b. E is the extension of the module. s is the field after the last Richardson step;
-    `above`, `here` and `below` are three successive rows of s. N s is the weighted sum over the neighbours of a cell,
-    with `weights`.
+    Subtract s + N s from b in contact cells. `above`, `here` and `below` are rows of s, the field after the last step.
+    N s is the sum over a cell's neighbours with `weights`.
     """
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
@@ -203,15 +202,15 @@ def _set_contact(before, mask, after, steps, contact, away, rows):
 
 @njit()
 def _pad_ends(row, periodic):
-    """Set the cells beyond the ends of a padded row."""
+    """Set the ghost cells at the ends of a row."""
     row[0], row[-1] = (row[-2], row[1]) if periodic else (row.dtype.type(0), row.dtype.type(0))
 
 
 @njit()
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
-    """Make all Richardson steps of the extension, out = E x.
+    """Extend a residual past the contact edge: out = E x (E: see module).
 
-    If `back` is true, apply the transpose E^T to x in place instead.
+    If `back` is true, apply the transpose of E to x in place instead.
     """
     steps, rows = lengths.size, len(contact)
     rings[...] = 0

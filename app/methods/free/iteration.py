@@ -60,7 +60,7 @@ def inexact_active_set(state, solver, loading, stop, history):
 
 
 class _Solved(NamedTuple):
-    """Result of the linear solver on a contact set."""
+    """Result of the linear solver for a contact set."""
 
     iterations: int
     failure: str
@@ -82,7 +82,7 @@ class _Exchanged(NamedTuple):
 
 
 class _ContactSets:
-    """Sequence of contact sets of one grid. Collective.
+    """Iteration over the contact sets of one grid. Collective.
 
     Attributes
     ----------
@@ -103,9 +103,9 @@ class _ContactSets:
         self._largest_load, self._load_has_fallen = 0.0, False
 
     def _max_multilevel_error(self, allowed):
-        """Return the largest acceptable error of multilevel products [mm].
+        """Return the largest allowed error of multilevel products [mm].
 
-        If the residual, recomputed by FFT, is larger, multilevel products are no longer used.
+        If the residual, once recomputed by FFT, exceeds this number, multilevel products are no longer used.
         """
         return max(allowed, 0.5 * self._computed_norm)
 
@@ -143,7 +143,7 @@ class _ContactSets:
         return self._go_on(solved)._replace(too_loose=too_loose)
 
     def record(self, solved, exchanged):
-        """Record residual and load after an update, to test progress."""
+        """Record residual and load, to test later whether they improve."""
         update = exchanged.update
         if exchanged.computed and solved.multilevel:
             self.progress.best = max(
@@ -161,7 +161,7 @@ class _ContactSets:
             self.stop = self.stop.tighter(0.1)
 
     def _go_on(self, solved):
-        """Update a contact set that is not the last one.
+        """Update the contact set, after a solve that was not the last.
 
         The displacement is updated by the last change of p. If the updated displacement is too inaccurate, it is
         recomputed by FFT.

@@ -25,7 +25,7 @@ def lift(transfer, coarse, state):
     """Set contact set and pressure of `state` from the coarser grid.
 
     Collective. On entry u of `state` must be the interpolated displacement of the coarser grid; `coarse.u` is
-    overwritten. Return False if the loads of both grids differ so much that the coarse grid is not accurate enough.
+    overwritten. Return False if the coarse grid is too inaccurate: then the loads of both grids differ much.
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
@@ -58,9 +58,9 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Add overlapping cells to contact; close the gap of contact cells.
+    """Add overlapping cells to contact, and close gaps in contact.
 
-    To close it, the gap h + u is subtracted from `target`, the displacement on the periodic patch.
+    The gap h + u of contact cells is subtracted from `target`, the displacement on the periodic patch.
     """
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

@@ -93,18 +93,15 @@ class TrackingSolver(LinearSolver):
         apply_logged(_event, multilevel_influence(self.operator), p, u)
 
     def free_work(self):
-        """Free work arrays; a pending change of u is lost.
-
-        The caller recomputes u.
-        """
+        """Free work arrays; afterwards u must be recomputed."""
         self._change_not_in_u = False
         if self._large:
             self._cg.free_work()
 
     def check_multilevel(self, state, most):
-        """Stop using multilevel products if their error was too large.
+        """Switch to products by FFT if the multilevel products had a large error.
 
-        Multilevel products were too inaccurate if the residual, which was just recomputed by FFT, exceeds `most` [mm].
+        Their error was too large if the residual, which was just recomputed by FFT, exceeds `most` [mm].
         """
         if self.multilevel:
             self.multilevel = state.on_contact().residual <= most
@@ -134,11 +131,11 @@ class TrackingSolver(LinearSolver):
             self._change_not_in_u, state.displacement_status = False, Displacement.UPDATED
 
     def predict(self, state, factor):
-        """Predict the change of u outside contact for a zero residual [mm].
+        """Predict the displacement outside contact once the system is solved [mm].
 
-        The preconditioner's method ``extend`` continues the residual past the contact edge. ``extend`` uses the contact
-        set of the last solve, so that released cells are not predicted to return. Return `factor` times the change, in
-        a work array of the solver. Return None if `factor` is 0 or the preconditioner has no ``extend``.
+        The preconditioner's method ``extend`` continues the residual of the last solve past the contact edge. The
+        result is the predicted change of u times `factor`, in a work array. It is None if `factor` is 0 or the
+        preconditioner has no ``extend``.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None

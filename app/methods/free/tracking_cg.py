@@ -83,8 +83,8 @@ def _dots_row(d, q, r, contact):
 def _first_residual(b, shift, u, contact, spans, r):
     """Compute the first residual r in contact cells.
 
-    The residual is r = b + shift - u. `spans` receives the first and end column of contact in each row. Return r.r, and
-    the number of cells in these spans.
+    The residual is r = b + shift - u, with right-hand side b + shift and displacement u. `spans` receives the first and
+    end column of contact in each row. Return r.r, and the number of cells in these spans.
     """
     squares, cells = 0.0, 0
     for j in range(r.shape[0]):
@@ -101,7 +101,7 @@ def _first_residual(b, shift, u, contact, spans, r):
 def _advance(change, r, d, q, contact, spans, alpha):
     """Make a step of CG; return r.r.
 
-    The step adds alpha d to `change`, and subtracts alpha q from r.
+    The step adds alpha d to `change`, and subtracts alpha q from the residual r. d is the direction, q = A d.
     """
     squares = 0.0
     for j in range(r.shape[0]):
@@ -191,10 +191,7 @@ class TrackingCG(KspContext):
 
     @property
     def change(self):
-        """Change of x in the last solve.
-
-        The array is in spare storage of the operator, or `free_work` frees it.
-        """
+        """Change of x in the last solve."""
         if self._lent is not None:
             return self._lent
         if self._change is None:
@@ -260,11 +257,11 @@ class TrackingCG(KspContext):
         return self._d
 
     def _preconditioner(self, pc):
-        """Return two functions of the preconditioner, and the arrays r and z.
+        """Return the preconditioner's functions, and arrays for their arguments.
 
-        The first function computes z from r. The second computes the `local_terms` of q, which save a sum over ranks.
-        If the PC has both as methods, as `Circulant` does, r and z have the operator's precision. Other PCs have no
-        local terms, and r and z are in double precision.
+        The first function computes z, the preconditioned residual, from the residual r. The second function is that of
+        `Circulant.local_terms`. r and z are in the operator's precision if the PC has these functions as methods,
+        otherwise in double precision.
         """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)
@@ -283,7 +280,7 @@ class TrackingCG(KspContext):
     def _start(self, ksp, b, x, r):
         """Compute the first residual r = b + shift - u.
 
-        u is `displacement`; if that is None, u is computed as A x. Return the norm of r, and the number of cells in the
+        u is the attribute `displacement`, or A x if this is None. Return the norm of r, and the number of cells in the
         spans of contact.
         """
         u, norm, self.first_norm = self.displacement, self.first_norm, None

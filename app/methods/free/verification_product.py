@@ -41,8 +41,8 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window. Collective over its ranks.
 
-        p is zero outside the window, but the product is that on all cells of the grid, so it needs all ranks. Ranks
-        outside the window do not call this method. They wait in `end` until this method broadcasts a message.
+        p is zero outside the window. The product is computed on all cells of the grid by all ranks; the ranks outside
+        the window take part from `end`, where they wait.
         """
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)
@@ -67,9 +67,9 @@ class VerificationProduct:
     def end(self, state):
         """End the products of a window. Collective.
 
-        Ranks outside the window call this first, and take part in products until the ranks of the window call it, too.
-        Then they receive the factor by which p of `state` was scaled since the last product, or None if this product
-        was freed by `forget`.
+        Ranks outside the window call this method first, and take part in products until the ranks of the window call
+        it, too. Then all receive the factor by which p of `state` was scaled since the last product, or None after
+        `forget`.
         """
         self._scaled = None if self.u is None else state.scaled
         if self._waiting and self._inner.active:

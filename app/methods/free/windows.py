@@ -40,7 +40,7 @@ class CoarseSolution(NamedTuple):
 
 
 class WindowState(ContactState):
-    """State of a window; it owns the window's undeformed distance.
+    """Contact state of a window.
 
     `scaled` is the factor by which p and u were multiplied since the last product in double precision.
     """

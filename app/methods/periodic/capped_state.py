@@ -19,9 +19,9 @@ from app.parallel.reductions import sums_and_minima
 
 
 def primal_state(state, inverse, loading):
-    """Make the state of the primal form on a grid.
+    """Make the `PrimalState` of a grid, with or without a hardness.
 
-    With a hardness it is a `CappedPrimalState`. The parameters are those of `PrimalState`.
+    The parameters are those of `PrimalState`.
     """
     kind = CappedPrimalState if state.bounds.capped else PrimalState
     return kind(state, inverse, loading)
@@ -109,8 +109,8 @@ class CappedPrimalState(PrimalState):
         `w` is the displacement minus the approach [mm]. Cells become plastic in the order of their gaps ``w - b``,
         beginning with the least one, while they carry less than the mean pressure demands. The next cell is the only
         contact cell, or one of several with the same gap. The state's w is shifted by a constant that closes this gap.
-        `excess` is the part of p beyond its bounds [N/mm2]: among cells with the same gap, cells with a larger excess
-        become plastic first.
+        Among cells with the same gap, those with a larger `excess`, the part of p beyond its bounds [N/mm2], become
+        plastic first.
         """
         state, upper = self.state, self.state.bounds.upper
         gap, total = np.where(state.admissible, w - state.distance.b, np.inf), self.mean_pressure * self.cells
@@ -136,7 +136,7 @@ class CappedPrimalState(PrimalState):
     def _exchange_cells(self, solver, *limits):
         """Exchange cells of this rank.
 
-        If the same sets occurred before, only the cell with the worst violation is exchanged.
+        If the same contact sets occurred before, only the cell that violates the conditions most is exchanged.
         """
         state = self.state
         if self._sets in self._left:
@@ -145,7 +145,7 @@ class CappedPrimalState(PrimalState):
         return state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
 
     def _exchange_worst(self, solver, slack, least_gap, compliance, far, captured):
-        """Exchange only the cell with the worst violation.
+        """Exchange only the cell that violates the conditions most.
 
         This ends a cycle of contact sets.
         """

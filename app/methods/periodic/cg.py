@@ -41,9 +41,10 @@ def _dots_row(d, q, p, free):
 
 @njit()
 def _dots(d, q, p, free):
-    """Return scalar products of direction, its product and pressure.
+    """Return the scalar products of a step of CG.
 
-    The product is q = B d. The scalar products are d.q and d.p over all cells, and p.p, p.q and q.q over free cells.
+    They are d.q and d.p over all cells, and p.p, p.q and q.q over free cells. d is the direction, q = B d, p the
+    pressure.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
@@ -91,7 +92,7 @@ def _normed_row(z, q):
 
 @njit()
 def _normed(z, q):
-    """Return the scalar products z.z and z.q."""
+    """Return the scalar products z.z and z.q of two fields."""
     sums = 0.0, 0.0
     for j in range(z.shape[0]):
         sums = add_tuples(sums, _normed_row(z[j], q[j]))

@@ -112,7 +112,7 @@ def _finish_unsolved(primal, solver):
 
 
 class _Accuracy:
-    """Error of w that the solver tries to reach.
+    """Accuracy that the solver tries to reach in w = u - approach.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class _Accuracy:
         self.verification_failed = self.exhausted = False
 
     def lower(self, reached, error, lowest):
-        """Lower the aim after a failed verification.
+        """Lower the error that the solver aims at.
 
         `reached` is the error estimated by the preconditioned residual, `error` the error found by the verification
         (NaN without pressure), and `lowest` the rounding error [mm].
@@ -170,10 +170,10 @@ def _judge(primal, p, stop, allowed):
 
 
 def _continue(verdict, primal, solver, accuracy, reached, captured):
-    """Recompute p, or lower the aim, after a failed verification.
+    """Make the solver more accurate after a failed verification.
 
-    Collective. `reached` is the error estimated by the solver's residual [mm]; `captured` is true if the last exchange
-    added cells to contact.
+    Collective. p is recomputed, or the aim is lowered. `reached` is the error estimated by the solver's residual [mm];
+    `captured` is true if the last exchange added cells to contact.
     """
     primal.restore_contact()
     drifted = verdict.error > MAX_ERROR_RATIO * reached
@@ -228,6 +228,6 @@ def verify(primal, p):
 
 
 def accept(primal, p):
-    """Set the pressure of the state to `p`, the result of `verify`."""
+    """Set the state's pressure to `p`, the result of `verify`."""
     primal.state.values[...] = p
     primal.state.displacement_status = Displacement.EXACT

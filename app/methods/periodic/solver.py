@@ -89,12 +89,12 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def _set(self):
-        """Set attributes of KSP and PC, which are new after an interrupt."""
+        """Set attributes of KSP and PC, which PETSc makes again after an interrupt."""
         self.preconditioner.constrained = self._constrained
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
     def end(self):
-        """Give back the storage of `carried` to the state."""
+        """Return the storage of the updated pressure to the state."""
         self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
@@ -160,7 +160,7 @@ def _check_kinds(options):
 
 
 def coarser_operator(hierarchy, number):
-    """Return A on the coarser grid that a level's preconditioner uses.
+    """Return A on the coarser grid of a level's preconditioner.
 
     None for the coarsest level.
     """

@@ -72,7 +72,7 @@ class PrimalState:
         return -self.mean(self.w)
 
     def largest(self):
-        """Return the largest |w|, the scale of rounding errors [mm]."""
+        """Return the largest |w|, where w = u - approach [mm]."""
         return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
 
     @property
@@ -103,7 +103,7 @@ class PrimalState:
         self.pending = self.approximate = False
 
     def balance_free_cells(self, solver):
-        """Shift the mean pressure: make p zero on average in free cells."""
+        """Make the mean pressure of the free cells zero, by a constant."""
         p = solver.carried if self.pending else self.state.p
         total, cells = self.state.sum(
             [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
@@ -134,8 +134,8 @@ class PrimalState:
     def add_mean_pressure(self, missing, carried=None):
         """Add a constant to the pressure of all cells.
 
-        The constant `missing` [N/mm2] is added to the attribute `mean_pressure`, to the state's p, and to `carried`,
-        the solver's newer copy of p, if given.
+        The constant `missing` [N/mm2] is added to `mean_pressure`, to p, and to `carried`, the solver's copy of p, if
+        given.
         """
         self.mean_pressure += missing
         p = self.state.values
@@ -144,7 +144,7 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore the mean of w under a prescribed approach.
+        """Restore the mean of w = u - approach if it is prescribed.
 
         The correction is zero in contact. The correction is also added to each field of `changes`.
         """
@@ -214,11 +214,11 @@ class PrimalState:
         self.refresh(exact)
 
     def _touchable(self):
-        """Return a mask of the cells that enter contact if they overlap."""
+        """Return a mask of cells that may enter contact."""
         return self.state.admissible
 
     def _guess_sources(self, scale, force, lowest):
-        """Compute the data of the guess; see `kernels.guess_sources`.
+        """Compute the data of `guess`; see `kernels.guess_sources`.
 
         Return the displacement of a cell by the highest possible pressure on it, or None if there is no limit.
         """
@@ -226,11 +226,11 @@ class PrimalState:
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)
 
     def _apply_guess(self, x, lowest):
-        """Add x to w, and set C; see `kernels.apply_guess`."""
+        """Add the guess x to w, and set C; see `kernels.apply_guess`."""
         loops.apply_guess(x, lowest, self.w, self.state.distance.b, self.state.contact)
 
     def _touch(self):
-        """Shift w so that the cells with the smallest gap touch.
+        """Shift w = u - approach so that the cells with the smallest gap touch.
 
         These cells become the contact set.
         """

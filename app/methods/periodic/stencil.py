@@ -208,9 +208,9 @@ def _interpolate_row(wide, place, row):
 
 @njit()
 def _interpolate_at(t, coarse, places, wide, row):
-    """Interpolate row t bilinearly from coarse rows, into `row`.
+    """Interpolate a fine row bilinearly from coarse rows, into `row`.
 
-    `places` is that of `sweep`; `wide` is a work row.
+    t is the number of the fine row, `places` is that of `sweep`, and `wide` is a work row.
     """
     in_y, in_x = places
     centre = in_y[0] * t + in_y[1]

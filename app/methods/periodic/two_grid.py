@@ -282,7 +282,7 @@ class _LongWaves:
         return self._around(self._u), self._places, (self._wide, self._row)
 
     def _gather_coarse(self):
-        """Gather the means over coarse cells on the coarse grid's ranks."""
+        """Send the means over coarse cells to the ranks of the coarse grid."""
         sums, rest = self._sums[bool(self._skipped) :], self._rest(self._sums[:1])
         if len(rest):
             sums[-1] += rest.sum(axis=0)
