@@ -38,44 +38,36 @@ def notes_on(state, problem, contact, roughness):
     -------
     list of str
     """
-    grid, notes = state.grid, list(problem.notes)
-    side = max(grid.nx * grid.dx, grid.ny * grid.dy)
-    modulus = problem.material.contact_modulus
-    notes += note_doubtful_moduli(problem.material)
+    grid, notes, material = state.grid, list(problem.notes), problem.material
+    notes += note_doubtful_moduli(material)
     if state.bounds.capped and contact.max_pressure > 0:
         notes += note_hardness(problem, contact)
-    if contact.max_pressure > MAX_ELASTIC_PRESSURE * modulus:
+    if contact.max_pressure > MAX_ELASTIC_PRESSURE * material.contact_modulus:
         notes.append(
-            f"the maximum pressure is {contact.max_pressure / modulus:.2g} E*: beyond what solids bear elastically, or "
-            "a modulus is in another unit than N/mm2, a length in another one than mm"
+            f"the maximum pressure is {contact.max_pressure / material.contact_modulus:.2g} E*: solids do not bear "
+            "this elastically, or a modulus is not in N/mm2, or a length not in mm"
         )
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
-    doubts = [note for surface in measured if (note := note_doubtful_units(surface, grid))]
+    doubts = [note for surface in measured for note in note_doubtful_units(surface, grid)]
     notes += doubts
-    notes += [note for surface in measured if (note := note_spike(surface))]
-    notes += [note for surface in measured if (note := note_filled_points(surface, state))]
+    notes += [note for surface in measured for note in note_spike(surface)]
+    notes += [note for surface in measured for note in note_filled_points(surface, state)]
     if roughness.rms_slope > MAX_SLOPE and not doubts:
         notes.append(
-            f"the rms slope is {format_distinct(roughness.rms_slope, MAX_SLOPE, 2)}: the theory is for slopes "
+            f"the rms slope is {format_distinct(roughness.rms_slope, MAX_SLOPE, 2)}: the theory holds for slopes "
             f"below {MAX_SLOPE:g}"
         )
-    if any(surface.spacing is None for surface in measured) and min(grid.nx, grid.ny) > 1:
-        shape = np.log(grid.dx / grid.dy)
-        exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
-        if abs(shape) > 1e-3 and (exchanged or abs(shape) < MAX_LOG_SQUARE):
-            what = "square if the sides of the patch are exchanged" if exchanged else "nearly square"
-            notes.append(
-                f"cells are {format_lengths(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?"
-            )
+    if any(surface.spacing is None for surface in measured):
+        notes += _note_cell_shape(grid)
     across, inside = roughness.steps_at_sides
     if across > MAX_SEAM * inside > 0:
         what = "the measured surface" if measured else "the shape"
         notes.append(
-            f"across the sides of the periodic patch distances step by {format_lengths(across)} (rms), between other "
-            f"cells by {format_lengths(inside)}: {what} is not periodic, and touches at these steps"
+            f"distances step by {format_lengths(across)} (rms) across the sides of the periodic patch, and by "
+            f"{format_lengths(inside)} between other cells: {what} is not periodic, and touches at these steps"
         )
-    for coating in problem.material.coatings:
-        notes += note_thin_layer(coating, grid)
+    notes += [note for coating in material.coatings for note in note_thin_layer(coating, grid)]
+    side = max(grid.nx * grid.dx, grid.ny * grid.dy)
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"
@@ -85,49 +77,64 @@ def notes_on(state, problem, contact, roughness):
             f"the bodies approach each other by {format_distinct(state.depth, side, 2)} mm beyond first touch, "
             f"more than the patch is wide ({format_distinct(side, state.depth, 2)} mm)"
         )
-    if contact.max_pressure > 0 and max(grid.nx, grid.ny) >= MIN_SHAPE_CELLS:
-        widths = contact_width(state, contact, MIN_CONTACT_CELLS)
-        # A contact that crosses the patch has no width in that direction.
-        narrow = [
-            (width, axis)
-            for width, n, axis in zip(widths, (grid.nx, grid.ny), "xy", strict=True)
-            if width < min(n, MIN_CONTACT_CELLS)
-        ]
-        if narrow:
-            width, axis = min(narrow)
-            notes.append(
-                f"contact is {width} cell{'s'[: width != 1]} only: that is its largest width in {axis}; take a finer "
-                "grid or a smaller patch"
-            )
     if grid.periodic and roughness.rms_height == 0:
         notes.append(
-            "the distance is the same in all cells of this periodic patch: the cells show nothing of the bodies"
+            "the distance is the same in all cells of this periodic patch: the bodies have no shape here"
         )
+    return notes + _note_narrow_contact(state, contact) + _note_boundary(state, contact)
+
+
+def _note_cell_shape(grid):
+    """Return a note if x may be exchanged with y."""
+    shape = np.log(grid.dx / grid.dy)
+    exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
+    if min(grid.nx, grid.ny) == 1 or abs(shape) <= 1e-3 or not (exchanged or abs(shape) < MAX_LOG_SQUARE):
+        return []
+    what = "square if the sides of the patch are exchanged" if exchanged else "nearly square"
+    return [f"cells are {format_lengths(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?"]
+
+
+def _note_narrow_contact(state, contact):
+    """Return a note if contact is few cells wide. Collective."""
+    grid = state.grid
+    if not contact.max_pressure > 0 or max(grid.nx, grid.ny) < MIN_SHAPE_CELLS:
+        return []
+    widths = contact_width(state, contact, MIN_CONTACT_CELLS)
+    # A contact that crosses the patch has no width in that direction.
+    sides = zip(widths, (grid.nx, grid.ny), "xy", strict=True)
+    narrow = [(width, axis) for width, n, axis in sides if width < min(n, MIN_CONTACT_CELLS)]
+    if not narrow:
+        return []
+    width, axis = min(narrow)
+    cells = f"{width} cell{'s'[: width != 1]}"
+    return [f"contact is at most {cells} wide in {axis}: use a finer grid or a smaller patch"]
+
+
+def _note_boundary(state, contact):
+    """Return notes on a narrow free patch, and on contact at its boundary. Collective."""
+    grid, notes = state.grid, []
+    if grid.periodic:
+        return notes
     narrow, long = sorted((grid.nx, grid.ny))
-    if not grid.periodic and (narrow == 1 < long or (narrow < MIN_CONTACT_CELLS and long >= MIN_SHAPE_CELLS)):
+    if narrow == 1 < long or (narrow < MIN_CONTACT_CELLS and long >= MIN_SHAPE_CELLS):
         notes.append(
-            f"the patch is {narrow} cell{'s'[: narrow != 1]} wide: a strip pressed on that width, no plane strain "
+            f"the patch is {narrow} cell{'s'[: narrow != 1]} wide: this is a strip of that width, no plane strain "
             "(see periodic= (-periodic))"
         )
-    if not grid.periodic and _touches_boundary(state, contact.contact_cells):
-        what = "contact reaches" if contact.contact_cells else "the smallest distance is found at"
-        notes.append(f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it")
+    if _touches_boundary(state, contact.contact_cells):
+        what = "contact" if contact.contact_cells else "the smallest distance"
+        notes.append(f"{what} is at the patch boundary: enlarge the domain if the bodies extend beyond it")
     return notes
 
 
 def note_thin_layer(coating, grid):
-    """Return notes on a layer thinner than cells are wide.
-
-    Only nearly incompressible layers on a rigid base are noted.
-    """
-    cell = max(grid.dx, grid.dy)
-    if not coating.on_rigid_base or grid.periodic == "spectral" or cell <= coating.thickness:
-        return []
-    if coating.poisson[0] <= MAX_COMPRESSIBLE_POISSON:
+    """Return a note if a nearly incompressible layer on a rigid base is thinner than cells are wide."""
+    is_thin = max(grid.dx, grid.dy) > coating.thickness and grid.periodic != "spectral"
+    if not (is_thin and coating.on_rigid_base and coating.poisson[0] > MAX_COMPRESSIBLE_POISSON):
         return []
     return [
         f"the layer, {format_lengths(coating.thickness)} thick and nearly incompressible, is thinner than cells are "
-        "wide: uniform pressures on cells make it too soft"
+        "wide: it is too soft under uniform pressures on cells"
     ]
 
 
@@ -136,20 +143,18 @@ def note_doubtful_moduli(material):
     bodies = zip(*((material.bodies or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
     elastic = [body for body in bodies if np.isfinite(body[0])]
     young = [value for value, _ in elastic]
-    what, values = (
-        ("Young's modulus", young) if young else ("the contact modulus E*", [material.contact_modulus])
-    )
+    what = "Young's modulus" if young else "the contact modulus E*"
     notes = [
-        f"{what} is {value:.3g} N/mm2, {'more' if value > MAX_MODULUS else 'less'} than solids have; N/mm2 are MPa: "
-        "is it in another unit, such as Pa or GPa?"
-        for value in dict.fromkeys(values)
+        f"{what} is {value:.3g} N/mm2, {'more' if value > MAX_MODULUS else 'less'} than any solid has; N/mm2 are "
+        "MPa: is it in another unit, such as Pa or GPa?"
+        for value in dict.fromkeys(young or [material.contact_modulus])
         if not MIN_MODULUS <= value <= MAX_MODULUS
     ]
     modulus, poisson = max(elastic, default=(np.inf, 0.5))
     if not notes and DOUBTFUL_MODULI[0] < modulus < DOUBTFUL_MODULI[1] and poisson < MIN_RUBBER_POISSON:
         notes.append(
-            f"Young's modulus of the stiffer body, {modulus:.4g} N/mm2, is as soft as a plastic; N/mm2 are MPa: if GPa "
-            f"was meant write {modulus:.4g}e3"
+            f"the stiffer body is as soft as a plastic, with Young's modulus {modulus:.4g} N/mm2; N/mm2 are MPa: for "
+            f"GPa write {modulus:.4g}e3"
         )
     return notes
 
@@ -159,7 +164,7 @@ def note_hardness(problem, contact):
     hardness, pressure = float(np.min(problem.hardness)), contact.max_pressure
     largest = MAX_ELASTIC_PRESSURE * problem.material.contact_modulus
     if not contact.plastic_area and problem.indentation is None:
-        doubt = "; it is above E*/5: is it in another unit than N/mm2?" if hardness > largest else ""
+        doubt = "; it is above E*/5: is it in N/mm2?" if hardness > largest else ""
         return [
             f"the hardness {format_distinct(hardness, pressure, 5)} N/mm2 has no effect: the maximum pressure is "
             f"{format_distinct(pressure, hardness, 5)} N/mm2{doubt}"
@@ -167,24 +172,22 @@ def note_hardness(problem, contact):
     if contact.plastic_area < contact.contact_area:
         return []
     if contact.plastic_fraction < 1:
-        return ["all contact is plastic: several approaches have this load, this is one of them"]
-    return [
-        f"all cells are plastic: {contact.load:.6g} N is the largest load, and larger approaches have it, too"
-    ]
+        return ["all contact is plastic: this is one of several approaches with this load"]
+    return [f"all cells are plastic: {contact.load:.6g} N is the largest load, also of larger approaches"]
 
 
 def note_filled_points(surface, state):
-    """Return a note if filled points carry load, else None. Collective."""
+    """Return a note if filled points carry load. Collective."""
     share = surface.filled_on(state.grid, state.operator.slabs.rows)
     if share is None:
-        return None
+        return []
     carried, load = state.sum([np.vdot(share, state.p), state.p.sum()])
     if carried <= MAX_FILLED_SHARE * load:
-        return None
-    return (
-        f"surface file {surface.file}: {100 * carried / load:.2g}% of the load is carried by points that were missing "
-        "and are filled: their heights are a guess; leave them out by missing='hole' (-surface_missing hole), or crop"
-    )
+        return []
+    return [
+        f"surface file {surface.file}: {100 * carried / load:.2g}% of the load is carried by filled points, whose "
+        "heights are interpolated; leave them out by missing='hole' (-surface_missing hole), or crop"
+    ]
 
 
 def _touches_boundary(state, contact_cells):

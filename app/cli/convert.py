@@ -64,7 +64,7 @@ def main(argv):
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
     from app.io.files import check_output_path, hash_file
-    from app.problems.surfaces.doubts import note_doubtful_units, note_spike
+    from app.problems.surfaces.doubts import note_doubts
     from app.problems.surfaces.reading import make_surface
 
     path, file = arguments.file, _without_dataset(arguments.file)
@@ -80,7 +80,7 @@ def main(argv):
     with report_write_errors(arguments.output):
         _write(arguments.output, source, {**origin, "source": file.name, "sha256": hash_file(file)})
     streams.print_output(f"{arguments.output}: {surface.understood()}")
-    for note in filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface))):
+    for note in note_doubts(surface, surface.grid()):
         streams.print_error(f"warning: {note}")
     return 0
 

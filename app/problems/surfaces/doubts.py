@@ -9,26 +9,32 @@ MAX_SPIKE = 12.0  # rms steps by which a point may exceed its neighbours; Gaussi
 
 
 def note_doubtful_units(surface, grid):
-    """Return a warning if a measured surface has unusual slopes, else None."""
+    """Return a warning if a measured surface has unusual slopes."""
     slope = surface.rms_slope(grid)
     flat = MIN_WIDE_SLOPE if max(surface.cell(grid)) > WIDE_CELL else MIN_MEASURED_SLOPE
     if slope > MAX_SLOPE:
-        what = f"steeper than the theory is for (slopes below {MAX_SLOPE:g}), by spikes, perhaps"
+        what = f"is steeper than the theory allows (slopes below {MAX_SLOPE:g}), perhaps because of spikes"
     elif 0 < slope < flat and surface.rms_level > surface.rounding:
-        what = "flatter than most surfaces"
+        what = "is flatter than most surfaces"
     else:
-        return None
-    what = f"surface file {surface.file}: is {what}"
-    return f"{what}; are heights and spacing in the units said? {surface.understood(grid)}"
+        return []
+    return [
+        f"surface file {surface.file}: {what}; are the units right? It was read as {surface.understood(grid)}"
+    ]
 
 
 def note_spike(surface):
-    """Return a warning if a measured surface has a spike, else None."""
+    """Return a warning if a measured surface has a spike."""
     height, steps, row, column = surface.spike
     if steps <= MAX_SPIKE or height <= surface.rounding:
-        return None
-    return (
-        f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands "
-        f"{format_lengths(height)} above all beside it, {steps:.0f} times the rms step from cell to cell; they "
-        "carry the load: take them out first"
-    )
+        return []
+    return [
+        f"surface file {surface.file}: has spikes: the point in row {row}, column {column} is {format_lengths(height)} "
+        f"above its highest neighbour, {steps:.0f} times the rms step from cell to cell; spikes carry the load: remove "
+        "them first"
+    ]
+
+
+def note_doubts(surface, grid):
+    """Return all warnings about a measured surface."""
+    return note_doubtful_units(surface, grid) + note_spike(surface)

@@ -13,7 +13,7 @@ from app.base.errors import InputError, warn_notes
 from app.base.units import UNITS, find_unit, format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import validate_symbol
-from app.problems.surfaces.doubts import note_doubtful_units, note_spike
+from app.problems.surfaces.doubts import note_doubts
 from app.problems.surfaces.filters import check_cells, check_order
 from app.problems.surfaces.height_map import TURNS, open_heights
 from app.problems.surfaces.measured_surface import Surface
@@ -142,7 +142,7 @@ def read_surface(
         surface = surface.filtered(surface.grid(), s_filter, l_filter)
     warned = surface.notes
     if surface.spacing:
-        warned += tuple(filter(None, (note_doubtful_units(surface, surface.grid()), note_spike(surface))))
+        warned += tuple(note_doubts(surface, surface.grid()))
     warn_notes(warned)
     return replace(surface, warned=warned)
 

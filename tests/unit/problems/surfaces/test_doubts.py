@@ -15,14 +15,14 @@ def test_spikes_are_noted_and_surfaces_are_not(saved):
     smooth = np.cumsum(np.cumsum(noise, axis=0), axis=1)
     edge = np.where(np.indices(noise.shape)[1] > 150, 50.0, 0.0) + 0.01 * noise
     for heights in (noise, smooth, edge, np.zeros((200, 300)), noise[:1], noise[:1, :1]):
-        assert note_spike(read_surface(heights, "um")) is None
+        assert note_spike(read_surface(heights, "um")) == []
     noise[120, 30] += 100
     noise[120, 31] = np.nan
     surface = read_surface(noise, "um", spacing=(0.001, 0.001))
-    assert "row 120, column 30 stands 101 um above all beside it" in note_spike(surface)
+    assert "row 120, column 30 is 101 um above its highest neighbour" in note_spike(surface)[0]
     filtered = surface.filtered(surface.grid(), s_filter=0.005)
     assert note_spike(filtered) == note_spike(surface)  # smeared, not removed
-    assert note_spike(read_surface(-noise, "um")) is None  # pits carry nothing
+    assert note_spike(read_surface(-noise, "um")) == []  # pits carry nothing
     solution = solve(
         ContactProblem(surface.grid(), Material.from_contact_modulus(1e3), surfaces=[surface]), load=0.01
     )
@@ -33,9 +33,9 @@ def test_spikes_are_noted_and_surfaces_are_not(saved):
 def test_a_spike_on_a_tilt_is_noted_and_a_tilt_is_not(tilt):
     noise = 0.03 * np.random.default_rng(2).normal(size=(40, 60))
     heights = noise + tilt[0] * np.arange(60) + tilt[1] * np.arange(40)[:, None]
-    assert note_spike(read_surface(heights, "um")) is None
+    assert note_spike(read_surface(heights, "um")) == []
     heights[12, 30] += 2
-    assert "row 12, column 30 stands " in note_spike(read_surface(heights, "um"))
+    assert "row 12, column 30 is " in note_spike(read_surface(heights, "um"))[0]
 
 
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
@@ -52,9 +52,9 @@ def test_a_spike_on_a_tilt_is_noted_and_a_tilt_is_not(tilt):
 )
 def test_rounding_is_neither_spikes_nor_flatness(heights, level, precision):
     surface = read_surface(heights.astype(precision), "um", level, spacing=(1e-3, 1e-3))
-    assert note_spike(surface) is None
-    assert "flatter" not in (note_doubtful_units(surface, surface.grid()) or "")
-    assert note_spike(surface.resampled()) is None
+    assert note_spike(surface) == []
+    assert not note_doubtful_units(surface, surface.grid())
+    assert note_spike(surface.resampled()) == []
 
 
 # What is measured: size of a cell [um], rms slope.
@@ -89,7 +89,7 @@ def test_a_mistaken_unit_is_noted_and_a_right_one_is_not(saved, mistake):
         side = 1e-3 * cell * wider
         grid = surface.grid((0, 64 * side, 0, 48 * side))
         problem = ContactProblem(grid, Material.combined(1.0, 0.3), surfaces=[surface])
-        notes += note_doubtful_units(surface, grid) is not None
+        notes += len(note_doubtful_units(surface, grid))
         assert "64 x 48 heights in um, cells of " in problem.describe()["surface_read"]
     assert (
         notes == {"none": 0, "spacing um for mm": 9, "heights um for mm": 8, "heights mm for um": 7}[mistake]
