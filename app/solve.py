@@ -1,4 +1,4 @@
-"""Solve one contact problem: ``mpiexec -n 2 python -m app.solve -options_file ...``, see `app.cli.solve`."""
+"""Solve one contact problem: ``python -m app.solve``, see `app.cli.solve`."""
 
 import sys
 import types

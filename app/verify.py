@@ -1,4 +1,4 @@
-"""Check the program against solutions that are known: ``python -m app.verify``, see `app.verification.verify`."""
+"""Verify the program: ``python -m app.verify``, see `app.verification.verify`."""
 
 import sys
 

@@ -250,9 +250,10 @@ class Derivatives:
             yield solve
 
     def _stiffness_of(self, cells):
-        """Return the stiffness dx dy sum(q), A q = 1, of `cells` [N/mm]. Collective.
+        """Return the stiffness of some cells in contact [N/mm]. Collective.
 
-        The uniform displacement of a layer on a rigid base acts as a spring in series with this stiffness.
+        The stiffness is dx dy sum(q), where q is zero outside `cells` and A q = 1 there. The uniform displacement of a
+        layer on a rigid base acts as a spring in series with it.
         """
         grid, count = self.hierarchy.target.grid, self._sum(cells)
         uniform = self._uniform_compliance / grid.area

@@ -191,7 +191,7 @@ def note_filled_points(surface, state):
 
 
 def _touches_boundary(state, contact_cells):
-    """Return whether contact, or else the smallest distance, is at the patch boundary."""
+    """Return whether contact is at the patch boundary."""
     if contact_cells:
         cells = state.in_contact()
     else:

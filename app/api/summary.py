@@ -190,7 +190,7 @@ def format_grids(rows):
 
 
 def refinement_table(refined, until, quantities):
-    """Return a table of a refinement's grids, and a line on its errors."""
+    """Return a table of a refinement's grids, and its error."""
     state = "is below" if refined.reached else "is NOT below"
     errors = f"the largest error of {', '.join(map(label_of, quantities))}"
     return f"{format_grids(refined.rows)}{errors} {state} {format_exact(until)}"

@@ -1,4 +1,4 @@
-"""Tables of the options of geometry and material, and which of them exclude each other."""
+"""Tables of the options of geometry and material."""
 
 import numpy as np
 

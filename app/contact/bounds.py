@@ -63,7 +63,7 @@ class PressureBounds:
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
-        """Return the change of p by `step`, clipped to the bounds [N/mm2]."""
+        """Return `step`, limited so that p stays within the bounds [N/mm2]."""
         return np.where(self.admissible, np.maximum(p + step, self.lower) - p, 0.0)
 
     def to_bound(self, p, contact):
@@ -71,7 +71,7 @@ class PressureBounds:
         return np.where(contact, 0.0, self.lower - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with p > lower bound + margin."""
+        """Return a mask of cells with p above the lower bound by `margin`."""
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
@@ -197,7 +197,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.local_load(b, depth, u, p, self.upper, self.admissible, t, compliance)
 
     def change(self, p, step):
-        """Return the change of p by `step`, clipped to the bounds [N/mm2]."""
+        """Return `step`, limited so that p stays within the bounds [N/mm2]."""
         return np.where(self.admissible, np.clip(p + step, self.lower, self.upper) - p, 0.0)
 
     def to_bound(self, p, contact):
@@ -209,7 +209,7 @@ class CappedBounds(PressureBounds):
         return np.where(contact, 0.0, bound - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with margin < p < H - margin."""
+        """Return a mask of cells between the bounds, less `margin`."""
         return self.admissible & (p > self.lower + margin) & (p < self.upper - margin)
 
     def contact(self, p, gap, margin=0.0):

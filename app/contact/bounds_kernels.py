@@ -14,7 +14,7 @@ NO_CELLS = 0, 0, 0, 0.0, 0.0, 0.0  # result of `activate` without cells
 
 @njit_reassoc
 def violation(p, admissible):
-    """Return by how much a pressure violates its bounds."""
+    """Return by how much a pressure violates p >= 0."""
     return -p if admissible else abs(p)
 
 
@@ -22,8 +22,8 @@ def violation(p, admissible):
 def projected_displacement(free, closed):
     """Return the displacement of a cell, with or without pressure.
 
-    Return `closed`, the displacement that closes the gap, if this needs p >= 0. Otherwise return `free`, the
-    displacement without pressure.
+    `closed` is the displacement that closes the gap, `free` that without pressure. Return `closed` if it needs p >= 0,
+    otherwise `free`.
     """
     return max(free, closed)
 
@@ -50,8 +50,8 @@ def _release_row(p, contact, released):
 def release(p, contact, released, change):
     """Remove cells with p < 0 from the contact set C.
 
-    p is set to zero there, and these cells are marked in `released`. Return their number. The change of p is added to
-    `change`, unless this array has size 0.
+    In these cells p is set to zero and `released` to true. Return their number. The change of p is added to `change`,
+    unless this array has size 0.
     """
     count = 0
     for j in range(p.shape[0]):

@@ -16,8 +16,8 @@ from app.parallel.reductions import add_row, add_tuples, njit_reassoc
 def clipped_displacement(free, closed, room):
     """Return the displacement of a cell whose pressure is within bounds.
 
-    Return `closed`, the displacement that closes the gap, if this needs 0 <= p <= H. Otherwise return `free`, the
-    displacement without pressure, or `free` + `room`, that under the pressure H.
+    `closed` is the displacement that closes the gap, `free` that without pressure, and `free` + `room` that under the
+    pressure H. Return `closed` if it needs 0 <= p <= H, otherwise one of the other two.
     """
     return max(free, min(closed, free + room))
 

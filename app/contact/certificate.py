@@ -265,7 +265,7 @@ def _close_gap(state, energy, enough, work, capped):
 
 
 def _gap_with_mean(gaps, excess, inside, n, depths=0.0):
-    """Choose a dual feasible gap g that has the mean of e.
+    """Choose a dual feasible gap g with the mean of the gap e.
 
     ``g = (1 + stretch) max(e - p / B_II, 0) + constant``, where the constant is 0 if the stretch is within -1 and 1.
     In inadmissible cells any g is allowed; there the change of the gap is `elsewhere`. `inside` of the n cells are

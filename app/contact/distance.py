@@ -18,7 +18,7 @@ _MIN_SEARCHED_GAP = 1e-10  # least mean gap in the search for a load, over the m
 
 
 class Statistics(NamedTuple):
-    """Statistics of h that give its norm at any approach."""
+    """Sums over h, from which its norm at any approach follows."""
 
     cells: int  # number of admissible cells
     mean: float  # mean undeformed distance of these cells at depth 0 [mm]
@@ -125,7 +125,7 @@ class UndeformedDistance:
         self.rhs = wrap_vec(b, operator)
 
     def h_at(self, depth):
-        """Return h at a depth [mm], with NaN in inadmissible cells."""
+        """Return the undeformed distance at a depth [mm]; NaN in inadmissible cells."""
         return np.where(self.admissible, -(self.b + depth), np.nan)
 
     @property

@@ -82,10 +82,10 @@ class FullContact:
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
-        """Compute p = B (-h), and the allowed mean pressures. Collective.
+        """Compute the pressure of full contact, and its allowed means. Collective.
 
-        B is `inverse`, which is None on ranks without rows. Return the least and the largest mean pressure [N/mm2] that
-        may be added to p.
+        p is set to B (-h), where B is the `inverse` of A (None on ranks without rows). Return the least and the largest
+        mean pressure that may be added to p [N/mm2].
         """
         if inverse is not None:
             inverse.apply(distance.b, p)

@@ -50,7 +50,7 @@ class GridSequence:
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and ranks without rows of `state`.
+        """Return the communicator of rank 0 and the ranks without rows.
 
         On other ranks the result is None.
         """

@@ -58,9 +58,9 @@ class Loading:
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement of a loaded cell [mm].
+        """Return the displacement of a cell by the mean pressure on it [mm].
 
-        The cell has the mean pressure. The displacement is 0 if the mean pressure is unknown.
+        The result is 0 if the mean pressure is unknown.
         """
         return 0.0
 
@@ -76,7 +76,7 @@ class Loading:
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return `measures` with the prescribed number set without rounding."""
+        """Return `measures` with the exact prescribed number."""
         return measures
 
     def first_solve(self, state, solve):
@@ -84,7 +84,7 @@ class Loading:
         raise NotImplementedError
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Solve by a root search for a prescribed load, else directly. Collective.
+        """Solve by a root search if the load is prescribed. Collective.
 
         The function ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a
         factor on the tolerance of these solves, because the pressure is scaled to the load after them. `rtol` is the

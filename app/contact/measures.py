@@ -186,7 +186,7 @@ def measure_roughness(operator, distance, shape):
 
 
 def _steps_at_sides(operator, shape):
-    """Return rms height steps between opposite sides of a patch, and next to them.
+    """Return rms height steps across a patch's sides, and next to them.
 
     Collective.
     """

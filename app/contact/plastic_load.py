@@ -48,7 +48,7 @@ def step_to_load(state, load, target, stiffness=0.0):
 
 
 def _zero(function, one, other, allowed):
-    """Return the zero of a monotone function, by the Illinois method.
+    """Find the zero of a monotone function by the Illinois method.
 
     `one` and `other` are points (t, value) with values of opposite signs. A value up to `allowed` counts as zero.
     """

@@ -134,7 +134,7 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the relative error of load^(2/3) at a depth.
+            """Return the error of load^(2/3) at a depth, divided by its target.
 
             For a sphere this error is linear in the depth.
             """
@@ -337,7 +337,7 @@ class PrescribedLoad(Loading):
 
 
 def _root(function, low, high, xtol):
-    """Return the zero of an increasing function between `low` and `high`."""
+    """Find the zero of an increasing function between `low` and `high`."""
     for _ in range(_MAX_SECANTS):
         a, b = function(low), function(high)
         middle = low - a * (high - low) / (b - a)

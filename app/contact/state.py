@@ -1,4 +1,4 @@
-"""The contact state on one grid, and the steps of Sec. 4.1 on it.
+"""Contact state on one grid, with the steps of Sec. 4.1.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -224,7 +224,7 @@ class ContactState:
     def on_contact_or_overlap(self):
         """Return the `Gaps` of C and overlapping cells, with the load. Collective.
 
-        Plastic cells may overlap, and are left out.
+        Plastic cells are left out.
         """
         overlapping = self.not_plastic()
         sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, overlapping)
@@ -232,7 +232,7 @@ class ContactState:
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
     def forget_exchanges(self):
-        """Forget the numbers of cells that were exchanged, before a new iteration."""
+        """Reset the numbers of changed cells, before a new iteration."""
         self._fewest_changed, self._stagnating, self._has_released = np.inf, 0, False
 
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------

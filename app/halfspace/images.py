@@ -46,26 +46,26 @@ class Box:
         self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
     def kernel(self, rows, columns):
-        """Return G, the influence of cell and images.
+        """Return the influence of a cell and its periodic images.
 
-        `rows` and `columns` are arrays of offsets in y and x, up to half a period. G is for unit compliance; its shape
-        is (rows, columns).
+        `rows` and `columns` are arrays of offsets in y and x, up to half a period. The result is for unit compliance,
+        and has the shape (rows, columns).
         """
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
-        """Return F, the influence of a cell's images.
+        """Return the influence of the periodic images of a cell.
 
-        F does not include the cell itself. `rows` and `columns` are arrays of offsets in y and x, up to half a period.
-        F is for unit compliance; its shape is (rows, columns).
+        The cell itself is not included. `rows` and `columns` are arrays of offsets in y and x, up to half a period. The
+        result is for unit compliance, and has the shape (rows, columns).
         """
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
-        """Return S', the matrix between nodes.
+        """Return minus the influence of the images between nodes.
 
-        S' is minus the influence of the images. Nodes are `steps` cells apart in y and x. The offsets are
-        0 to ``counts - 1`` nodes. S' is for unit compliance.
+        Nodes are `steps` cells apart in y and x. The offsets are 0 to ``counts - 1`` nodes. The result is for unit
+        compliance.
         """
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]

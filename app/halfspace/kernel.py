@@ -1,4 +1,4 @@
-"""Kernel of the bodies: displacement of the surface by a pressure on it.
+"""Kernel of the bodies: surface displacement by a pressure.
 
 Products, sweeps, preconditioners and the certificate get all numbers that depend on the elasticity of the bodies from a
 kernel. So another kind of body needs only another kernel. `Material.kernel` makes the kernel of a material.

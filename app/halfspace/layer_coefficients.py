@@ -99,7 +99,7 @@ class LayerTables:
         return total
 
     def _gauss_integrals(self, x, y, dx, dy, points):
-        """Return the integrals of the rest of g over cells, by Gauss points.
+        """Return integrals over cells, by Gauss points.
 
         The cells have the sides `dx` and `dy`, and the centres `x` and `y`, in thicknesses. A cell has `points` Gauss
         points in each direction. The module docstring defines g and its rest.
@@ -112,7 +112,7 @@ class LayerTables:
         return dx * dy / 4 * total
 
     def _corner_integrals(self, cell, rows, columns):
-        """Return the integrals of the rest of g over cells, by the table of Phi.
+        """Return integrals over cells, by the table of Phi.
 
         The cells have offsets `rows` and `columns`. An integral is a sum over the corners of the cell.
         """
@@ -157,9 +157,9 @@ def _rectangle(x, y, a, b, z):
 
 
 def _hankel(ratio, radii):
-    """Return g(r), and the integral of g r dr from 0 to r.
+    """Return g(r) and its integral over a disc of radius r.
 
-    The radii increase.
+    The second result is the integral of g r dr from 0 to r; g is that of the module. `radii` increase.
 
     The integrals over x are composite Gauss sums, with panels short enough for the oscillations at each radius.
     """

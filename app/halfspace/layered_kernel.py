@@ -181,7 +181,7 @@ class LayeredKernel(HalfSpaceKernel):
 
 
 def _alias_sums(layer, grid, columns, rows):
-    """Return sums of ``c1 (S - 1) sinc sinc / |q|`` over aliased waves q.
+    """Return the part of eigenvalues due to the layer, over 2 pi.
 
     The sum is an eigenvalue of the layered body minus that of a half-space of the layer's material, over 2 pi, for
     uniform pressures on cells. Waves with large q t do not count.

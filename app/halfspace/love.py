@@ -20,7 +20,7 @@ _ORDER = 12
 
 @lru_cache(maxsize=64)
 def _taylor_series(dx, dy):
-    """Return a cell's sides, and its series of 1/rho.
+    """Return a cell's sides, and a Taylor series for far points.
 
     rho is the distance of a point in the cell from the origin; (dx, dy) is the size of the cell. For a cell with its
     centre at (x, y), the mean of 1/rho over the cell is ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``. Row

@@ -147,7 +147,7 @@ class InfluenceOperator(MatMethods):
 
     @property
     def storage(self):
-        """Product whose work array others may use, or None."""
+        """Product whose work array other products may use, or None."""
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 

@@ -43,7 +43,7 @@ class FieldStack:
         self._file, self._path, self._target = file, path, target
 
     def write(self, row, fields):
-        """Write the fields of a row; NaN for missing ones, all if None."""
+        """Write the fields of a row; missing fields become NaN."""
         for name in _TYPES.keys() & self._file.keys():
             missing = 0 if _TYPES[name] is np.uint8 else np.nan
             try:

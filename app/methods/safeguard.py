@@ -120,7 +120,7 @@ def _compute_gap(state, p):
 
 
 def _leave_full_contact(state, gap):
-    """Return the change that moves the pressure p outside C to its bounds.
+    """Return the change that moves p outside C to its bounds.
 
     Collective. The unit is N/mm2. A is singular on all cells of a periodic patch. So if C has all cells, the cell with
     the largest gap leaves C. Beyond full contact, the cell with the deepest overlap that can become plastic leaves C.
@@ -141,7 +141,7 @@ def _leave_full_contact(state, gap):
 
 
 def _excluded_pressure(state, gap):
-    """Return the pressure below which cells with a gap are not solved for.
+    """Return the pressure below which cells with gaps leave C.
 
     Collective. This pressure tends to zero as the iteration converges.
     """

@@ -54,7 +54,7 @@ def stored_matrix(operator):
 
 @njit()
 def _cut(matrix, cells, system):
-    """Copy the lower triangle of A, restricted to `cells`, to `system`."""
+    """Copy the lower triangle of A on `cells` to `system`."""
     for i in range(cells.size):
         row = matrix[cells[i]]
         for j in range(i + 1):

@@ -87,7 +87,7 @@ def _make_coarser(target, grids, sizes, ranks):
 
 
 def get_coarser_levels(operator):
-    """Get or make the operators of coarser grids, finest first. Collective.
+    """Return the operators of coarser grids, finest first. Collective.
 
     If `operator` has no hierarchy, new operators are made and stored in it. The new operators are on all ranks of
     `operator`, or on one rank if their grid is small.
@@ -191,7 +191,7 @@ class Hierarchy:
         return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _MIN_WINDOWED_CELLS
 
     def share(self, operator):
-        """Return the cells of `operator` divided by those of the target grid."""
+        """Return an operator's number of cells, divided by the target grid's."""
         return operator.grid.n / self.target.grid.n
 
     def shapes(self, problem):

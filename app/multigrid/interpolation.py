@@ -18,7 +18,7 @@ QUINTIC_MARGIN = _POINTS // 2  # coarse cells that are needed on either side of 
 
 @njit()
 def _interpolate_inner(row, fine):
-    """Interpolate a coarse row to the fine cells of its inner cells."""
+    """Interpolate the inner cells of a coarse row to fine cells."""
     for i in range(1, row.size - 1):
         fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
         fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]

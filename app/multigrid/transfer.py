@@ -230,10 +230,10 @@ class Transfer:
 
 
 def _overlaps(n, count, factor):
-    """Return the lengths by which coarse cells overlap four fine cells.
+    """Return the overlap of coarse cells with four fine cells each.
 
     `n` and `count` are the numbers of fine and coarse cells along one axis. The four fine cells begin with the one
-    before the first child of the coarse cell. The unit is a fine cell.
+    before the first child of the coarse cell. Lengths are in fine cells.
     """
     first, size = factor * np.arange(count), n / count
     low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`

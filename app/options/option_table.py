@@ -338,7 +338,7 @@ def pair_of_reals(allowed, nonzero=False, one=False, **limits):
 
 
 def one_or_two_reals(allowed, **limits):
-    """Return a parser of one or two real numbers within the limits of `real`, as a tuple."""
+    """Return a parser of one or two real numbers, as a tuple."""
     kind = partial(_real, **limits)
     return lambda text: _several(text, kind, [1, 2], allowed, lambda *_: True)
 

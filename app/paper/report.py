@@ -120,7 +120,7 @@ _CHECKS_NOTE = (
 
 
 class Section(NamedTuple):
-    """Section of the report on an item: a table or a picture, and a note below."""
+    """Section of the report: a table or picture, and a note."""
 
     name: str
     title: str

@@ -74,7 +74,7 @@ class SweepHistory(NamedTuple):
 
 
 class ModePair(NamedTuple):
-    """Mode of Gauss-Seidel on a fine grid, and its partner on a coarse one (Fig. 7).
+    """Mode of Gauss-Seidel on a fine and on a coarse grid (Fig. 7).
 
     `number` is the paper's. Only smooth modes have a partner, with the phase of the fine mode.
     """

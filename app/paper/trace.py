@@ -24,7 +24,7 @@ from app.contact.history import Listener
 
 
 class Recorder(Listener):
-    """Recorder of iterations on the target grid and of the last linear solve."""
+    """Recorder of iterations on the target grid, and of linear solves."""
 
     def __init__(self):
         self.pressure, self.contact, self.linear_residuals = [], [], []

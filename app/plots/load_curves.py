@@ -223,7 +223,7 @@ def _draw_hardness_theory(axes, paths, name, value, label):
 
 
 def _draw_plastic(axes, paths, x, y, scale, theory=()):
-    """Draw the plastic share or area `y` against `x`, with a legend of these and of `theory` lines."""
+    """Draw the plastic share or area, with a legend."""
     lines = []
     for number, path in enumerate(paths):
         values = path.select(x, y)

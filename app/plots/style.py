@@ -220,7 +220,7 @@ def annotate_empty(axes, reason):
 
 
 def panel_boxes(figure):
-    """Return the box of each panel with its labels [inch], column by column.
+    """Return each panel's box with its labels [inch], column by column.
 
     Axes at the same place, such as twins, are one panel.
     """
@@ -241,7 +241,7 @@ def save_figure(figure, path, dpi=200):
 
 @with_style
 def write_figure(figure, target, kind, dpi, box=None):
-    """Write a figure, or a box of it [inch], to a path or an open binary file."""
+    """Write a figure, or a box of it [inch], to a file."""
     if box is not None:
         tight = {"bbox_inches": box, "pad_inches": 0}
     elif column_width():  # keep the width; a second layout knows the ticks of the first

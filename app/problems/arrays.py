@@ -49,7 +49,7 @@ def check_size(label, values, first_row=0):
 
 
 def check_hardness(hardness, grid, label="hardness"):
-    """Return the hardness as None, a number, or an array of the cells of a grid.
+    """Return a checked hardness: None, a number, or an array.
 
     Raises InputError unless all values are positive. Values may be infinite; the result is None if all are infinite.
     """

@@ -186,7 +186,7 @@ class ContactProblem(Problem):
 
     @property
     def indentation(self):
-        """Depth of the residual surfaces [mm], shape (ny, nx); None without one or without a hardness."""
+        """Depth of the residual surfaces [mm], shape (ny, nx), or None."""
         depths = [surface.depth for surface in self.surfaces if isinstance(surface, ResidualSurface)]
         return sum(depths[1:], depths[0]) if depths and self.hardness is not None else None
 

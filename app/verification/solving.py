@@ -22,7 +22,7 @@ def patches(quick):
 
 
 def approach_at(problem, share):
-    """Return an approach [mm]: at first touch for the `share` 0, at the mean gap for 1."""
+    """Return the approach at a share of the mean gap above its minimum [mm]."""
     least = np.nanmin(problem.gap)
     return least + share * (np.nanmean(problem.gap) - least)
 

@@ -101,7 +101,7 @@ class SpectrumCache(dict):
         return self.get(key, self._before.pop(key, None))
 
     def drop_unused(self):
-        """Free those spectra of the previous operator that were not used again."""
+        """Free the spectra of the previous operator that are unused."""
         self._before.clear()
 
 
@@ -237,7 +237,7 @@ class EvenMultiplier:
 
     @cached_property
     def centre(self):
-        """Kernel at offsets -1 to 1, shape (3, 3). Collective on first use."""
+        """The 3 x 3 centre of the kernel. Collective on first use."""
         ny_fft, nx_fft = self.periods
         columns, rows = self._frequencies()
 

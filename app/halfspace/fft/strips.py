@@ -191,10 +191,10 @@ def _divide(column, factor, scale):
 
 @njit()
 def _any_active(p, mask, rows, start, stop):
-    """Return whether any row from `start` to `stop` - 1 is nonzero.
+    """Return whether some rows contain nonzeros.
 
-    `rows` marks the nonzero rows, if it is given. Otherwise a row is nonzero if the mask, if given, or p is nonzero in
-    it.
+    The rows are `start` to `stop` - 1. `rows` marks the rows with nonzeros. If it is not given, the mask or else p is
+    searched.
     """
     if rows.size:
         return rows[start:stop].any()

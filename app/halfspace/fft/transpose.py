@@ -30,9 +30,10 @@ def deal_columns(columns, row_counts, comm):
 
 
 class ColumnGroup:
-    """Columns `start` to `stop` - 1, dealt to ranks by an all-to-all.
+    """Group of columns that are dealt to ranks by one all-to-all.
 
-    In the send and in the receive buffer, strips are ordered by rank. The columns of the sender itself are not moved.
+    The columns are `start` to `stop` - 1. In the buffers, strips are ordered by rank. A rank's own columns are not
+    moved.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):

@@ -67,10 +67,9 @@ class GaussSeidel:
         self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def reset(self):
-        """Forget how many columns earlier sweeps needed.
+        """Make sweeps independent of earlier sweeps, in rounding, too.
 
-        The number of columns decides the lengths of the FFTs, and so the rounding errors. After a reset these do not
-        depend on earlier sweeps.
+        Earlier sweeps determine the number of columns, which determines the lengths of the FFTs.
         """
         self._width = 0
 
@@ -188,7 +187,7 @@ class GaussSeidel:
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
     def _solve(self, m, affected, filled, r, mask, d, column, omega, backward, messages):
-        """Solve leaf m, a block of rows, and send it on."""
+        """Solve leaf m, a block of rows, and send it to the other ranks."""
         tables, step, weight = self._tables, -1 if backward else 1, omega / self._diagonal
         block, own = tables.ring[m % 2], slice(*tables.edges[0])
         if affected:
@@ -234,10 +233,10 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Count the operations of a sweep without transfers.
+        """Count the operations of a sweep on near rows.
 
-        Counted are operations within rows, and between rows of the same leaf or of neighbouring leaves. A leaf is a
-        block of rows. Effects between leaves further apart (transfers) are counted by `_transfer`.
+        These are operations within rows, and between rows of the same leaf (block of rows) or of neighbouring leaves.
+        `_transfer` counts those between leaves further apart.
         """
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)

@@ -49,9 +49,9 @@ class RowSolver(NamedTuple):
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
 def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
-    """Return the sums of d[i] kernel[k + i] for four offsets k.
+    """Return four scalar products of d with shifted kernels.
 
-    The index i runs from `start` to `stop` - 1.
+    They are the sums of d[i] kernel[k + i] for i from `start` to `stop` - 1, for four offsets k.
     """
     s0 = s1 = s2 = s3 = 0 * d[0]
     for index in range(start, stop):
@@ -150,7 +150,7 @@ def solve_row(rows, count, weight):
 
 @njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
-    """Add the effect of four solved rows w on four later rows y."""
+    """Add the effect of four solved rows on four later rows."""
     # y[t] += sum_s kernel[k + t - s + 3] w[b + s]
     for index in range(width):
         f = uintp(index)
@@ -179,7 +179,7 @@ def _multiply_add(y, kernel, x):
 
 @njit()
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
-    """Add the effect of earlier tiles on a tile to its sums y.
+    """Add the effect of earlier tiles on a tile to `y`.
 
     A tile is a group of TILE rows. The lag of an earlier tile is its distance from this tile in rows. Added are the
     tiles with contact at lags from `least` to `most`, if they are within the `reach` of these frequencies.

@@ -58,7 +58,7 @@ class SweepMessages:
                         self._sent.append((comm.Irecv(d[local], 0, _CORRECTION), d))
 
     def _parts(self, leaf, field=None):
-        """Yield each rank that owns rows of a leaf, and these rows.
+        """Yield the ranks that own rows of a leaf, and their rows.
 
         `leaf` is the slice of the leaf's rows. `field` is an array on the rows of the leaf, or None. Yield as third
         value its part on the rows of the rank, or None.
@@ -91,9 +91,9 @@ class SweepMessages:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Send leaf m's correction d to its rows' owners.
+        """Send the correction d of leaf m to the owners of its rows.
 
-        The rows are those of the leaf; their owners are the ranks that store them.
+        A leaf is a block of rows; an owner is the rank that stores a row.
         """
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
@@ -105,16 +105,16 @@ class SweepMessages:
                 self._d[rows] = part
 
     def collect(self, block):
-        """Receive earlier leaves' effects on a leaf into `block`.
+        """Receive the effects of earlier leaves on a leaf.
 
-        Each rank sends the chunks of frequencies that it computes.
+        A leaf is a block of rows. Each rank sends the chunks of frequencies that it computes; `block` receives them.
         """
         for rank, (first, last) in enumerate(self._edges):
             if rank and first < last:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send other ranks their frequencies of a solved leaf.
+        """Send the other ranks their frequencies of a solved leaf.
 
         `block` has the rows of the leaf, transformed in x, by chunks of frequencies. Wait until the messages are sent,
         because MPI may progress messages only inside of its calls.
@@ -125,7 +125,7 @@ class SweepMessages:
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send rank 0 earlier leaves' effects on leaf m.
+        """Send the effects of earlier leaves on leaf m to rank 0.
 
         `block` has these effects for the frequencies of this rank.
         """

@@ -123,9 +123,8 @@ class SweepTables:
     def invert_triangle(self, weight):
         """Compute the spectra that solve rows whose contact has no holes.
 
-        Such a row is multiplied by the inverse of the matrix ``I / weight + L``. L couples a cell to the cells before
-        it in the row, and `weight` is omega divided by the diagonal of A. The inverse is Toeplitz, so its first column
-        is enough.
+        Such a row is multiplied by the inverse of the Toeplitz matrix ``I / weight + L``. L couples a cell to the cells
+        before it in the row, and `weight` is omega divided by the diagonal of A.
         """
         rows, nx = self.rows, self.shape[1]
         if weight == self._weight or len(rows.lengths) == rows.levels:

@@ -72,14 +72,14 @@ class BlockAverage:
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Update the block means of a residual from which share * q was subtracted.
+        """Update the block means, after share * q was subtracted.
 
-        `means` is the sum of `local_means(q)` over the ranks.
+        It was subtracted from the residual. `means` is the sum of `local_means(q)` over the ranks.
         """
         self._means -= share * means.reshape(self._shape)
 
     def local_means(self, q):
-        """Return this rank's part of the block means of a field q on contact."""
+        """Return this rank's part of the block means of q."""
         blocks = np.zeros(self._shape)
         _sum_blocks(q, self._contact, *self._places, blocks)
         return blocks

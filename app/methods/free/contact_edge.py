@@ -147,7 +147,7 @@ class EdgeExtension:
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first step of E^T b in a row (E: see module)."""
+    """Make the first step of E^T b in a row."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -156,7 +156,7 @@ def _first_step_back(b, contact, length, out):
 
 @njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
-    """Make a later step of E or E^T in a row (E: see module).
+    """Make a later step of E or E^T in a row.
 
     `above`, `here` and `below` are rows of the field before the step. `source` is the row of b for E^T b, zero for E.
     `length` is the step length.
@@ -171,7 +171,7 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @njit_reassoc
 def _finish_row(above, here, below, weights, b):
-    """Finish E^T b in a row with contact (E: see module).
+    """Finish E^T b, the transposed extension of b, in a row.
 
     Subtract s + N s from b in contact cells. `above`, `here` and `below` are rows of s, the field after the last step.
     N s is the sum over a cell's neighbours with `weights`.
@@ -208,7 +208,7 @@ def _pad_ends(row, periodic):
 
 @njit()
 def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, zeros):
-    """Extend a residual past the contact edge: out = E x (E: see module).
+    """Extend a residual past the contact edge: out = E x.
 
     If `back` is true, apply the transpose of E to x in place instead.
     """

@@ -99,7 +99,7 @@ class TrackingSolver(LinearSolver):
             self._cg.free_work()
 
     def check_multilevel(self, state, most):
-        """Switch to products by FFT if the multilevel products had a large error.
+        """Switch to products by FFT if multilevel products were inaccurate.
 
         Their error was too large if the residual, which was just recomputed by FFT, exceeds `most` [mm].
         """

@@ -72,7 +72,7 @@ class WindowState(ContactState):
 
 
 class Boxes(NamedTuple):
-    """Rectangles that the next finer window must contain, in cells of this grid."""
+    """Rectangles that the next window must contain, in cells."""
 
     outer: Window  # the window of this grid
     contact: Window | None  # bounding box of contact, in cells from the corner of `outer`; None: no contact

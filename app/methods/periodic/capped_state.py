@@ -264,7 +264,7 @@ def _feasible(loading, state):
 
 
 def _fill(gap, upper, total, comm):
-    """Return the gap up to which cells are plastic if they carry a load.
+    """Return the gap up to which plastic cells carry a load.
 
     Cells become plastic in the order of their gaps, until they carry more than `total`. Return the gap g of the last
     one (the largest gap if all cells carry less), and `total` minus the pressures of the cells with gaps below g. `gap`

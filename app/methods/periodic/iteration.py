@@ -112,7 +112,7 @@ def _finish_unsolved(primal, solver):
 
 
 class _Accuracy:
-    """Accuracy that the solver tries to reach in w = u - approach.
+    """Accuracy of the displacement that the solver aims at.
 
     Attributes
     ----------

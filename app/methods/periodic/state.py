@@ -144,7 +144,7 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore the mean of w = u - approach if it is prescribed.
+        """Restore the mean of the displacement if it is prescribed.
 
         The correction is zero in contact. The correction is also added to each field of `changes`.
         """
@@ -230,7 +230,7 @@ class PrimalState:
         loops.apply_guess(x, lowest, self.w, self.state.distance.b, self.state.contact)
 
     def _touch(self):
-        """Shift w = u - approach so that the cells with the smallest gap touch.
+        """Shift w so that the cells with the smallest gap touch.
 
         These cells become the contact set.
         """

@@ -145,7 +145,7 @@ class TwoGrid:
             field += amount / total_response * response
 
     def _update_contact(self):
-        """Fetch the halo of a new contact set, and set the stiffness of its springs."""
+        """Prepare for a new contact set: halo and springs."""
         if self._contact_version != self.operator.contact_version:
             self._contact_version, self._response = self.operator.contact_version, None
             mask, grid = self.operator.mask, self.operator.grid
@@ -158,10 +158,10 @@ class TwoGrid:
                 self._long_waves.set_contact(mask, cells / grid.n, grid.area / perimeter)
 
     def _unit_response(self):
-        """Return the displacement by a pressure of B_00 in all cells, and its sum.
+        """Return the displacement by a constant pressure, and its sum.
 
-        B_00 is the diagonal entry of B. The preconditioner computes the displacement approximately, once for each
-        contact set.
+        The pressure is B_00, the diagonal entry of B, in all cells. The preconditioner computes the displacement
+        approximately, once for each contact set.
         """
         if self._response is None:
             response = np.empty(self.operator.local_shape)

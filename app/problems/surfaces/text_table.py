@@ -38,7 +38,7 @@ MIN_SIGNED_INTEGERS = 8
 
 
 class UnknownText(ValueError):
-    """Error for a text in no known format, or a file that is no text.
+    """Error for a file that is no text in a known format.
 
     `is_text` is False if the file is no text.
     """
