@@ -1,5 +1,6 @@
 """The paper's problems."""
 
+import numpy as np
 import pytest
 
 from app import ContactProblem
@@ -38,6 +39,19 @@ def periodic_rough(n, cutoff=1 / 16):
     grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0), "spectral")
     surface = SelfAffineSurface(0.8, 0.25, cutoff, (1.0, 1.0), 3, rms_slope=0.1)
     return ContactProblem(grid, Material.combined(80000.0, 0.3), surfaces=[surface])
+
+
+def bowl(n):
+    """A paraboloid; contacts of small approaches need a window only."""
+    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+    return ContactProblem(grid, Material.combined(1.0, 0.0), grid.x() ** 2 + grid.y()[:, None] ** 2)
+
+
+def sphere_pressure(n, half=1.2):
+    """Hertz's pressure under a sphere with p0 = 1 and a = 1, as means over parts of the cells, and its grid."""
+    grid, fine = (Grid.from_domain(cells, cells, (-half, half, -half, half)) for cells in (n, 8 * n))
+    p = np.sqrt(np.maximum(1 - fine.x() ** 2 - fine.y()[:, None] ** 2, 0))
+    return p.reshape(n, 8, n, 8).mean(axis=(1, 3)), grid
 
 
 def assert_counts_of_norm(n, solution):

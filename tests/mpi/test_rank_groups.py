@@ -37,14 +37,6 @@ def test_result_is_the_same_on_ranks_without_small_grids(comm, method):
         np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-8 * alone.max_pressure)
 
 
-@pytest.mark.slow
-@pytest.mark.mpi(16)
-def test_sixteen_ranks_have_equal_slabs(comm):
-    here = solve(hertz(64), APPROACH, "fast", lcp_cells_per_rank=64)
-    assert here.converged
-    assert min(comm.allgather(here.slabs.local)) == max(comm.allgather(here.slabs.local)) == 4
-
-
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("cells", [3000, 9000, 20000])
 def test_windows_on_few_ranks_give_the_same_result(comm, cells):

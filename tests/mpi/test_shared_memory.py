@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from cases import APPROACH, punch
 from operators import BOXED, GRIDS, PERIODIC, make_convolution, random_field
-from running import solve
 
 from app import ContactSolver
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
@@ -100,15 +99,6 @@ def test_ranks_see_each_other_s_bytes(comm):
     assert here.suits(sizes)
     assert not here.suits([5001] * comm.size)  # on rank 2 of 3, too, where there is enough
     assert not Storage([5001] * comm.size, comm.rank, counted).own.any()
-
-
-@pytest.mark.mpi(2, 3)
-def test_shared_memory_only_reduces_messages(comm):
-    found = [solve(punch(160), APPROACH, "fast", lcp_shared_memory=shared) for shared in ("false", "true")]
-    sent, shared = found
-    np.testing.assert_array_equal(shared.pressure, sent.pressure)
-    assert shared.traffic.messages < 0.8 * sent.traffic.messages
-    assert shared.traffic.message_bytes < 0.3 * sent.traffic.message_bytes
 
 
 @pytest.mark.mpi(2)

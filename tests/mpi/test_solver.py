@@ -97,16 +97,6 @@ def test_communicators_come_back(comm):
     assert use(30) <= few + 1  # not one for each
 
 
-@pytest.mark.mpi(1, 2, 3)
-def test_a_start_from_all_ranks(comm):
-    with ContactSolver(hertz(48), options=TIGHT) as solver:
-        first = solver.solve(approach=APPROACH)
-        warm = solver.solve(load=1.05 * first.load, start=first)
-        cold = solver.solve(load=1.05 * first.load)
-    assert_close(whole(warm), whole(cold))
-    assert warm.approach == pytest.approx(cold.approach, rel=1e-7)
-
-
 @pytest.mark.mpi(2, 3)
 def test_a_start_of_other_ranks_is_refused_on_all(comm):
     own = solve(hertz(24), APPROACH, comm=MPI.COMM_SELF)

@@ -9,6 +9,8 @@ from results import made_up_result, with_attributes, write
 
 from app.base import memory
 from app.cli import option_sources
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.methods.free.solver import TrackingSolver
 from app.parallel.slabs import Slabs
 from app.parameter_study import batch
 
@@ -79,6 +81,20 @@ def sparse(tmp_path):
 def small_machine(monkeypatch):
     """One GiB of free memory."""
     monkeypatch.setattr(memory, "available_memory", lambda: 1 << 30)
+
+
+@pytest.fixture
+def created(monkeypatch):
+    """Return the list of the spectra and linear solvers that are created."""
+    names = []
+
+    def count(of, name):
+        plain = getattr(of, name)
+        monkeypatch.setattr(of, name, lambda *given, **named: (names.append(name), plain(*given, **named))[1])
+
+    count(EvenMultiplier, "set_kernel")
+    count(TrackingSolver, "__init__")
+    return names
 
 
 @pytest.fixture

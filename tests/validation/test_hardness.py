@@ -18,7 +18,7 @@ from app.reference import CappedLineContact, CappedSphere, CappedWestergaard
 from app.verification.dense import DenseProblem
 from app.verification.solving import random_problem, solved
 
-from .test_properties import ROUNDING, problems, some
+from .test_properties import assert_right_or_says_not, problems, some
 
 E_STAR, RADIUS = 1000.0, 10.0
 TIGHT = {"lcp_rtol": 1e-8}
@@ -348,49 +348,6 @@ def limited(draw, periodic):
         elif abs(loading["approach"] - mean) <= 1e-14 * abs(mean):
             loading = {"approach": mean}  # closer approaches count as full contact
     return problem, loading, rtol
-
-
-def assert_right_or_says_not(problem, loading, rtol, method=None, **options):
-    """Every answer ends and is certified; one that is called solved is right."""
-    gap, inside = problem.gap, ~np.isnan(problem.gap)
-    hardness = np.broadcast_to(np.inf if problem.hardness is None else problem.hardness, gap.shape)
-    try:
-        found = solved(problem, method, options={"lcp_rtol": rtol, **options}, **loading)
-    except InputError as error:
-        assert "patch one cell wide" in str(error) or "single" in str(error) or "halved" in str(error), error
-        return None
-    p = found.pressure
-    assert np.isfinite(p).all() and (p >= 0).all() and (p <= hardness).all() and (p[~inside] == 0).all()
-    dense, met = DenseProblem(problem), True
-    if "load" in loading:
-        # The load is met up to rounding, which counts if nearly all cells are plastic.
-        load = float(np.sum(p, dtype=np.longdouble)) * problem.grid.cell_area
-        exact, _ = dense.under(load, found.approach)
-        met = found.load == pytest.approx(loading["load"], rel=1e-9, abs=0)
-        assert met or not found.converged
-    elif "mean_gap" in loading:
-        exact = dense.with_mean_gap(loading["mean_gap"])
-    else:
-        exact = dense.at(loading["approach"])
-    size, error = dense.energy(p), dense.energy(exact - p)
-    largest = np.nanmax(abs(gap - found.approach)) + 1e-2 * abs(found.approach)
-    smallest = 2 * problem.material.compliance / np.hypot(1 / problem.grid.dx, 1 / problem.grid.dy)
-    rounding = ROUNDING * largest * np.sqrt(inside.sum() / smallest)
-    if met and size > np.finfo(float).tiny:
-        assert error <= found.error_bound * size * (1 + 1e-6) + rounding
-    if not found.converged:
-        return found
-    assert found.error_bound <= 0.01 or size == 0
-    # The conditions, by a product with the matrix. Of flat surfaces the mean pressure gives the scale.
-    e = (gap - found.approach) + (dense.matrix @ p.ravel()).reshape(p.shape)
-    scale = np.nanmax(abs(gap - found.approach)) + dense.matrix[0, 0] * found.mean_pressure or 1.0
-    allowed = 100 * rtol * scale * np.sqrt(inside.sum()) + ROUNDING * largest
-    plastic = inside & (p == hardness)
-    np.testing.assert_array_equal(found.plastic if found.plastic is not None else False, plastic)
-    assert (e[found.contact & ~plastic] <= allowed).all() and (e[plastic] <= allowed).all()
-    assert (e[inside & ~plastic] >= -allowed).all()
-    assert (p[~found.contact] == 0).all() and found.contact[plastic].all()
-    return found
 
 
 @some

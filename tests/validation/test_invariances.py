@@ -32,14 +32,6 @@ def reference():
     return solve_bumps()
 
 
-def on_grid(grid=GRID):
-    return bumps(*np.meshgrid(grid.x(), grid.y()))
-
-
-def assert_same(found, expected, tolerance=1e-9):
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
-
-
 def test_conditions_of_contact(reference):
     assert_solves_lcp(reference, 1e-12)
     p, e, contact = reference.pressure, reference.gap, reference.contact
@@ -66,32 +58,9 @@ def test_work_of_the_load_is_the_elastic_energy():
     assert (energy[1] - energy[0]) / 2e-4 == pytest.approx(middle.load, rel=1e-4)
 
 
-def test_everything_in_contact():
-    flat = solve_bumps(approach=3.0, shape=np.zeros(GRID.shape))
-    assert_solves_lcp(flat, 1e-12)
-    assert flat.contact.all()
-    np.testing.assert_allclose(flat.displacement, 3.0, rtol=1e-10)
-
-
 def test_fixed_number_of_iterations_is_not_called_converged():
     solution = solve_bumps(lcp_max_it=1)
     assert not solution.converged
     assert solution.iterations == 1
     assert "not enough" in solution.message
     assert (solution.pressure >= 0).all()
-
-
-def asperity(x, y):
-    return 10 * (1 - np.exp(-((x - 9) ** 2) - (y - 9) ** 2))
-
-
-@pytest.mark.parametrize("method", ["norm", "fmg_v11", "fast"])
-def test_empty_start_set_of_a_nested_iteration_does_not_mean_no_contact(method):
-    # The centre of a coarse cell sits on the tip, which the fine cells miss: the displacement from the coarse
-    # grid lifts all of them, although four overlap as long as nothing presses.
-    problem = ContactProblem(Grid(16, 16, 1.0, 1.0), UNIT, asperity)
-    expected = solve(problem, 8.0)
-    assert expected.contact.sum() == 4
-    found = solve(problem, 8.0, method, lcp_nested=True)
-    assert_solves_lcp(found)
-    assert found.load == pytest.approx(expected.load, rel=1e-5)

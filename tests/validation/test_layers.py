@@ -35,14 +35,6 @@ def on_layer(nu, contact_radius, relative_thickness, n=128, young=3.0):
     return problem, approach, np.pi * modulus * RADIUS * approach**2 / thickness
 
 
-def test_thin_compressible_layer_is_a_bed_of_springs():
-    problem, approach, load = on_layer(0.3, 0.7, 0.05)
-    solution = solve(problem, approach=approach)
-    assert solution.converged and solution.approach == approach
-    assert solution.load == pytest.approx(load, rel=2e-3)
-    assert np.sqrt(solution.contact_area / np.pi) == pytest.approx(0.7, rel=1e-2)
-
-
 def test_thin_incompressible_layer_obeys_lubrication_theory():
     errors = []
     for relative_thickness in (0.108, 0.054):

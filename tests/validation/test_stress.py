@@ -1,9 +1,8 @@
 """Stress below a pressure: analytic solutions, and what holds for any pressure."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from cases import sphere_pressure
 
 from app.halfspace.grid import Grid
 from app.halfspace.stress.subsurface import SubsurfaceStress, max_shear, von_mises
@@ -11,16 +10,8 @@ from app.halfspace.stress.subsurface import SubsurfaceStress, max_shear, von_mis
 DEPTHS = np.array([0.05, 0.3, 1.0, 2.5])
 
 
-def sphere(n, half=1.2):
-    """Hertz's pressure with p0 = 1 and a = 1, as means over parts of the cells."""
-    grid = Grid.from_domain(n, n, (-half, half, -half, half))
-    fine = Grid.from_domain(8 * n, 8 * n, (-half, half, -half, half))
-    p = np.sqrt(np.maximum(1 - fine.x() ** 2 - fine.y()[:, None] ** 2, 0))
-    return p.reshape(n, 8, n, 8).mean(axis=(1, 3)), grid
-
-
 def test_sphere_yields_first_at_half_a_radius_below():
-    hottest = SubsurfaceStress(*sphere(64), 0.3).maximum()
+    hottest = SubsurfaceStress(*sphere_pressure(64), 0.3).maximum()
     assert hottest.von_mises == pytest.approx(0.620, rel=2e-3)
     assert hottest.depth == pytest.approx(0.481, rel=5e-3)
     assert max(abs(hottest.x), abs(hottest.y)) < 0.02
@@ -51,7 +42,7 @@ def test_below_the_centre_of_a_sphere_the_error_falls_with_the_square_of_the_cel
     exact_x = -1.3 * (1 - DEPTHS * np.arctan(1 / DEPTHS)) - exact_z / 2
     errors = []
     for n in (32, 64):
-        stress = SubsurfaceStress(*sphere(n), 0.3).line(DEPTHS[1:], 0.0, 0.0)
+        stress = SubsurfaceStress(*sphere_pressure(n), 0.3).line(DEPTHS[1:], 0.0, 0.0)
         assert stress[0] == pytest.approx(stress[1], rel=1e-12)
         errors.append(max(abs(stress[2] - exact_z[1:]).max(), abs(stress[0] - exact_x[1:]).max()))
     assert errors[1] < 5e-4 and errors[1] < errors[0] / 3
@@ -89,20 +80,10 @@ def test_far_below_a_patch_is_a_point_force():
     assert stress[4, 0] / stress[5, 0] == pytest.approx(8 / -5, rel=1e-3)
 
 
-def test_a_small_contact_does_not_see_that_its_patch_is_repeated():
-    pressure, grid = sphere(32, half=1.0)
-    wide = replace(grid, nx=512, ny=512, x0=-16.0, y0=-16.0)
-    spread = np.zeros(wide.shape)
-    spread[240:272, 240:272] = pressure
-    free, periodic = (SubsurfaceStress(spread, g, 0.3) for g in (wide, replace(wide, periodic="spectral")))
-    z, deep = [0.2, 0.5, 1.0], free.line([0.5], 0.0, 0.0)
-    assert abs(free.line(z, 0.1, 0.2) - periodic.line(z, 0.1, 0.2)).max() < 0.01 * abs(deep).max()
-
-
 def test_the_largest_shear_stress_is_johnson_s():
     """Contact Mechanics, Sec. 3.4: 0.31 of the largest pressure at 0.48 radii below a sphere."""
     z = np.linspace(0.3, 0.7, 41)
-    shear = max_shear(SubsurfaceStress(*sphere(64), 0.3).line(z, 0.0, 0.0))
+    shear = max_shear(SubsurfaceStress(*sphere_pressure(64), 0.3).line(z, 0.0, 0.0))
     assert shear.max() == pytest.approx(0.310, rel=2e-3) and z[shear.argmax()] == pytest.approx(
         0.48, abs=0.011
     )

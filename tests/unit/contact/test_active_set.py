@@ -102,36 +102,11 @@ def test_cells_with_positive_pressure_stay_whatever_their_gap():
     assert entry["residual"] == pytest.approx(expected, rel=1e-14)
 
 
-def test_cells_of_zero_pressure_stay():
-    assert run_one_iteration([0, 0, 9], [1, 1, 0], [1.0, 0.0, 0])[1] == [1, 1, 0]
-
-
 def test_inadmissible_cells_never_enter():
     _, contact, u, entry = run_one_iteration([-1, np.nan, -1], [1, 0, 0], [0, 0, 0])
     assert contact == [1, 0, 1]
     assert np.isfinite(u).all()
     assert counts(entry) == (2, 1, 0, 1)
-
-
-def test_approach_shifts_the_gap():
-    assert run_one_iteration([0.5, 1.5, np.nan, -9], [0, 0, 0, 1], [0, 0, 0, 0], approach=1.0)[1] == [
-        1,
-        0,
-        0,
-        1,
-    ]
-
-
-def test_start_from_interpenetration_and_norm_of_h():
-    state = make_state([0.5, 1.0, 2.0, np.nan], approach=1.0)
-    state.pressure.set(3)
-    state.start_from_interpenetration()
-    assert state.contact.tolist() == [[True, True, False, False]]
-    assert state.pressure.norm() == 0
-    assert state.distance.norm() == pytest.approx(np.sqrt(0.5**2 + 1), rel=1e-15)
-    assert state.defect().getArray(readonly=True).tolist() == [0.5, 0, 0, 0]
-    assert state.contact is state.operator.mask
-    state.destroy()
 
 
 @pytest.mark.parametrize("method", ["norm", "fmg_v11"])

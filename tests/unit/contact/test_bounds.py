@@ -4,21 +4,14 @@ import ast
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from petsc4py import PETSc
 from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.base.errors import InputError
 from app.contact.bounds import PressureBounds
-from app.contact.distance import UndeformedDistance
-from app.contact.periodic_state import contact_state
-from app.contact.state import ContactState
-from app.halfspace.kernel import UNIT
-from app.halfspace.operator import InfluenceOperator
 
 SHAPE = (6, 7)
 
@@ -85,37 +78,12 @@ def test_release_removes_the_tension(bounds, rng):
     assert not contact[released].any()
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-9])
-def test_tension_is_a_share_of_the_pressure(unit):
-    def tension(*p):
-        cells = np.ones((1, 2), bool)
-        state = SimpleNamespace(
-            p=unit * np.array([p]), contact=cells, bounds=PressureBounds(cells), sum=lambda of: of
-        )
-        return ContactState.tension(state)
-
-    assert tension(-1.0, 5.0) == pytest.approx(0.25)
-    assert tension(-1.0, 0.0) == np.inf
-    assert tension(0.0, 0.0) == 0.0
-
-
 def test_mean_pressures_make_waves_allowed(rng):
     bounds, waves = PressureBounds(np.ones(SHAPE, bool)), rng.normal(size=SHAPE)
     least, most = bounds.mean_pressures(waves)
     assert (waves + least).min() == 0
     assert most == np.inf
     assert bounds.mean_pressures(waves[:0])[0] == -np.inf  # a rank without rows
-
-
-def test_vecs_bound_inadmissible_cells_by_zero():
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), UNIT)
-    distance = UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]]))
-    state = contact_state(operator, distance)
-    lower, upper = state.bounds.vecs(state.pressure)
-    assert not lower.array.any()
-    assert (upper.array == [PETSc.INFINITY] * 3 + [0.0]).all()
-    for part in (lower, upper, state, distance):
-        part.destroy()
 
 
 @pytest.mark.parametrize("kind, allowed", [("load", 12.0), ("mean_pressure", 12.0 / 4)])

@@ -20,14 +20,6 @@ from app.halfspace.operator import InfluenceOperator
 from app.verification.dense import DenseProblem
 
 
-def test_certificate_has_the_smallest_pressure():
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), UNIT)
-    state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
-    with state.pressure as p:
-        p[:] = 3.0, -0.25, 0.5, 0.0
-    assert certify(state).smallest_pressure == -0.25
-
-
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize(("p", "smallest"), [((3.0, -0.25, 0.5, 0.0), -0.25), ((3.0, 0.5, 0.0, 0.5), -0.5)])
 def test_forbidden_pressure_has_no_error_bound(periodic, p, smallest):

@@ -15,28 +15,6 @@ def fields():
     return *rng.normal(size=(2, *SHAPE)), *(rng.random((2, *SHAPE)) < 0.5)
 
 
-def test_defect_is_minus_the_gap_on_contact(fields):
-    b, u, contact, _ = fields
-    out = np.full(SHAPE, np.nan)
-    kernels.defect(b, DEPTH, u, contact, 2.0, out)
-    np.testing.assert_allclose(out, np.where(contact, -2 * (u - b - DEPTH), 0.0), rtol=0, atol=1e-14)
-
-
-def test_sums_of_gaps_are_over_contact_and_overlap(fields):
-    b, u, contact, other = fields
-    e = u - b - DEPTH
-    inside = contact | (other & (e <= 0))
-    squares, total, cells = kernels.sum_gaps(b, DEPTH, u, contact, other)
-    assert (squares, total, cells) == pytest.approx((np.sum(e[inside] ** 2), e[inside].sum(), inside.sum()))
-    assert kernels.sum_squares(b, -DEPTH, contact) == pytest.approx(np.sum((b + DEPTH)[contact] ** 2))
-
-
-def test_pressure_is_summed_and_loaded_cells_are_counted(fields):
-    p, _, contact, _ = fields
-    total, highest, cells = kernels.sum_pressure(p, contact)
-    assert (total, highest, cells) == pytest.approx((p.sum(), p.max(), np.sum(contact & (p > 0))))
-
-
 def test_rounding_of_a_sum_is_known():
     x = np.array([[1.0, 1e-17, 1e-17], [5.0, -1.0, 1e-17]])
     mask = np.array([[True, True, True], [False, True, True]])

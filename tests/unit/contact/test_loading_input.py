@@ -134,12 +134,6 @@ def test_light_load_is_proportional_to_the_depth(size, constant, beyond):
     assert loads[0] == pytest.approx(loads[1], rel=2e-3)
 
 
-@pytest.mark.parametrize("load", [{"load": 0}, {"mean_pressure": 0}])
-def test_zero_load_is_first_touch(solvers, load):
-    solution = solvers["periodic"].solve(**load)
-    assert (solution.load, solution.approach) == (0.0, GAP.min())
-
-
 REFUSED = {
     "none": (
         "free",

@@ -50,14 +50,6 @@ def test_measures_are_as_defined(periodic, holes):
     assert solution.rms_height == pytest.approx(np.nanstd(solution.undeformed_distance), rel=1e-12)
 
 
-def test_correction_of_square_cells_is_that_of_yastrebov_anciaux_molinari():
-    grid = Grid.from_domain(20, 20, (0.0, 2.0, 0.0, 2.0), "spectral")
-    gap = 1e-3 * np.random.default_rng(4).normal(size=grid.shape)
-    solution = solve(ContactProblem(grid, Material.from_contact_modulus(1000.0), gap), -1e-3)
-    lost = (np.pi - 1 + np.log(2)) / 24 * solution.perimeter / grid.area * grid.dx
-    assert solution.contact_fraction_corrected == pytest.approx(solution.contact_fraction - lost, rel=1e-13)
-
-
 @PERIODIC
 def test_mean_gap_of_a_periodic_patch_is_that_of_the_undeformed_bodies(periodic):
     solution = solve(rough(periodic), -1e-3)

@@ -114,19 +114,6 @@ def spread(state):
     return values.max() - values.min()
 
 
-def test_search_brackets_the_root(exact):
-    """All approaches lie between first touch and one with more than the load."""
-    state = exact.state
-    load = exact.load_at(state.distance.reference + 0.4 * spread(state))
-    right = state.approach
-    exact.approaches.clear()
-    PrescribedLoad(load).search(state, exact.solve, rtol=1e-8)
-    tried = np.array(exact.approaches)
-    assert (tried >= state.distance.reference - 1e-15).all()
-    assert tried.max() > right > tried.min()
-    assert abs(tried[-1] / right - 1) < 1e-6
-
-
 def test_search_ends_if_the_approach_has_no_digits_for_the_load():
     """The load changes by less than the rounding of the approach."""
     shape = np.full((4, 4), 1e6)

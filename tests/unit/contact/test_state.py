@@ -51,16 +51,6 @@ def test_displacement_status_follows_changes_of_pressure(state):
     assert state.displacement_status is Displacement.STALE
 
 
-def test_release_removes_tensile_cells_only(state):
-    p = random_pressure(state)
-    p[2, 2] = 0.0
-    set_pressure(state, p)
-    state.contact[2, 2] = True
-    assert state.release_tensile() == (p < 0).sum()
-    np.testing.assert_array_equal(state.p, np.maximum(p, 0))
-    np.testing.assert_array_equal(state.contact, state.admissible & (p >= 0))
-
-
 def test_activation_counts_changes_since_release(state):
     state.approach = np.nanmin(state.shape)
     set_pressure(state, random_pressure(state))

@@ -9,10 +9,8 @@ from petsc4py import PETSc
 
 from app.halfspace import influence
 from app.halfspace.grid import Grid
-from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator, wrap_vec
-from app.halfspace.product import DenseProduct
 
 
 def test_mult_invalidates_cached_norms():
@@ -54,14 +52,6 @@ def test_energy_of_contact_follows_cells_that_leave():
     p, u = operator.mask.astype(float), np.empty(operator.local_shape)
     operator.displacement(p, u)
     assert (energy, cells) == (np.vdot(p, u), 12) != before
-
-
-def test_each_product_counts_once():
-    grid = Grid(3, 2, 1.0, 1.0)
-    product, p = DenseProduct(dense_matrix(grid, UNIT), grid.shape), np.ones(grid.shape)
-    product.apply(p, np.empty_like(p))
-    product.apply(p, np.empty_like(p), p > 0)
-    assert product.count == 2
 
 
 def test_wrapped_vec_shares_memory_of_its_field():

@@ -11,13 +11,16 @@ from app import ContactProblem, ContactSolver, Grid
 
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])
-def test_history_of_a_reference_solver_has_every_iteration(kind):
+def test_history_of_a_reference_solver_has_every_iteration_up_to_the_limit(kind):
     solution = solve(hertz(12), APPROACH, None, lcp_type=kind)
     history = solution.history
     assert list(history["iteration"]) == list(range(1, solution.iterations + 1))
     assert sum(history["inner_iterations"]) == solution.inner_iterations
     assert history["residual"][-1] == pytest.approx(solution.residual, rel=1e-12)
     assert history["contact_cells"][-1] == np.count_nonzero(solution.contact)
+    for limit in ("lcp_max_it", {"tao": "tao_max_it", "snesvi": "snes_max_it"}[kind]):
+        stopped = solve(hertz(12), APPROACH, None, lcp_type=kind, **{limit: 2})
+        assert not stopped.converged and stopped.iterations == 2
 
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])

@@ -7,7 +7,6 @@ from cases import hertz
 from operators import asymmetry
 
 from app import ContactSolver, solve
-from app.base.errors import InputError
 
 
 def asymmetry_of(solver, contact):
@@ -68,8 +67,3 @@ def test_work_of_multigrid_in_windows_is_counted():
     assert first.converged
     assert first.load == pytest.approx(plain.load, rel=first.error_bound + plain.error_bound)
     assert second.operator_applications == pytest.approx(first.operator_applications)
-
-
-def test_too_many_levels_are_refused():
-    with pytest.raises(InputError, match=r"-pc_mg_levels 9: this grid allows 1 to 4"):
-        ContactSolver(hertz(32), "fmg_v11", {"pc_mg_levels": "9"})

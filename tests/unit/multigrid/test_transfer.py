@@ -58,15 +58,6 @@ def test_defect_is_the_average_of_four_children_with_zero_for_missing_ones(shape
         )
 
 
-@each_case
-def test_restriction_is_the_scaled_transpose_of_the_copy(shape, factors):
-    transfer, fine = make_transfer(shape, factors), field(shape)
-    coarse, copied = field(transfer.coarse.grid.shape, 3), np.empty(shape)
-    transfer.copy(coarse, copied)
-    restricted = transfer.restrict_defect(fine)
-    assert np.vdot(restricted, coarse) == pytest.approx(np.vdot(fine, copied) / np.prod(factors), rel=1e-13)
-
-
 @pytest.mark.parametrize(
     ("name", "arguments", "least"), [("restrict_defect", 1, 1), ("add_copies", 2, 1), ("interpolate", 2, 3)]
 )

@@ -23,8 +23,3 @@ def test_plans_transform_rows_and_back(dtype):
     np.testing.assert_allclose(spectrum, expected, rtol=0, atol=tolerance * length**0.5)
     execute(backward)
     np.testing.assert_allclose(cells, length * before, rtol=0, atol=tolerance * length)
-
-
-def test_a_precision_that_is_not_available_is_refused():
-    with pytest.raises(ValueError, match="dtype float16: must be one of float64, float32"):
-        FFTW(np.dtype(np.float16))

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
-from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant, quadrant_rows
+from app.halfspace.influence import influence_quadrant
 from app.halfspace.kernel import UNIT
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
@@ -162,24 +161,3 @@ def test_empty_rows_cost_nothing():
     sweep(none, r, np.zeros_like(mask), 0.8)
     assert none.products_per_sweep == 0
     assert upper.products_per_sweep < 0.5 * whole.products_per_sweep
-
-
-def test_sweep_refuses_fields_of_wrong_shape():
-    relaxation = make(Grid(5, 4, 1.0, 1.0))
-    mask = np.ones((4, 5), bool)
-    with pytest.raises(ValueError, match=r"\(5, 4\).*\(4, 5\)"):
-        relaxation.sweep(np.zeros((5, 4)), mask, 1.0, np.zeros((4, 5)))
-
-
-def test_kernel_is_requested_in_blocks_of_rows():
-    grid = Grid(20, 300, 1.0, 1.0)
-    kernel, asked = quadrant_rows(grid, UNIT), []
-
-    def rows(which, columns):
-        asked.append((which.start, which.stop))
-        return kernel(which, columns)
-
-    everywhere = np.ones(grid.shape, bool)
-    sweep(GaussSeidel(rows, grid.shape), everywhere * 1.0, everywhere, 0.8)
-    assert max(last - first for first, last in asked) <= 64
-    assert {j for first, last in asked for j in range(first, last)} == set(range(grid.ny))

@@ -4,17 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases import sphere_pressure
 
 from app.halfspace.grid import Grid
 from app.halfspace.stress.subsurface import SubsurfaceStress
-
-
-def sphere(n, half=1.2):
-    """Hertz's pressure with p0 = 1 and a = 1, as means over parts of the cells."""
-    grid = Grid.from_domain(n, n, (-half, half, -half, half))
-    fine = Grid.from_domain(8 * n, 8 * n, (-half, half, -half, half))
-    p = np.sqrt(np.maximum(1 - fine.x() ** 2 - fine.y()[:, None] ** 2, 0))
-    return p.reshape(n, 8, n, 8).mean(axis=(1, 3)), grid
 
 
 def test_stress_below_a_cosine_is_exact():
@@ -61,7 +54,7 @@ def test_stress_between_centres_is_symmetric_in_x_and_y(nx, ny):
 
 def test_each_plane_carries_the_load():
     """On a wide plane the vertical stress carries the load; shear stresses cancel."""
-    pressure, grid = sphere(32, half=1.0)
+    pressure, grid = sphere_pressure(32, half=1.0)
     wide = replace(grid, nx=512, ny=512, x0=-16.0, y0=-16.0)
     spread = np.zeros(wide.shape)
     spread[240:272, 240:272] = pressure

@@ -22,12 +22,6 @@ def test_plane_section_and_line_agree(nx, ny):
     assert below.plane(0.0)[2] == pytest.approx(-pressure, abs=1e-12)  # the surface carries the pressure
 
 
-def test_zero_pressure_gives_zero_stress():
-    grid = Grid(4, 4, 1.0, 1.0)
-    hottest, sheared = SubsurfaceStress(np.zeros((4, 4)), grid, 0.3).maxima()
-    assert hottest.von_mises == sheared.max_shear == 0
-
-
 @pytest.mark.parametrize(
     "change, message",
     [

@@ -109,33 +109,6 @@ def test_ranks_without_rows_read_no_memory(monkeypatch):
     extension.restrict(np.zeros((0, 5)))
 
 
-@each_shape
-@each_number_of_steps
-def test_restriction_is_the_transpose_of_the_extension(shape, steps):
-    for contact in contact_sets(shape):
-        extension, b = make(contact, steps), field(shape, seed=2)
-        r = field(shape) * contact
-        outer, inner = apply(extension.extend, r) * b, r * apply(extension.restrict, b)
-        assert outer.sum() == pytest.approx(inner.sum(), rel=0, abs=1e-14 * (1 + np.abs(outer).sum()))
-
-
-@each_number_of_steps
-def test_extension_reaches_one_cell_per_step(steps):
-    contact = np.zeros((15, 15), bool)
-    contact[7, 7] = True
-    x = apply(make(contact, steps).extend, contact.astype(float))
-    rows, columns = np.indices(contact.shape)
-    distance = np.maximum(abs(rows - 7), abs(columns - 7))
-    np.testing.assert_array_equal(x != 0, distance <= steps)
-
-
-def test_many_steps_make_the_stencil_vanish_outside_contact():
-    contact = np.random.default_rng(3).random((17, 26)) < 0.3
-    x = apply(make(contact, 200).extend, field(contact.shape) * contact)
-    image = convolve(x, np.array(STENCIL), mode="constant")
-    np.testing.assert_allclose(image[~contact], 0, atol=1e-13)
-
-
 @pytest.mark.parametrize(
     ("r", "off"),
     [

@@ -1,28 +1,24 @@
 """Active set iteration of the default method."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
-from cases import APPROACH, hertz, punch
+from cases import APPROACH, hertz, punch, self_affine
 
-from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface, solve
+from app import ContactSolver, Material, solve
 from app.halfspace.operator import InfluenceOperator
 from app.methods import multilevel_operators
 from app.methods.free.solver import TrackingSolver
 from app.methods.free.verification_product import VerificationProduct
 from app.methods.multilevel_product import MultilevelOperator
 
-
-def rough():
-    grid = Grid.from_domain(256, 256, (0, 1, 0, 1))
-    height = SelfAffineSurface(0.8, 1 / 8, 4 / 256, (1.0, 1.0), 1, rms_slope=0.1).height(grid.x(), grid.y())
-    return ContactProblem(grid, Material.combined(80000.0, 0.3), height.max() - height)
-
-
 PROBLEMS = {
-    "hertz": (lambda: hertz(256), {"approach": APPROACH}),
-    "punch": (lambda: punch(256), {"approach": 0.05}),
-    "rough": (rough, {"approach": 0.015}),
-    "rough, by load": (rough, {"load": 1500.0}),
+    "hertz": (partial(hertz, 256), {"approach": APPROACH}),
+    "punch": (partial(punch, 256), {"approach": 0.05}),
+    "rough": (partial(self_affine, 256), {"approach": 0.015}),
+    "rough, by load": (partial(self_affine, 256), {"load": 1500.0}),
 }
 
 
@@ -48,7 +44,7 @@ def test_bad_multilevel_products_are_replaced_by_fft(monkeypatch, wrong):
         if self is mine.get("influence"):
             out *= wrong
 
-    with ContactSolver(rough(), options={"lcp_rtol": 1e-7}) as solver:
+    with ContactSolver(self_affine(256), options={"lcp_rtol": 1e-7}) as solver:
         expected = solver.solve(approach=0.015)
     improve, mine = TrackingSolver.improve, {}
 
@@ -59,7 +55,7 @@ def test_bad_multilevel_products_are_replaced_by_fft(monkeypatch, wrong):
 
     monkeypatch.setattr(TrackingSolver, "improve", improve_and_tell)
     monkeypatch.setattr(multilevel_operators.MultilevelOperator, "apply", wrongly)
-    with ContactSolver(rough(), options={"lcp_rtol": 1e-7}) as solver:
+    with ContactSolver(self_affine(256), options={"lcp_rtol": 1e-7}) as solver:
         solution = solver.solve(approach=0.015)
     assert solution.converged
     assert not nearly[-1]
@@ -90,13 +86,9 @@ def test_few_verifications_fail_if_the_last_release_moves_the_approach(monkeypat
         plain(operator, *fields)
 
     monkeypatch.setattr(InfluenceOperator, "exact_displacement", counted)
-    grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
-    surface = SelfAffineSurface(0.8, 1 / 8, 8 / n, (1.0, 1.0), seed, rms_slope=0.1)
-    height = surface.height(grid.x(), grid.y())
+    problem = replace(self_affine(n, 8, seed), material=Material.from_contact_modulus(1e5))
     loads = 9e3, 1.2e4, 1.5e4, 1.8e4, 2.1e4, 2.4e4
-    with ContactSolver(
-        ContactProblem(grid, Material.from_contact_modulus(1e5), height.max() - height)
-    ) as solver:
+    with ContactSolver(problem) as solver:
         for load in loads:
             assert solver.solve(load=load).converged
     assert len(loads) <= len(products) <= len(loads) + 1

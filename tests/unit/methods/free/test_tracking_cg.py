@@ -179,46 +179,16 @@ def test_solve_starts_from_the_displacement_and_returns_the_change(make, dtype, 
     assert system.cg.residual == pytest.approx(np.linalg.norm((right - system.product())[inside]), rel=0.01)
 
 
-def test_products_may_be_approximate(make):
-    """With 2 A in place of A the correction is half as large."""
-    system = make()
-    system.track(random_field())
-    before, plain = system.solution, system.operator.displacement
-    solution = make()
-    solution.track(random_field())
-    solution.solve(rtol=1e-10)
-
-    def twice(p, u):
-        plain(p, u)
-        u *= 2
-
-    system.cg.multiply = twice
-    system.solve(rtol=1e-10)
-    half = before + 0.5 * (solution.solution - before)
-    np.testing.assert_allclose(system.solution, half, rtol=0, atol=1e-8 * abs(half).max())
-
-
-def test_single_precision_solves_to_its_rounding(make):
-    single, double = make(dtype=np.float32), make()
-    for system in (single, double):
-        system.solve(rtol=1e-5)
-    assert single.ksp.getConvergedReason() > 0
-    assert abs(single.ksp.getIterationNumber() - double.ksp.getIterationNumber()) <= 1
-    np.testing.assert_allclose(
-        single.solution, double.solution, rtol=0, atol=1e-3 * abs(double.solution).max()
-    )
-
-
-@pytest.mark.parametrize("unit", [1e-22, 1e22])
-def test_single_precision_works_in_any_unit(make, unit):
+@pytest.mark.parametrize("unit", [1e-22, 1.0, 1e22])
+def test_single_precision_solves_to_its_rounding_in_any_unit(make, unit):
     """Squares of its numbers may be out of range."""
-    usual, other = (make(dtype=np.float32, pc=Identity()) for _ in range(2))
+    other, usual = (make(dtype=dtype, pc=Identity()) for dtype in (np.float32, np.float64))
     other.set_right(unit * np.random.default_rng(2).normal(size=GRID.shape))
     usual.set_right(np.random.default_rng(2).normal(size=GRID.shape))
     for system in (usual, other):
         system.solve(rtol=1e-5)
         assert system.ksp.getConvergedReason() > 0
-    assert other.ksp.getIterationNumber() == usual.ksp.getIterationNumber()
+    assert abs(other.ksp.getIterationNumber() - usual.ksp.getIterationNumber()) <= 1
     np.testing.assert_allclose(
         other.solution, unit * usual.solution, rtol=0, atol=1e-3 * other.solution.max()
     )
@@ -236,18 +206,6 @@ def test_right_hand_side_is_unchanged_and_read_on_contact_only(make):
     system.set_right(np.where(system.operator.mask, before.reshape(GRID.shape), 1e6))
     system.solve(rtol=1e-6)
     np.testing.assert_array_equal(system.solution, first)
-
-
-def test_contact_set_may_change_between_solves(make):
-    system = make()
-    system.solve(rtol=1e-10)
-    fresh = make()
-    for other in (system, fresh):
-        other.operator.mask[...] = np.random.default_rng(2).random(GRID.shape) < 0.3
-        other.operator.mask_changed()
-        other.mat.stateIncrease()
-        other.solve(rtol=1e-10)
-    np.testing.assert_array_equal(system.solution, fresh.solution)
 
 
 def test_empty_contact_set_needs_no_iteration(make):

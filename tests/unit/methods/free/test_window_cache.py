@@ -1,36 +1,12 @@
 """Cache of window operators and solvers."""
 
 import numpy as np
-import pytest
+from cases import bowl
 from running import assert_proved_equal
 
-from app import ContactProblem, ContactSolver, Grid, Material
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app import ContactSolver, Grid
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
-from app.methods.free.solver import TrackingSolver
-
-
-def bowl(n, height=1.0):
-    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
-    x, y = np.meshgrid(grid.x(), grid.y())
-    return ContactProblem(grid, Material.combined(1.0, 0.0), height * (x**2 + y**2))
-
-
-@pytest.fixture
-def created(monkeypatch):
-    """Return the list of created spectra and linear solvers."""
-    names = []
-
-    def counting(of, name):
-        plain = getattr(of, name)
-        monkeypatch.setattr(
-            of, name, lambda self, *given, **named: (names.append(name), plain(self, *given, **named))[1]
-        )
-
-    counting(EvenMultiplier, "set_kernel")
-    counting(TrackingSolver, "__init__")
-    return names
 
 
 def test_operators_are_cached_by_size_not_by_place(created):

@@ -1,16 +1,10 @@
 """Windows of a grid."""
 
-import numpy as np
 import pytest
+from cases import bowl
 
-from app import ContactProblem, ContactSolver, Grid, Material
+from app import ContactSolver
 from app.contact.distance import UndeformedDistance
-
-
-def bowl(n, height=1.0):
-    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
-    x, y = np.meshgrid(grid.x(), grid.y())
-    return ContactProblem(grid, Material.combined(1.0, 0.0), height * (x**2 + y**2))
 
 
 @pytest.mark.parametrize("kind", ["approach", "load"])

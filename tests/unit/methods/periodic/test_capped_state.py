@@ -121,19 +121,6 @@ def test_hardness_without_effect_changes_no_bit(cells, holes):
             assert solution.operator_applications == expected.operator_applications
 
 
-def test_all_cells_become_plastic_beyond_full_contact():
-    """From an approach on, all cells have p = H; the overlap grows with the approach."""
-    problem = replace(periodic.rough(12, 10, 2), hardness=0.02)
-    with ContactSolver(problem) as solver:
-        largest = solver.solve(load=0.02 * problem.grid.area)
-        for more in (1e-3, 1.0):
-            solution = solver.solve(approach=largest.approach + more)
-            assert solution.converged and (solution.pressure == 0.02).all() and solution.plastic.all()
-            assert solution.mean_gap == pytest.approx(0, abs=1e-15)
-            mean = problem.gap.mean()
-            assert solution.mean_plastic_depth == pytest.approx(solution.approach - mean, rel=1e-12)
-
-
 def test_a_start_keeps_plastic_cells():
     problem = replace(periodic.rough(64, 64, 8), hardness=0.03)
     with ContactSolver(problem) as solver:
