@@ -45,7 +45,7 @@ def analytic_values(problem, measures, approach, load=None):
 
 
 def theories(problem, mean_pressure, rms_slope):
-    """Return the contact fractions that rough-surface `THEORIES` predict.
+    """Return the contact fractions that theories of rough surfaces predict.
 
     Parameters
     ----------

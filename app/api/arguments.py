@@ -25,7 +25,7 @@ _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
 def check_type(name, value, kind, what):
-    """Raise InputError if an argument `name` has not the type `kind`."""
+    """Raise InputError unless an argument has the type `kind`."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
 
@@ -89,9 +89,9 @@ def _check_layer(grid, coating):
 
 
 def _check_python_types(texts):
-    """Raise InputError for preconditioner classes at which PETSc would abort.
+    """Raise InputError for a preconditioner class that would abort PETSc.
 
-    The options whose names end in ``pc_python_type`` name the classes. PETSc itself reports classes that do not exist.
+    `texts` are options; those whose names end in ``pc_python_type`` name the classes.
     """
     for name, text in texts.items():
         module, _, attribute = text.rpartition(".")

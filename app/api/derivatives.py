@@ -269,9 +269,9 @@ class Derivatives:
 
 
 def _read_number(of, solution):
-    """Return dJ/dp as local rows, and the name of the fixed quantity.
+    """Return dJ/dp for the argument `of`, and what is fixed.
 
-    dJ/dp is None for the approach.
+    dJ/dp has the local rows. It is None if the approach is differentiated.
     """
     if isinstance(of, str):
         if of == "load":

@@ -42,7 +42,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, 
     load : float, optional
         Total force [N].
     hardness : float, optional
-        That of `ContactProblem` [N/mm2]. Default: that of a problem.
+        Hardness [N/mm2]; default: that of `gap` if it is a problem.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def _enlarge(patch, area):
 
 
 def _probe(problem, loading):
-    """Return contact set, admissible cells, whether there is contact.
+    """Solve; return contact set, admissible cells, and whether there is contact.
 
     In admissible cells contact is possible. Without contact, return the cells of the smallest distance as contact set.
     """

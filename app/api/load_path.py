@@ -257,7 +257,7 @@ class _LoadHistory:
     Attributes
     ----------
     largest : float or None
-        Prescribed number of the step with the largest load; of mean gaps it is the smallest number.
+        Prescribed number of the step with the largest load. If mean gaps are prescribed, it is the smallest one.
     solution : Solution or None
         Solution for the largest load, until the bodies unload.
     indented : ContactProblem or None

@@ -393,7 +393,7 @@ def _on_processes(jobs, count, arguments):
 
 
 def _results(connections, chunks):
-    """Yield results of chunks as they come; give idle processes new chunks."""
+    """Yield the results of jobs as they come; give idle processes new jobs."""
     busy = set()
 
     def send(connection):

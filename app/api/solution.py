@@ -317,7 +317,7 @@ class Solution(ContactFields):
         return whole
 
     def _select_fields(self, attributes, taken, what):
-        """Return those attributes that are arrays of the cells, as local rows."""
+        """Return the local rows of the attributes that are fields."""
         selected = {}
         for name, value in attributes.items():
             if name in taken:

@@ -67,7 +67,7 @@ class SolutionTable:
         Raises
         ------
         InputError
-            If it cannot be written.
+            If the file cannot be written.
         """
         from app.io.table import write_table
 

@@ -117,9 +117,9 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """Return the full-contact solution if there is one, else the arguments.
+        """Return state and outcome of full contact, if it is a solution.
 
-        The arguments returned are `state` and `outcome`.
+        Otherwise return `state` and `outcome`.
         """
         contact, full_state = state.contact.copy(), self._new_state()
         if full_outcome := full.solve(full_state, loading, self._stop(), history):

@@ -68,9 +68,11 @@ def stress(solution, poisson_ratio=None, body=None):
 def survey(below, depths=64, at=None, deepest=None):
     """Return largest stresses, and stresses on sections and line.
 
-    The result has these attributes: `hottest` and `sheared`, the largest von Mises and shear stress, each a
-    StressMaximum; `section_x` and `section_y`, the stresses on vertical sections; `line`, the stresses on a vertical
-    line; and `at`, the StressMaximum on this line. (The parameter `at` is the point through which the line goes.)
+    The result has the attributes
+
+    - `hottest` and `sheared`, the largest von Mises and the largest shear stress, each a StressMaximum;
+    - `section_x`, `section_y` and `line`, the stresses on two vertical sections and on a vertical line;
+    - `at`, the StressMaximum on the line.
 
     Parameters
     ----------

@@ -63,9 +63,9 @@ def doubles_per_cell(settings, periodic=False, capped=False, layered=False):
 
 
 def doubles_in_strips(grid):
-    """Return the doubles in the rows and columns transformed at a time.
+    """Return the size of the work arrays of FFTs, in doubles.
 
-    FFTs of a grid transform a few rows or columns together.
+    FFTs of a grid transform a few rows or columns at a time.
     """
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 

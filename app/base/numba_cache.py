@@ -88,7 +88,7 @@ def unliteral(args, kws):
 def _renamed(function, suffix):
     """Return a copy of a function with another name.
 
-    So the copy has its own cache.
+    The copy has a cache of its own.
     """
     copy = FunctionType(
         function.__code__, function.__globals__, f"{function.__name__}_{suffix}", function.__defaults__,
@@ -126,9 +126,9 @@ class LockedCache(FunctionCache):
         self._locked = None
 
     def load_overload(self, signature, context):
-        """Load compiled code, or lock the cache.
+        """Return compiled code, or lock the cache and return None.
 
-        After None the caller compiles, and then unlocks the cache.
+        After None the caller compiles the function, and then unlocks the cache.
         """
         global on_first_compile
         loaded = self._load(signature, context)

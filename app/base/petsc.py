@@ -40,7 +40,7 @@ def _library():
 
 
 def call(name, *arguments):
-    """Call a C function of PETSc; PETSc.Error on failure."""
+    """Call a C function of PETSc; raise PETSc.Error if it fails."""
     if code := getattr(_library(), name)(*arguments):
         raise PETSc.Error(code)
 

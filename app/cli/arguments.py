@@ -15,7 +15,7 @@ from app.options import option_table
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser of arguments that raises InputError, and accepts -1,2 as a value."""
+    """Argument parser that raises InputError, and accepts values like -1,2."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)

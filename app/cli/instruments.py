@@ -112,7 +112,7 @@ def _read_member(surface, number):
 
 
 def choose_channel(channels, wanted):
-    """Return the channel that `wanted` names or numbers."""
+    """Return the channel with the name or number `wanted`."""
     maps = [channel for channel in channels if channel.has_heights]
     names = ", ".join(f"{channel.index} {channel.name}" for channel in maps)
     if not maps:

@@ -47,7 +47,7 @@ LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for
 
 
 class Request:
-    """What app.solve is asked to do, checked before any work. Collective.
+    """Task of app.solve, checked before any work. Collective.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Request:
 
 @contextmanager
 def suggest_names(parsed):
-    """Add names of misspelt options to an InputError of a ``with`` block."""
+    """Add suggestions for misspelt options to an InputError in a ``with`` block."""
     try:
         yield
     except InputError as error:

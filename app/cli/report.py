@@ -94,7 +94,7 @@ def _is_number(value):
 
 
 def numbers_section(result):
-    """Return the section of numbers, with meanings."""
+    """Return the section with the result's numbers and their meanings."""
     grid = result.grid
     values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):

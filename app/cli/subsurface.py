@@ -49,7 +49,7 @@ def draw(result, stresses):
 
 
 def write(path, result, stresses, planes):
-    """Write a survey's and planes' stresses to HDF5.
+    """Write the stresses of a survey and of planes to HDF5.
 
     `planes` maps depths [mm] to the stresses on horizontal planes.
     """

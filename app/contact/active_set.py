@@ -1,8 +1,8 @@
 """The active set iteration of Sec. 3 and 4.1.
 
 Options of the linear solver decide how accurately it solves the system of a contact set: fully by CG (NORM, Sec. 3), or
-by one multigrid cycle (MG + active set, Sec. 4.1). The iteration on a contact set starts from the pressure on the
-contact set before.
+by one multigrid cycle (MG + active set, Sec. 4.1). The solve for a contact set starts from the pressure of the previous
+contact set.
 """
 
 from dataclasses import replace

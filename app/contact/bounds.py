@@ -75,7 +75,7 @@ class PressureBounds:
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
-        """Return a mask of the cells `between` the bounds, or with overlap."""
+        """Return a mask of cells with pressure, or with overlap."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
     def overlap(self, p, gap):

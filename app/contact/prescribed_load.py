@@ -242,8 +242,7 @@ class PrescribedLoad(Loading):
     def update(self, state):
         """Change the approach by the missing load divided by the slope.
 
-        The load is the one expected at this approach once the system (2.11) is solved; the mean gap in contact gives an
-        estimate of it. See `Loading.update`.
+        The load at this approach is estimated from the mean gap in contact. See `Loading.update`.
         """
         gaps = state.on_contact_or_overlap()
         capped = state.bounds.capped
@@ -270,8 +269,8 @@ class PrescribedLoad(Loading):
     def _plastic_step(self, state, gaps, stiffness):
         """Return the step of `step_to_load`, corrected [mm]. Collective.
 
-        The step is multiplied by a factor that follows from the last errors of the model. Without this factor the
-        missing load would fall only like a geometric series, if the model is always wrong by the same factor.
+        The step is multiplied by a factor that follows from the last errors of the model. This is faster if the model
+        is always wrong by the same factor.
         """
         step, expected = step_to_load(state, gaps.load, self.load, stiffness)
         missing, (before, depth) = self.load - expected, self._missing or (0.0, state.depth)

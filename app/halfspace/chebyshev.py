@@ -33,7 +33,7 @@ def fit_even_chebyshev(values):
 
 
 def lagrange_weights(at, places):
-    """Return Lagrange's weights, to interpolate `places` to `at`.
+    """Return Lagrange's weights to interpolate from `places` to `at`.
 
     Both are arrays of coordinates. The shape is (len(at), len(places)): a row has the weights of one point.
     """

@@ -144,7 +144,7 @@ def _copy_masked(a, mask, out):
 
 @njit()
 def _collect(p, mask, first, weights, nodes, row):
-    """Collect pressures at the nodes of y: nodes += P^T p."""
+    """Add the pressures of cells to nodes in y, by interpolation weights."""
     step, width = weights.shape
     for j in range(p.shape[0]):
         nonzero = _copy_masked(p[j], mask[j], row) if mask.size else _copy_row(p[j], row)
@@ -157,7 +157,7 @@ def _collect(p, mask, first, weights, nodes, row):
 
 @njit()
 def _interpolate(nodes, first, weights, mask, out, row):
-    """Interpolate displacements from the nodes of y: out += P nodes."""
+    """Interpolate displacements from nodes in y, and add them to `out`."""
     step, width = weights.shape
     for j in range(out.shape[0]):
         row[:] = 0
@@ -171,7 +171,7 @@ def _interpolate(nodes, first, weights, mask, out, row):
 
 
 class ImageCorrection:
-    """Product with S, minus the influence of the images. Collective over `comm`.
+    """Product with minus the influence of the images. Collective over `comm`.
 
     Nodes are `steps` cells apart in y and x. The value of a cell is interpolated from `width` nodes in each direction.
     A product is computed in two steps: `multiply` computes it at the nodes, and `add` interpolates it to the cells.
@@ -199,7 +199,7 @@ class ImageCorrection:
         self._row = np.empty(nx, dtype)
 
     def multiply(self, p, mask):
-        """Compute S p at the nodes. Collective.
+        """Compute the product with p at the nodes. Collective.
 
         With a mask, p counts as zero outside of it. A mask of size 0 means no mask.
         """
@@ -220,7 +220,7 @@ class ImageCorrection:
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_node)
 
     def add(self, out, mask):
-        """Add the last S p, interpolated, to `out`.
+        """Interpolate the last product to the cells, and add it to `out`.
 
         With a mask, only cells inside the mask are changed. A mask of size 0 means no mask.
         """

@@ -167,7 +167,7 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
     def free_work(self):
-        """Free large work arrays until the next contact set, in subclasses."""
+        """Do nothing; subclasses free large work arrays here."""
 
     def destroy(self):
         """Free the KSP, matrix and vectors. Collective."""

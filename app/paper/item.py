@@ -10,13 +10,13 @@ CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], 
 
 
 class Limits(NamedTuple):
-    """Limits of a reproduction."""
+    """Largest grid and number of surfaces of a reproduction."""
 
     largest: int = 256  # number of cells per side
     seeds: int = 10  # number of random surfaces in addition to that of the tables
 
     def sizes(self, *sizes):
-        """Return those of the given grid sizes that are not too large."""
+        """Return the given sizes that are at most `largest`."""
         return [n for n in sizes if n <= self.largest]
 
 

@@ -58,7 +58,7 @@ def format_entry(value):
 
 
 def pair_entries(name, ours):
-    """Return a table's entries, with pairs of values.
+    """Return the entries of a table, each with the paper's and our value.
 
     `name` is the name of the table; `ours` maps grid sizes to rows of this program's values.
     """

@@ -76,7 +76,7 @@ class SweepHistory(NamedTuple):
 class ModePair(NamedTuple):
     """Mode of Gauss-Seidel on a fine and on a coarse grid (Fig. 7).
 
-    `number` is the paper's. Only smooth modes have a partner, with the phase of the fine mode.
+    `number` is the paper's. The coarse mode has the phase of the fine one, and is None unless the mode is smooth.
     """
 
     number: int

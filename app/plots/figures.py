@@ -48,7 +48,7 @@ _PRESCRIBED = {
 def make_title(result, path=False):
     """Return the title of a figure.
 
-    The title is that of the user, or problem, grid and load. If `path` is true, the title has the range of loads.
+    The title is the user's, or else it names problem, grid and load. If `path` is true, it has the range of loads.
     """
     ny, nx = result.pressure.shape
     values = result.attributes
@@ -165,7 +165,7 @@ def hottest_cell(result):
 def draw_section(axes, result, along, row, column, reference):
     """Draw the pressure along a row or column.
 
-    The gap is drawn, too, or instead the pressure of a `reference` solution. Return the ends of the axis [mm].
+    With a `reference` solution its pressure is drawn, too, otherwise the gap. Return the ends of the axis [mm].
     """
     unit = choose_length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
@@ -204,7 +204,7 @@ def draw_section(axes, result, along, row, column, reference):
 
 
 def _draw_gap(axes, sides, gap, ends):
-    """Draw the gap above the pressure, downwards from the top."""
+    """Draw the gap in a section, downwards from the top."""
     shown = gap[(sides[1:] > ends[0]) & (sides[:-1] < ends[1])]
     highest = float(np.nanmax(shown, initial=0.0))
     if not 0 < highest < np.inf:

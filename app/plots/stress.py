@@ -36,8 +36,8 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark="
     """Draw the von Mises stress on a vertical section.
 
     Return the units of lengths and depths. The section goes `along` "x" or "y" and is shown between `ends` [mm].
-    `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, `shape` height over width
-    of the panel, `remark` follows the axis.
+    `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, `shape` is height over
+    width of the panel, and `remark` is a text in the label of the axis.
     """
     unit = choose_length_unit(max(ends[1] - ends[0], depths[-1]))
     z_scale = shape * (ends[1] - ends[0]) / (depths[-1] or 1.0)

@@ -46,7 +46,7 @@ class WavyContact(ABC):
     e_star : float
         Contact modulus E* [N/mm2].
     mean_pressure : float
-        Load divided by the area of a period [N/mm2]; without contact if not positive.
+        Load divided by the area of a period [N/mm2]. There is no contact unless it is positive.
     """
 
     amplitude: float

@@ -89,8 +89,7 @@ def solve_by_lemke(matrix, h, hardness=None):
 def long_matrix(grid, kernel):
     """Return A in extended precision, shape (n, n).
 
-    Coefficients of a periodic patch are not rounded to doubles. The smallest eigenvalues would lose digits,
-    because the coefficients of long cells are much larger.
+    The coefficients of a periodic patch are not rounded to doubles, because this would change the smallest eigenvalues.
     """
     if not grid.periodic:
         return dense_matrix(grid, kernel).astype(np.longdouble)

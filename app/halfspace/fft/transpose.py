@@ -77,7 +77,7 @@ class ColumnGroup:
     def deal(self, comm, part, received):
         """Exchange columns; return those of this rank. Collective.
 
-        Return a list: for each rank the strips of its rows, with the columns of this rank.
+        The list has, for each rank, the strips of its rows in the columns of this rank.
         """
         own = self.own(part)
         if comm is None:

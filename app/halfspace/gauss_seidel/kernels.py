@@ -1,8 +1,7 @@
 """Compiled loops of a Gauss-Seidel sweep.
 
 A leaf is a block of rows, a transfer the effect of leaves on later leaves; see
-`app.halfspace.gauss_seidel.gauss_seidel`. Frequencies are stored in chunks of `LANES`, so that a loop over the lanes of
-a chunk is vectorised.
+`app.halfspace.gauss_seidel.gauss_seidel`. Frequencies are stored in chunks of `LANES`, for vectorised loops.
 """
 
 from typing import NamedTuple

@@ -161,9 +161,10 @@ def _edges(offsets, step):
 
 
 class _Mirror:
-    """Stresses of cells in one direction, from values at their positive edges.
+    """Differences of a function between the two edges of each cell.
 
-    There are `count` cells; the first has an offset of `first` cells. Values at negative edges follow by symmetry.
+    There are `count` cells along one axis; the first has an offset of `first` cells. The function is computed only at
+    positive edges; symmetry gives its values at negative edges.
     """
 
     def __init__(self, first, count):
@@ -176,11 +177,11 @@ class _Mirror:
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):
-        """Return each cell's difference between its two edges.
+        """Return the difference between the two edges of each cell.
 
-        A difference is the value at the upper edge minus that at the lower edge. `corners` are values at the positive
-        edges, along `axis`. They are integrals of a stress component. `odd` is true if the component is odd in this
-        direction; its integral is then even.
+        It is the value at the upper edge minus that at the lower edge. `corners` are the values at positive edges,
+        along `axis`: integrals of a stress component. `odd` is true if the component is odd in this direction, so that
+        its integral is even.
         """
         mirrored = corners.take(self._index, axis)
         if not odd:

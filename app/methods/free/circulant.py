@@ -68,8 +68,7 @@ class Circulant:
     Collective. The matrix is that of an `InfluenceOperator`. C restricts fields to contact, and B is the inverse of A
     continued periodically. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3
     centre of B (`app.methods.free.contact_edge`). The iteration starts from zero or, on a free patch with scattered
-    contact, from means of the residual over blocks (`app.methods.free.block_average`). For block means the centre is
-    scaled so that constants are not changed, unless cells are long.
+    contact, from means of the residual over blocks (`app.methods.free.block_average`).
 
     Options: ``-pc_circulant_extend k``, the number of steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells
     of a block in each direction (default 0: no block means).

@@ -280,8 +280,8 @@ class TrackingCG(KspContext):
     def _start(self, ksp, b, x, r):
         """Compute the first residual r = b + shift - u.
 
-        u is the attribute `displacement`, or A x if this is None. Return the norm of r, and the number of cells in the
-        spans of contact.
+        b + shift is the right-hand side. u is the attribute `displacement`, or A x if this is None. Return the norm of
+        r, and the number of cells in the spans of contact.
         """
         u, norm, self.first_norm = self.displacement, self.first_norm, None
         if u is None:

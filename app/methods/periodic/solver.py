@@ -100,9 +100,10 @@ class PrimalSolver(LinearSolver):
     def improve(self, primal, allowed):
         """Reduce the pressure on the free cells by CG.
 
-        The pressure must vanish on free cells. The results are `change`, that of w, and `carried`, the updated p. CG
-        stops when the norm of the preconditioned residual, which is about the error of w, is at most `allowed` [mm].
-        Return the number of iterations, a text why CG failed (empty if it did not), and this norm.
+        The pressure must vanish on free cells. The results are `change`, the change of the displacement w, and
+        `carried`, the updated p. CG stops when the norm of the preconditioned residual, which is about the error of w,
+        is at most `allowed` [mm]. Return the number of iterations, a text why CG failed (empty if it did not), and this
+        norm.
         """
         if self.preconditioner.constrained:
             primal.balance_free_cells(self)
