@@ -71,7 +71,7 @@ _ignore_closed_pipes()
 def _finalize():
     """Finalize PETSc before Python ends.
 
-    PETSc's objects call Python contexts when they are destroyed.
+    PETSc's objects call Python code when they are destroyed, so Python must still run.
     """
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed

@@ -130,7 +130,7 @@ class CappedBounds(PressureBounds):
     def plastic_after(self, p, gap, diagonal):
         """Return a mask of cells that a Jacobi step makes plastic.
 
-        After the step p >= H. `diagonal` is the diagonal entry of A.
+        The step changes p by minus the gap divided by the `diagonal` entry of A. A cell becomes plastic if then p >= H.
         """
         return self.admissible & (diagonal * (p - self.upper) >= gap)
 

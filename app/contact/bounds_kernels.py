@@ -178,9 +178,9 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Set `out` to p on `cells`, without tension; return the sum.
+    """Set `out` to max(p, 0) in some cells, else 0; return its sum.
 
-    In the marked `cells`, `out` receives max(p, 0), in other cells 0.
+    `cells` marks these cells.
     """
     total = 0.0
     for j in range(p.shape[0]):

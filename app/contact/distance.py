@@ -209,7 +209,7 @@ def _measure(levels, comm):
 def _mean(parts, cells):
     """Return the mean over cells, and its rounding error.
 
-    `parts` are numbers that add up exactly to the sum over the cells.
+    `parts` are numbers whose exact sum is the sum over the cells.
     """
     if not cells:
         return 0.0, 0.0

@@ -116,8 +116,8 @@ def estimate_errors(grids, touching, prescribed):
 def _error(values, pairs, scatter=0.0):
     """Return the estimated relative error of the first value, at most 1.
 
-    `values` are those of the grids from fine to coarse. The first `pairs` differences of neighbours are used. If the
-    finest two differ by at most `scatter`, nothing is extrapolated.
+    `values` are those on the grids from fine to coarse. They are extrapolated by the first `pairs` differences between
+    neighbouring grids, unless the finest two differ by at most `scatter`.
     """
     if not values[0]:
         return float("nan")

@@ -87,8 +87,8 @@ class Loading:
         """Solve by a root search if the load is prescribed. Collective.
 
         The function ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a
-        factor on the tolerance of these solves, because the pressure is scaled to the load after them. `rtol` is the
-        tolerance of the search, `step` the estimated error of the depth of `state` [mm].
+        factor on the tolerance of these solves. `rtol` is the tolerance of the search, `step` the estimated error of
+        the depth of `state` [mm].
         """
         return solve(self, stop)
 

@@ -17,11 +17,10 @@ _MAX_TRIALS = 60
 
 
 def step_to_load(state, load, target, stiffness=0.0):
-    """Return the change of depth from a load to a target [mm].
+    """Return the change of depth that brings the load to a target [mm].
 
-    Collective. `load` is the load of `state` [N], `target` the prescribed load [N]. On periodic patches `stiffness` is
-    the stiffness of elastic contact [N/mm]. Returns the change, and F(0), the load that is expected at the present
-    depth [N].
+    Collective. `load` is the present load [N], `target` the prescribed load [N]. On periodic patches `stiffness` is the
+    stiffness of elastic contact [N/mm]. Return also the load that the model expects at the present depth [N].
     """
     grid, distance, compliance = state.grid, state.distance, state.operator.diagonal
     fields = distance.b, state.depth, state.u, state.p

@@ -110,8 +110,8 @@ class PrescribedLoad(Loading):
     def _fill_plateaus(self, state):
         """Bring p to the prescribed load. Collective.
 
-        In general p is scaled, or a constant is added to p on C. If all cells of C are at a bound of p, neither changes
-        the load. Then the approach changes until a further cell enters C, and p is changed again.
+        In general p is scaled, or a constant is added to p on C. If the pressures in C are all at a bound, the approach
+        changes first, until another cell enters C.
         """
         for _ in range(_MAX_PLATEAUS):
             state.set_load(self.load, load := state.load)

@@ -212,7 +212,7 @@ class ContactState:
     def on_contact(self, with_h=False):
         """Return the `Gaps` of the cells in C. Collective.
 
-        If `with_h` is true, they include ||h||.
+        If `with_h` is true, the norm of h on C is included.
         """
         b, depth, contact = self.distance.b, self.distance.depth, self.contact
         h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
@@ -314,8 +314,9 @@ class ContactState:
 
         These cells are tensile. Cells above the hardness are removed from C, too.
 
-        `some` is true if any rank has tensile cells. If it is None, the call is collective and counts the tensile
-        cells. Return their number, or `some`. The change of p is added to `change`, shape (local rows, nx) [N/mm2].
+        If `some` is None, the call is collective, and returns the number of tensile cells. Otherwise `some` says
+        whether any rank has tensile cells, and is returned. The change of p is added to `change`, shape (local rows,
+        nx) [N/mm2].
         """
         released = self.bounds.release(self.values, self.contact, self._released, change)
         released = int(self.sum([released])[0]) if some is None else some
@@ -400,7 +401,7 @@ class ContactState:
     def distribute_load(self, load):
         """Distribute a load [N] evenly over C. Collective.
 
-        p stays within its bounds. u is computed.
+        p stays within its bounds. Then u = A p is computed.
         """
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)

@@ -220,7 +220,7 @@ class ImageCorrection:
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_node)
 
     def add(self, out, mask):
-        """Interpolate the last product to the cells, and add it to `out`.
+        """Interpolate the result of `multiply` to the cells; add it to `out`.
 
         With a mask, only cells inside the mask are changed. A mask of size 0 means no mask.
         """

@@ -81,10 +81,10 @@ class LayerTables:
         return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
 
     def integrals(self, cell, rows, columns):
-        """Return the integrals of g over cells, in thicknesses.
+        """Return the layer's part of influence coefficients, in thicknesses.
 
-        `cell` is the size (dx, dy) of a cell; `rows` and `columns` are arrays of offsets in y and x. The shape is
-        (rows, columns).
+        It is the integral of g (see the module) over each cell. `cell` is the size (dx, dy) of a cell; `rows` and
+        `columns` are arrays of offsets in y and x. The shape is (rows, columns).
         """
         dx, dy = cell
         x, y, widest = dx * columns[None, :], dy * rows[:, None], max(dx, dy)

@@ -22,9 +22,9 @@ _ORDER = 12
 def _taylor_series(dx, dy):
     """Return a cell's sides, and a Taylor series for far points.
 
-    rho is the distance of a point in the cell from the origin; (dx, dy) is the size of the cell. For a cell with its
-    centre at (x, y), the mean of 1/rho over the cell is ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``. Row
-    n of c has the terms of order 2n. Return the sides in units of the longer side, the squares of the sides, correctly
+    The mean of 1/rho over a cell with its centre at (x, y) is ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``. Here rho is the
+    distance of a point in the cell from the origin, and ``r^2 = x^2 + y^2``. Row n of c has the terms of order 2n. (dx,
+    dy) is the size of the cell. Return its sides in units of the longer side, the squares of the sides, correctly
     rounded, and the coefficients c.
     """
     sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]

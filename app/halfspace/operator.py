@@ -152,11 +152,11 @@ class InfluenceOperator(MatMethods):
         return exact if isinstance(exact, EvenMultiplier) else None
 
     def spare_fields(self, *types, others=()):
-        """Return work fields in unused parts of `storage`.
+        """Return unused parts of `storage` as work fields.
 
-        There is one field for each numpy type in `types`, of shape `local_shape` and not initialised. A field is None
-        if the storage is too small. The fields keep their values during the iteration: the product of this operator
-        does not overwrite them, and neither do the products `others` of other grids. Collective on first use.
+        There is one field for each numpy type in `types`, of shape `local_shape`; None if the storage is too small.
+        Neither the product of this operator nor the products `others` of other grids overwrite the fields. Collective
+        on first use.
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):

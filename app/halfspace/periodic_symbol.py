@@ -10,8 +10,8 @@ lambda(q) that gives the eigenvalues of the matrix. The symbol depends on what t
   compared with the contact, the matrix acts nearly as that of a free patch.
 
 The two symbols differ by O(cell size). Both symbols have ``lambda(0) = 0``: displacements are relative to their mean,
-because a mean pressure would displace the half-space without bound. So the mean gap equals the mean undeformed distance
-exactly.
+because a mean pressure would displace the half-space without bound. So the gap has the same mean as the undeformed
+distance.
 """
 
 from functools import lru_cache

@@ -41,9 +41,9 @@ def coarse_shape(shape, factors, periodic=False):
 
 
 class MultilevelOperator:
-    """Multilevel product M of one level, with those of coarser levels.
+    """Multilevel product M, an approximation of A or its inverse.
 
-    Collective over the ranks of the layout. M approximates A or its inverse B.
+    Collective over the ranks of the layout. M contains the products of coarser levels.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def _split(row, even, odd):
 
 @njit_reassoc
 def _halve(even, odd, sixteenth, three, out):
-    """Sum neighbouring cells with weights 1, 3, 3, 1 into coarse cells."""
+    """Sum four fine cells into each coarse cell, with weights 1, 3, 3, 1."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 

@@ -44,7 +44,7 @@ class _ReferenceSolver:
         """Solve the contact problem for the approach of `state`.
 
         The initial pressure is that of the Solution `start`, if given. Return the Outcome. Raises a PETSc.Error if the
-        chosen linear solver needs more than products with the matrix.
+        chosen linear solver needs the entries of the matrix.
         """
         for listener in history.listeners:
             listener.start(state, self.level)

@@ -120,11 +120,11 @@ def _compute_gap(state, p):
 
 
 def _leave_full_contact(state, gap):
-    """Return the change that moves p outside C to its bounds.
+    """Remove a cell from full contact; return the change of p [N/mm2].
 
-    Collective. The unit is N/mm2. A is singular on all cells of a periodic patch. So if C has all cells, the cell with
-    the largest gap leaves C. Beyond full contact, the cell with the deepest overlap that can become plastic leaves C.
-    Either move lowers f.
+    Collective. The change moves p outside C to its bounds. A is singular on all cells of a periodic patch. So if C has
+    all cells, the cell with the largest gap leaves C; beyond full contact, the cell with the deepest overlap that can
+    become plastic.
     """
     p, bounds, distance = state.p, state.bounds, state.distance
     if not np.isfinite(distance.full_depth) or state.elastic_cells() < state.grid.n:

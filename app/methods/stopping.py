@@ -20,7 +20,7 @@ class InexactStop(StoppingTest):
     coarse_rtol : float
         Largest ||r|| / ||h|| on C for which a coarser grid is left.
     predictor : float
-        Factor on the predicted displacement, by which cells enter C.
+        Factor on the predicted displacement; cells that overlap by it enter C.
     error_bound : float
         Largest error bound (`app.contact.certificate`) for which the target grid counts as solved.
     defect_correction : float

@@ -103,7 +103,7 @@ def _compute_directly(kind, dx, dy, x, y):
 def _smooth_part(dx, dy):
     """Return Chebyshev coefficients of the smooth part of eigenvalues.
 
-    The smooth part is the sum of aliases of the spectrum of a cell. The shape is (terms in x, terms in y).
+    The smooth part is the sum over the aliases of a wave. The shape of the result is (terms in x, terms in y).
     """
     counts = [int(np.ceil(CHEBYSHEV_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
     x, y = map(chebyshev_nodes, counts)
@@ -185,11 +185,11 @@ def _powers(kind, dx, dy, x, y, power):
 
 
 def coarsen_symbol(values, near, x, y):
-    """Return the eigenvalues that stencils leave to the next coarser grid.
+    """Return the part of eigenvalues that stencils do not represent.
 
     `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, which are divided by the highest
     ones of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result is g_l of the module
-    docstring.
+    docstring, for the next coarser grid.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -26,11 +26,11 @@ def _interpolate_inner(row, fine):
 
 @njit()
 def interpolate_bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
-    """Compute fine cells from two coarse rows and columns.
+    """Interpolate a coarse field bilinearly to fine cells.
 
-    Cell fine[j, i] is interpolated from the coarse rows a[j], with weight weight_y[j], and b[j], and from the columns
-    c[i], with weight weight_x[i], and d[i]. The weights of b[j] and d[i] are one minus these. `halved` is true if each
-    coarse column has two fine ones. `row` is work space for a coarse row.
+    Fine row j is interpolated from the coarse rows a[j] and b[j], with the weights weight_y[j] and 1 - weight_y[j].
+    Likewise, fine column i is interpolated from the coarse columns c[i] and d[i], with weight_x. `halved` is true if
+    each coarse column has two fine ones. `row` is work space for a coarse row.
     """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
@@ -64,11 +64,12 @@ def _interpolate_halved(row, weights, fine):
 
 @njit()
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """Compute fine cells from six coarse rows and columns.
+    """Interpolate a periodic coarse field to fine cells, by quintics.
 
-    The rows for fine[j, i] are rows[j] to rows[j] + 5, the columns are columns[i] to columns[i] + 5. Columns are
-    counted from `QUINTIC_MARGIN` cells before the first one. Weights have shapes (rows, 6) and (columns, 6). `halved`
-    is true if each coarse column has two fine ones. `row` is work space for (coarse columns + 2 QUINTIC_MARGIN) values.
+    Fine row j is interpolated from the coarse rows rows[j] to rows[j] + 5, fine column i from columns[i] to columns[i]
+    + 5. Columns are counted from `QUINTIC_MARGIN` cells before the first one. Weights have shapes (rows, 6) and
+    (columns, 6). `halved` is true if each coarse column has two fine ones. `row` is work space for (coarse columns + 2
+    QUINTIC_MARGIN) values.
     """
     nx = coarse.shape[1]
     for j in range(fine.shape[0]):
@@ -90,11 +91,10 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 
 @lru_cache(maxsize=64)
 def bilinear_weights(start, stop, count, factor, place, first=None):
-    """Return each fine cell's two coarse cells and weight.
+    """Return two coarse cells and a weight for each fine cell.
 
-    All cells are those along one axis. The fine cells are `start` to `stop` - 1. Along the axis there are `count`
-    coarse cells, each of `factor` fine cells. The weight is that of the first coarse cell; the second has one minus
-    this weight.
+    The cells are those along one axis: fine cells `start` to `stop` - 1, and `count` coarse cells of `factor` fine
+    cells each. The weight is that of the first of the two coarse cells; the second has one minus this weight.
 
     The two coarse cells are the parent, which contains the fine cell, with weight 3/4, and the nearest neighbour of the
     parent. At the boundary of the grid the two coarse cells are the parent, with weight 5/4, and the neighbour inside.

@@ -27,9 +27,9 @@ class SolverCache:
         self._kind, self._hierarchy, self._target, self._solvers = kind, hierarchy, target, {}
 
     def prepare(self, first=0):
-        """Make the solvers of small levels without windows. Collective.
+        """Make the solvers of small levels, from level `first` on. Collective.
 
-        Levels with numbers below `first` are left out.
+        Levels that may have windows are left out.
         """
         hierarchy = self._hierarchy
         for number, level in enumerate(hierarchy.levels):

@@ -255,7 +255,7 @@ def _add_pairs(fine, coarse):
 def _add_children(fine, coarse, fy, fx):
     """Add fine cells' values to their coarse cells.
 
-    The first fine row and column must be first children.
+    `fine` must begin with the first child of a coarse cell.
     """
     for j in range(fine.shape[0]):
         if fx == 2:
@@ -290,7 +290,7 @@ def _copy(coarse, fine, skipped, fy, fx):
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
     """Add the values of coarse cells to their children inside a mask.
 
-    `skipped` is as in `_copy`; `row` is work space for a fine row.
+    `skipped` is as in `_copy`; `row` is a work row.
     """
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)

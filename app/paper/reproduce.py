@@ -7,8 +7,8 @@ inexact; `tables`, `figures`, `studies` and `all` (default) name several. In DIR
 - ``report.md``: the paper's numbers and this program's, with the pictures ``fig8.png`` ...;
 - ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: finished runs, which a second call skips.
 
-A call adds its items to those that DIR already has. Exit status: 0 all items done; 1 a run crashed or was refused, and
-its item is left out; 2 bad input; 130 interrupted, with the complete items written.
+Results of earlier calls in DIR are kept. Exit status: 0 all items done; 1 a run crashed or was refused, and its item is
+left out; 2 bad input; 130 interrupted, with the complete items written.
 """
 
 import datetime

@@ -104,7 +104,7 @@ def collect_cycles(path):
 def collect_errors(path):
     """Return a trace's pressure errors for Table 4 [N/mm2].
 
-    They are root mean squares over the last contact set, before iteration 1 and after each iteration.
+    The errors are root mean squares over the last contact set, before iteration 1 and after each iteration.
     """
     with h5py.File(path) as file:
         p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))

@@ -55,9 +55,10 @@ def surface_figure(surface):
 
 
 def _prepare(surface):
-    """Return canvas, scaled heights, colour limits, `extend`, and unit.
+    """Return what is needed to draw a map of heights.
 
-    `extend` names the ends of the colour bar beyond which heights lie; the unit is that of the scaled heights.
+    The results are canvas, heights in a suitable unit, limits of the colours, the ends of the colour bar beyond which
+    heights lie (`extend`), and the unit.
     """
     heights = surface.heights_about_plane()
     low, high, extend = _find_limits(heights)

@@ -50,7 +50,7 @@ class Path(NamedTuple):
     scale: float = np.nan
 
     def select(self, *names, above=0.0):
-        """Return columns at steps where all exceed `above`.
+        """Return columns at the steps where all of them exceed `above`.
 
         Return None if a column is missing, or if there is no such step.
         """
@@ -358,7 +358,7 @@ def read_csv(path):
 def parse_numbers(texts):
     """Convert texts to numbers.
 
-    Of a pair of numbers the first one is taken; any other text becomes NaN.
+    For a pair of numbers, its first number is taken. A text without a number becomes NaN.
     """
 
     def value(text):

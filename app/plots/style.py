@@ -117,7 +117,7 @@ def with_style(draw):
 
 
 def column_width():
-    """Return the width of the only column of panels [inch], or None."""
+    """Return the width of a single column of panels [inch], or None."""
     return _current.get().column
 
 

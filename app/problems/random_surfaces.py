@@ -321,9 +321,9 @@ class SelfAffineSurface(_Function):
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
-        """Yield slices of k_x with their power spectrum and wave numbers q.
+        """Yield power spectrum and wave numbers q, for slices of k_x.
 
-        The power spectrum is not scaled to the rms value.
+        Each item also has the slice. The power spectrum is not scaled to the rms value.
         """
         kx, ky = self.wave_numbers
         for start in range(0, len(kx), STRIP):

@@ -250,10 +250,10 @@ class DenseProblem:
         return p
 
     def _leave_full_contact(self, sets, h):
-        """Return sets with one cell less in elastic contact.
+        """Remove one cell from full elastic contact; return the new sets.
 
         Elastic contact of all cells has no solution, because A is singular. The pressure of full contact is known up to
-        a constant. This pressure decreases until a cell opens, or grows until a cell is plastic.
+        a constant, which decreases until a cell opens, or grows until a cell is plastic.
         """
         full, sets = self._full(), sets.copy()
         if h.mean() >= 0 or np.isinf(self._upper).all():

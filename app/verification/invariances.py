@@ -95,7 +95,7 @@ def heights(problem, before):
 
 
 def lengths(problem, before):
-    """Scale all lengths: pressures stay, loads are scaled by the square."""
+    """Multiply lengths by a factor: pressures stay, loads grow by its square."""
     grid = problem.grid
     grid = replace(grid, dx=5 * grid.dx, dy=5 * grid.dy, x0=5 * grid.x0, y0=5 * grid.y0)
     larger = replace(problem, grid=grid, gap=5 * problem.gap)

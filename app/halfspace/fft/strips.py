@@ -121,10 +121,10 @@ def _load_rows(rows, strips, height, start):
 
 @njit()
 def _store_pairs(transforms, length, first, count, active, scratch, strips, height, start):
-    """Split transforms of pairs of rows, and store the rows in strips.
+    """Split the transforms of pairs of rows, and store them in strips.
 
-    There are `count` rows, stored from row `start` of the strips on. The strips have `height` rows, and the frequencies
-    from `first` on. If `active` is false, the rows are zero.
+    `count` rows are stored, from row `start` of the strips on, with the frequencies from `first` on. The strips have
+    `height` rows. If `active` is false, the rows are zero.
     """
     if not height:
         return
@@ -191,10 +191,9 @@ def _divide(column, factor, scale):
 
 @njit()
 def _any_active(p, mask, rows, start, stop):
-    """Return whether some rows contain nonzeros.
+    """Return whether any row from `start` to `stop` - 1 is nonzero.
 
-    The rows are `start` to `stop` - 1. `rows` marks the rows with nonzeros. If it is not given, the mask or else p is
-    searched.
+    If `rows` is given, it marks the nonzero rows. Otherwise the mask, if given, or else p is searched.
     """
     if rows.size:
         return rows[start:stop].any()

@@ -123,7 +123,7 @@ class Exchange:
             self._columns.append((own, others, places, group.heights, group.rank))
 
     def each(self):
-        """Yield, for each group, the first arguments of `strips.convolve_columns`.
+        """Yield arguments of `strips.convolve_columns` for each group.
 
         The iteration must be completed: the columns of a group are sent back when the next group is requested.
         """

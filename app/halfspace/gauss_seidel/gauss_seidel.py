@@ -132,7 +132,7 @@ class GaussSeidel:
             d[:, columns] = correction
 
     def _prepare(self, mask):
-        """Make tables if necessary; describe contact. Collective.
+        """Make tables if necessary; return where contact is. Collective.
 
         `mask` is the contact set on this rank's rows. Return which rows of the grid have contact, the number of contact
         cells, and the columns to sweep over.

@@ -188,7 +188,7 @@ class SubsurfaceStress:
         return [self._refine(*pair, depths) for pair in zip(measures, peaks, strict=True)]
 
     def _refine(self, measure, peaks, depths):
-        """Return the maximum of a measure in depth, below the highest peaks."""
+        """Return the maximum of a measure below some cells, refined in depth."""
         from scipy.optimize import minimize_scalar
 
         stresses = {}

@@ -72,9 +72,9 @@ class BlockAverage:
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Update the block means, after share * q was subtracted.
+        """Update the block means of a residual that has changed.
 
-        It was subtracted from the residual. `means` is the sum of `local_means(q)` over the ranks.
+        ``share * q`` was subtracted from the residual. `means` is the sum of `local_means(q)` over the ranks.
         """
         self._means -= share * means.reshape(self._shape)
 

@@ -250,9 +250,9 @@ class CappedPrimalState(PrimalState):
 
 
 def _feasible(loading, state):
-    """Return the loading, reduced if a coarse grid cannot reach it.
+    """Return a loading that a coarse grid can carry.
 
-    The area where contact is possible, and so the largest load, may be smaller on a coarse grid.
+    The loading is reduced if the largest load is smaller on the coarse grid.
     """
     distance, largest = state.distance, state.bounds.largest_load
     if loading.load is not None:
@@ -264,7 +264,7 @@ def _feasible(loading, state):
 
 
 def _fill(gap, upper, total, comm):
-    """Return the gap up to which plastic cells carry a load.
+    """Return the gap up to which cells must be plastic for a load.
 
     Cells become plastic in the order of their gaps, until they carry more than `total`. Return the gap g of the last
     one (the largest gap if all cells carry less), and `total` minus the pressures of the cells with gaps below g. `gap`

@@ -77,9 +77,9 @@ class PrimalSolver(LinearSolver):
     def begin(self, state, loading, multilevel_share=0.0):
         """Prepare the solution on a grid.
 
-        If the approach is prescribed, the solver does not change the mean of w. Until the verification, or `end`, the
-        array u of `state` stores `carried`. Products are multilevel until the residual has fallen to the fraction
-        `multilevel_share`; if it is 0, all are by FFT.
+        If the approach is prescribed, the solver does not change the mean of w = u - approach. Until the verification,
+        or `end`, the array u of `state` stores the updated pressure. Products are multilevel until the residual has
+        fallen to the fraction `multilevel_share`; if it is 0, all are by FFT.
         """
         if multilevel_share and self.inverse.multilevel is None:
             multilevel_share = 0.0
@@ -163,6 +163,6 @@ def _check_kinds(options):
 def coarser_operator(hierarchy, number):
     """Return A on the coarser grid of a level's preconditioner.
 
-    None for the coarsest level.
+    The result is None for the coarsest level.
     """
     return hierarchy.levels[max(number - LONG_WAVE_LEVELS, 0)] if number else None

@@ -103,7 +103,7 @@ class PrimalState:
         self.pending = self.approximate = False
 
     def balance_free_cells(self, solver):
-        """Make the mean pressure of the free cells zero, by a constant."""
+        """Add a constant to p that makes its mean over free cells zero."""
         p = solver.carried if self.pending else self.state.p
         total, cells = self.state.sum(
             [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
@@ -272,8 +272,8 @@ class PrimalState:
     def _keep_contact(self, solver, released):
         """Keep a cell in contact if all cells would be released.
 
-        `released` is the number of released cells. Return the numbers of contact cells, of captured and of released
-        cells, and the moves of the `Update`.
+        `released` is the number of released cells. Return the numbers of contact cells, captured cells and released
+        cells, and the `moves` of the `Update`.
         """
         self.restore_contact()
         return released, 0, 0, 0.0
@@ -325,7 +325,7 @@ class PrimalState:
         self.commit(solver)
 
     def project(self, p):
-        """Store p within its bounds, 0 outside contact; return its sum."""
+        """Clip p to its bounds, and to 0 outside contact; return its sum."""
         state = self.state
         return float(state.sum([state.bounds.project(as_writable(state.p), state.contact, p)])[0])
 

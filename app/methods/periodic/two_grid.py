@@ -263,10 +263,10 @@ class _LongWaves:
             coarse.screened_product.screen(1 / (self._compliance * compliance * np.sqrt(share) * spacing))
 
     def apply(self, s, free, weights, x, *halo):
-        """Apply A with springs to means over coarse cells.
+        """Multiply means over coarse cells by A with springs.
 
-        The means are those of s or, if x is not empty, of the residual of x. Return the coarse rows around this rank's
-        rows, their places and work rows, for `stencil.sweep`.
+        The means are those of the field s or, if x is not empty, of the residual of x. Return what `stencil.sweep`
+        needs: coarse rows around this rank's rows, their places, and work rows.
         """
         place = self._sums, self._skipped, self._factors
         if x.size:

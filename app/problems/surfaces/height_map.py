@@ -270,8 +270,8 @@ def _check_heights(where, array, kind, orient):
 def _begins_with_coordinates(rows):
     """Return whether the first row looks like coordinates.
 
-    Coordinates have equal steps, apart from the corner. The next rows, the heights, have varying steps, or much smaller
-    or larger ones. Rows without heights do not count.
+    Coordinates have equal steps, except in the corner of the table. The next rows, the heights, have varying steps, or
+    much smaller or larger steps. Rows without heights do not count.
     """
     if rows.shape[1] < MIN_COORDINATES:
         return False

@@ -151,8 +151,8 @@ class Moments:
     def roughness(self, level):
         """Return attributes of `Surface` from `rms_height` to `spike`, by name.
 
-        All heights are read a second time. ``rms_height`` is that after subtraction of the `level`. For the other
-        numbers the best plane is subtracted, or the best quadratic if the level is "quadratic".
+        All heights are read a second time. ``rms_height`` refers to heights after subtraction of the `level`. All other
+        numbers refer to heights above the best plane, or the best quadratic if the level is "quadratic".
         """
         if level == "quadratic":
             bowl = self.fit(level)

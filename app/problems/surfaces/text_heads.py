@@ -74,7 +74,7 @@ def select_channel(lines, wanted, advice):
 def read_gwyddion_head(comments):
     """Return unit and sides [mm] that a Gwyddion head states.
 
-    What the head does not state is None.
+    A value that the head does not state is None.
 
     Examples
     --------
