@@ -333,13 +333,6 @@ def _as_rows(rows, kind, numbers):
     return rows
 
 
-def check_one_kind(loadings):
-    """Return a path's loadings; raise unless they are of one kind."""
-    if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
-        raise InputError(f"path: must be by exactly one of {', '.join(LOADINGS)}, a number for each step")
-    return loadings
-
-
 def _as_numbers(kind, numbers):
     try:
         values = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)

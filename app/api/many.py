@@ -31,7 +31,7 @@ from app.base.mpi import MPI, single_rank_variables, temporary_environment
 from app.base.petsc import mpi_comm
 from app.base.progress_bar import progress_bar
 from app.base.usage import usage
-from app.contact.loading_input import LOADINGS, validate_number
+from app.contact.loading_input import LOADINGS, single_loading, validate_number
 from app.io.field_stack import check_fields, open_field_stack
 from app.parallel import mpi_abort
 from app.problems.contact_problem import ContactProblem
@@ -160,11 +160,7 @@ def solve_many(
 
 def _make_jobs(problems, loading, grid, material):
     """Check problems and loads; return the kind of loading and the jobs."""
-    loading = {kind: numbers for kind, numbers in loading.items() if numbers is not None}
-    if len(loading) != 1:
-        *others, last = LOADINGS
-        raise InputError(f"solve_many: must have exactly one of {', '.join(others)} and {last}")
-    [(kind, numbers)] = loading.items()
+    kind, numbers = single_loading(loading, "solve_many: ")
     problems = _as_problems(problems, grid, material)
     jobs, first_row = [], 0
     for number, (problem, values) in enumerate(

@@ -107,6 +107,8 @@ class Solution(ContactFields):
         Cells at the hardness; None without a hardness.
     indentation_before : ndarray of float64, or None
         Depth of the residual surfaces of the problem [mm]; None without one or without a hardness.
+    hardness_field : ndarray of float64, or None
+        Hardness of the cells if they differ [N/mm2]. A result file has it as ``hardness``, in `Result.extra`.
     """
 
     pressure: np.ndarray
@@ -171,6 +173,7 @@ class Solution(ContactFields):
     thermal_conductance: float | None = None
     plastic: np.ndarray | None = None
     indentation_before: np.ndarray | None = None
+    hardness_field: np.ndarray | None = None
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""
@@ -289,7 +292,8 @@ class Solution(ContactFields):
             return self
         from app.base.mpi import MPI
 
-        names = "pressure", "displacement", "contact", "undeformed_distance", "plastic", "indentation_before"
+        names = "pressure", "displacement", "contact", "undeformed_distance"
+        names += "plastic", "indentation_before", "hardness_field"
         fields = {name: field for name in names if (field := getattr(self, name)) is not None}
         whole = {name: self._all_rows(field, root) for name, field in fields.items()}
         if self.comm.rank != root:
@@ -370,6 +374,8 @@ class Solution(ContactFields):
         }
         if depth is not None:
             fields |= {"plastic": self.plastic.view(np.uint8), "plastic_depth": depth}
+        if self.hardness_field is not None:
+            fields["hardness"] = self.hardness_field
         facts = self.attributes | ({} if attributes.keys() >= _COUNTED else self.count_patches())
         own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
         more = call_collectively(self.comm, self._select_fields, attributes, own, f"result file {path}")

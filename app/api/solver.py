@@ -22,7 +22,7 @@ from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import parse_arguments
 from app.api.derivatives import Derivatives
 from app.api.layer_approach import add_uniform_displacement, search_load
-from app.api.load_path import LoadPath, check_one_kind
+from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
 from app.api.strategy import STRATEGIES, check_single, make_strategy
@@ -34,7 +34,7 @@ from app.contact.certificate import certify
 from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
-from app.contact.loading_input import make_loading
+from app.contact.loading_input import make_loading, single_loading
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
@@ -327,7 +327,7 @@ class ContactSolver(Derivatives):
             If a number is not allowed.
         """
         self._check_open()
-        [(kind, numbers)] = call_collectively(self.comm, check_one_kind, loadings).items()
+        kind, numbers = call_collectively(self.comm, single_loading, loadings, "path: ")
         return LoadPath(self, kind, numbers, stiffness, rows, progress)
 
     @synchronized
@@ -401,6 +401,9 @@ class ContactSolver(Derivatives):
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
             indentation_before=before.depth,
+            hardness_field=self.problem.hardness[self.hierarchy.slabs.rows]
+            if np.ndim(self.problem.hardness)
+            else None,
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,

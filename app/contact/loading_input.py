@@ -16,6 +16,15 @@ _FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of ful
 _ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
 
 
+def single_loading(given, where=""):
+    """Return kind and value of the only prescribed quantity; raise unless there is exactly one."""
+    given = {kind: value for kind, value in given.items() if value is not None}
+    if len(given) != 1 or not given.keys() <= LOADINGS.keys():
+        *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
+        raise InputError(f"{where}exactly one of {', '.join(others)} and {last} is needed")
+    return given.popitem()
+
+
 def make_loading(grid, distance, uniform_compliance=0.0, **given):
     """Make the `Loading` for one prescribed number.
 
@@ -28,11 +37,7 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
     InputError
         If not exactly one number is given, or the number is not allowed.
     """
-    given = {kind: number for kind, number in given.items() if number is not None}
-    if len(given) != 1 or not given.keys() <= LOADINGS.keys():
-        *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
-        raise InputError(f"exactly one of {', '.join(others)} and {last} is needed")
-    [(kind, number)] = given.items()
+    kind, number = single_loading(given)
     value = validate_number(kind, number)
     if kind in ("load", "mean_pressure"):
         if not value:  # the approach is not unique: first touch is chosen

@@ -91,7 +91,7 @@ class Settings:
         "fast, primal: of products, verified in double", _INEXACT)
     texts: dict = field(default_factory=dict)
     warnings: tuple = ()
-    replaceable: tuple = ()  # names in method files that a later choice of solvers may have made useless
+    replaceable: dict = field(default_factory=dict)  # options that a later choice may make useless -> method file
 
     @property
     def single(self):
@@ -124,6 +124,12 @@ _REFUSED = {  # end of the name of an option of PETSc -> strategies that it spoi
     "ksp_converged_rate": (("tao",), "PETSc crashes: TAO keeps no residuals of its linear solvers"),
     "ksp_monitor_error": (_STRATEGIES, "needs a DM of PETSc's, there is none"),
 }
+_NEED_CONTACT = (
+    "mg",
+    "sor",
+    "eisenstat",
+    "ContactMG",
+)  # preconditioners of the operator on a contact set only
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # preconditioners of PETSc that abort without
 
 
@@ -175,6 +181,7 @@ def make_settings(method=None, options=None, periodic=False):
         method = {method: read_method_file(method)}
     files = {name: to_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
     warnings = _drop_overridden_methods(files, typed)
+    named = list(files)
     default, other = (PERIODIC, DEFAULT) if periodic else (DEFAULT, PERIODIC)
     texts = {name: text for source in (*files.values(), typed) for name, text in source.items()}
     if not texts.keys() & {"ksp_type", "pc_type"} and texts.get("lcp_type", default) == default:
@@ -182,13 +189,14 @@ def make_settings(method=None, options=None, periodic=False):
         texts = files[default] | texts
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
         raise InputError(describe_unknown_options(unknown, _TABLE))
-    replaceable = _find_replaceable(files, typed)
+    replaceable, ignored = _find_replaceable(files, typed), []
     for name, needed in sorted(_find_useless(texts).items()):
         if name not in replaceable:
             raise InputError(
                 f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needed}"
             )
         del texts[name]
+        ignored.append(name)
     reader = OptionReader(METHOD_OPTIONS, texts)
     if (strategy := reader["lcp_type"]) == other:
         works, this = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
@@ -197,7 +205,9 @@ def make_settings(method=None, options=None, periodic=False):
         )
     _check_solvers(strategy, texts)
     values = {name.removeprefix("lcp_"): reader[name] for name in _TABLE}
-    return Settings(**values, texts=texts, warnings=warnings, replaceable=tuple(sorted(replaceable)))
+    replaceable = {name: file if file in named else "" for name, file in replaceable.items()}
+    warnings += _note_ignored(ignored, replaceable)
+    return Settings(**values, texts=texts, warnings=warnings, replaceable=replaceable)
 
 
 def _is_method(texts):
@@ -223,17 +233,26 @@ def _drop_overridden_methods(files, typed):
 
 
 def _find_replaceable(files, typed):
-    """Return method files' options that may have no effect.
+    """Return method files' options that may have no effect, with the files.
 
     A later option has chosen another solver, so these options need not be used. The arguments are those of
     `_drop_overridden_methods`.
     """
-    later, replaceable = set(typed), set()
-    for texts in reversed(files.values()):
+    later, replaceable = set(typed), {}
+    for file, texts in reversed(files.items()):
         if _is_method(texts) and any(map(_CHOICE.fullmatch, later)):
-            replaceable |= texts.keys() - later
+            replaceable |= dict.fromkeys(sorted(texts.keys() - later), file)
         later |= texts.keys()
     return replaceable
+
+
+def _note_ignored(names, replaceable):
+    """Return a warning for each method file named by the user some of whose options have no effect."""
+    files = dict.fromkeys(filter(None, (replaceable[name] for name in names)))
+    listed = {file: ", ".join(f"-{name}" for name in names if replaceable[name] == file) for file in files}
+    return tuple(
+        f"{file}: later options leave these without effect: {options}" for file, options in listed.items()
+    )
 
 
 def drop_unused(settings, unused, known):
@@ -253,9 +272,9 @@ def drop_unused(settings, unused, known):
     if mistakes := set(unused).difference(settings.replaceable):
         ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
         raise InputError(describe_unknown_options(mistakes, ours.union(known), "unknown or unused"))
-    return replace(
-        settings, texts={name: text for name, text in settings.texts.items() if name not in unused}
-    )
+    texts = {name: text for name, text in settings.texts.items() if name not in unused}
+    warnings = settings.warnings + _note_ignored(unused, settings.replaceable)
+    return replace(settings, texts=texts, warnings=warnings)
 
 
 def _find_useless(texts):
@@ -295,6 +314,11 @@ def _check_solvers(strategy, texts):
             raise InputError(
                 f"-{name} chebyshev: PETSc estimates its bounds before there is a contact set; needed: "
                 f"-{name.removesuffix('type')}chebyshev_eigenvalues least,largest (0.5,30 with -pc_type jacobi)"
+            )
+        is_pc = name.endswith(("pc_type", "pc_python_type"))
+        if is_pc and text.rpartition(".")[2] in _NEED_CONTACT and strategy in ("tao", "snesvi"):
+            raise InputError(
+                f"-{name} {text}: works on contact sets, {strategy} on submatrices; allowed with -lcp_type active_set"
             )
         if name.endswith("pc_type") and text in _NEED_ENTRIES:
             raise InputError(f"-{name} {text}: needs the entries of the matrix, which are never stored")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from app import read_result
 from app.verification.dense import DenseProblem
 from app.verification.solving import random_problem, solved, with_hardness
 
@@ -57,3 +58,13 @@ def test_hardness_of_one_number_is_that_of_all_cells(comm):
     )
     np.testing.assert_array_equal(one.pressure, other.pressure)
     assert one.plastic_area == other.plastic_area
+
+
+@pytest.mark.mpi(1, 3)
+def test_a_result_file_has_the_hardness_of_each_cell(comm, tmp_path):
+    path = comm.bcast(str(tmp_path / "r.h5"))
+    problem = limited_problem(1, "")
+    solved(problem, comm=comm, load=0.01).save(path)
+    stored = read_result(path)
+    assert np.array_equal(stored.extra["hardness"], problem.hardness)
+    assert stored.units["hardness"] == "N/mm2"

@@ -180,7 +180,7 @@ def test_rows_of_other_loads_are_refused(kind):
 
 
 REFUSED = {
-    "none": ({}, "exactly one of approach, load"),
+    "none": ({}, "path: exactly one of approach"),
     "two": ({"load": [1], "approach": [1]}, "exactly one of"),
     "unknown": ({"force": [1]}, "exactly one of"),
     "empty": ({"load": []}, r"one number or more \[N\]"),

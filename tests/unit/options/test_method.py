@@ -43,6 +43,10 @@ OPTIONS = {
         {"method": {"m": {"pc_type": "mg", "pc_mg_tipe": "full"}}, "options": {"pc_type": "none"}}, "tipe$"
     ),
     "idle in its own file": ({"method": {"m": {"ksp_type": "cg", "lcp_beta": "1"}}}, "lcp_beta 1: has no effect"),
+    "multigrid of TAO": ({"options": {"lcp_type": "tao", "pc_type": "mg"}}, "-pc_type mg: works on contact sets"),
+    "multigrid of SNESVI": (
+        {"options": {"lcp_type": "snesvi", "pc_python_type": "app.multigrid.ContactMG"}}, "works on contact sets"
+    ),
     "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),
 }  # fmt: skip
 OVERRIDDEN = {  # method, and options that leave much of it without a reader
@@ -75,6 +79,8 @@ def test_options_override_a_method_file(case):
     assert found.load == pytest.approx(solve(hertz(24), approach=APPROACH).load, rel=1e-4)
     gone = [note for note in found.notes if "gives way to" in note]
     assert len(gone) == ("strategy" in case or "by a file" in case)
+    useless = [note for note in found.notes if "without effect" in note]
+    assert len(useless) == (not gone) and all(note.startswith(f"{method}: ") for note in useless)
 
 
 @pytest.mark.parametrize("kind", ["active_set", "fast", "tao"])
