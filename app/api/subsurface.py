@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from app.base.errors import InputError
+from app.halfspace.stress.layered import LayeredStress
 from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, von_mises
-from app.io.result import find_poisson_ratio
+from app.io.result import find_layer, find_poisson_ratio
 
 _SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
 
@@ -22,11 +23,13 @@ def stress(solution, poisson_ratio=None, body=None):
     poisson_ratio : float, optional
         Poisson's ratio of the body; default: that of the problem.
     body : int, optional
-        Number of the body, 1 or 2, if the problem states both materials; default: the first that is not rigid.
+        Number of the body, 1 or 2, if the problem states both materials; default: the first that is not rigid. Of a
+        coated pair, body 1 has the coating.
 
     Returns
     -------
     SubsurfaceStress
+        A `LayeredStress` if the body has a coating.
 
     Raises
     ------
@@ -47,11 +50,14 @@ def stress(solution, poisson_ratio=None, body=None):
             f"stress: is {type(solution).__name__}; needed: a Solution, or read_result(FILE) of a result file"
         )
     grid, facts = solution.grid, solution.attributes
-    if "coating_thickness" in facts:
+    if poisson_ratio is not None and "coating_thickness" in facts:
         raise InputError(
-            "stress: works for half-spaces; the stress below the surface of a coated body is not known"
+            "poisson_ratio= (--poisson): has no effect with a coating; the result has all ratios"
         )
-    if poisson_ratio is None:
+    layer = find_layer(facts, body)
+    if layer is not None:
+        poisson_ratio = 0.0
+    elif poisson_ratio is None:
         poisson_ratio = find_poisson_ratio(facts, body)
     elif body is not None:
         raise InputError("body: has no effect with a Poisson ratio")
@@ -62,6 +68,8 @@ def stress(solution, poisson_ratio=None, body=None):
         )
     if solution.pressure.shape != grid.shape:
         raise InputError("solution: has the rows of one rank; needed: solution.gather() on one rank")
+    if layer is not None:
+        return LayeredStress(solution.pressure, grid, layer)
     return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
 
 
@@ -71,6 +79,7 @@ def survey(below, depths=64, at=None, deepest=None):
     The result has the attributes
 
     - `hottest` and `sheared`, the largest von Mises and the largest shear stress, each a StressMaximum;
+    - `layers`, the LayerMaxima of a coated body, and `interface`, the depth of its interface [mm]; else None;
     - `section_x`, `section_y` and `line`, the stresses on two vertical sections and on a vertical line;
     - `at`, the StressMaximum on the line.
 
@@ -78,7 +87,7 @@ def survey(below, depths=64, at=None, deepest=None):
     ----------
     below : SubsurfaceStress
     depths : int
-        Number of depths, from 0 on.
+        Number of depths, from 0 on. Both sides of an interface, and depths in a thin coating, are added.
     at : (float, float), optional
         Point (x, y) [mm] through which sections and line go; default: that of the largest stress.
     deepest : float, optional
@@ -88,6 +97,7 @@ def survey(below, depths=64, at=None, deepest=None):
     x, y = at or (hottest.x, hottest.y)
     least = max(4 * max(below.grid.dx, below.grid.dy), _contact_width(below, hottest))
     depths = np.linspace(0.0, deepest or max(_SECTION_DEPTH * hottest.depth, least), depths)
+    depths = below.include_interface(depths)
     line = below.line(depths, x, y)
     largest = hottest
     if at is not None:
@@ -96,12 +106,15 @@ def survey(below, depths=64, at=None, deepest=None):
     return SimpleNamespace(
         hottest=hottest,
         sheared=sheared,
+        layers=below.layer_maxima(),
+        interface=below.interface,
         at=largest,
         depths=depths,
         section_x=below.section(depths, y=y),
         section_y=below.section(depths, x=x),
         line=line,
         poisson_ratio=below.nu,
+        body=below.describe("ν"),
     )
 
 

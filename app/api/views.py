@@ -84,7 +84,7 @@ def plot_stress(below):
     Sections and line contain the point of the largest von Mises stress.
     """
     grid = below.grid
-    heading = f"Stress below {grid.nx} × {grid.ny} cells, ν = {below.nu:.3g}"
+    heading = f"Stress below {grid.nx} × {grid.ny} cells, {below.describe('ν')}"
     return pictures.show(lambda: stress_figure(grid, survey(below), heading), "stress")
 
 

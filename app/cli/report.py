@@ -17,7 +17,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from app.api.subsurface import find_poisson_ratio, stress, survey
+from app.api.subsurface import find_layer, find_poisson_ratio, stress, survey
 from app.base.errors import InputError
 from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, format_quantity, round_to_cell
@@ -48,7 +48,7 @@ _ORIGIN = {
 }
 _REQUESTED = (
     "hertz_", "sphere_", "cylinder_", "roller_", "cone_", "punch_", "surface_", "body",
-    "young", "poisson", "shear_", "gap_", "resistivity", "thermal_conductivity",
+    "young", "poisson", "coating_", "shear_", "gap_", "resistivity", "thermal_conductivity",
 )  # fmt: skip
 _IN_SUMMARY = ("contact", "pressure", "history")  # figures
 _PATH_COLUMNS = (  # as many as the page is wide; the result file has all
@@ -204,7 +204,9 @@ def stress_section(result, poisson_ratio=None, body=None):
 
     `poisson_ratio` and `body` are those of `app.api.subsurface.stress`.
     """
-    if poisson_ratio is None and find_poisson_ratio(result.attributes, body) is None:
+    facts = result.attributes
+    unknown = find_poisson_ratio(facts, body) is None and find_layer(facts, body) is None
+    if poisson_ratio is None and unknown:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
     if not np.isfinite(result.pressure).all():
@@ -212,7 +214,7 @@ def stress_section(result, poisson_ratio=None, body=None):
         return Section("stress", "Below the surface", [text])
     below = stress(result, poisson_ratio, body)
     stresses = survey(below)
-    texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below.nu)
+    texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
     panels = _draw_panels(subsurface.draw(result, stresses))
     return Section("stress", "Below the surface", texts, pictures={"stress": panels})

@@ -44,7 +44,7 @@ def _depths(text):
 
 def draw(result, stresses):
     """Return a figure of stresses from `app.api.subsurface.survey`."""
-    heading = f"{figures.make_title(result)}, ν = {stresses.poisson_ratio:.3g}"
+    heading = f"{figures.make_title(result)}, {stresses.body}"
     return stress_figure(result.grid, stresses, heading)
 
 
@@ -60,10 +60,11 @@ def write(path, result, stresses, planes):
             file[name].attrs["unit"] = "mm"
             file[name].make_scale(name)
         file.attrs.update(poisson_ratio=stresses.poisson_ratio, x=at.x, y=at.y)
-        for name, maximum in (("von_mises", stresses.hottest), ("max_shear", stresses.sheared)):
-            attribute = f"max_{name.removeprefix('max_')}"
+        for attribute, name, maximum in _maxima(stresses):
             file.attrs[attribute] = getattr(maximum, name)
             file.attrs.update({f"{attribute}_{axis}": getattr(maximum, axis) for axis in ("x", "y", "depth")})
+        if stresses.interface is not None:
+            file.attrs["interface"] = stresses.interface
         groups = {
             "section_x": (stresses.section_x, ("depth", "x")),
             "section_y": (stresses.section_y, ("depth", "y")),
@@ -80,6 +81,19 @@ def write(path, result, stresses, planes):
                 dataset.attrs["unit"] = "N/mm2"
                 for dimension, axis in zip(dataset.dims, axes, strict=True):
                     dimension.attach_scale(file[axis])
+
+
+def _maxima(stresses):
+    """Return attribute, kind and position of each largest stress of a survey."""
+    maxima = [
+        ("max_von_mises", "von_mises", stresses.hottest),
+        ("max_shear", "max_shear", stresses.sheared),
+    ]
+    if stresses.layers is not None:
+        parts = stresses.layers._asdict()
+        maxima.append(("max_interface_shear", "horizontal_shear", parts.pop("shear")))
+        maxima += [(f"max_von_mises_{part}", "von_mises", at) for part, at in parts.items() if at is not None]
+    return maxima
 
 
 def add_body(add):
@@ -117,31 +131,54 @@ def _arguments(argv):
     return arguments
 
 
-def summary(hottest, sheared, result, poisson_ratio):
-    """Return texts on the largest von Mises and the largest shear stress.
+def summary(hottest, sheared, result, below):
+    """Return texts on the largest stresses.
 
-    Each of the two texts has the stress and its position. `hottest` and `sheared` are from `SubsurfaceStress.maxima`.
+    Each text has a stress and its position. `hottest` and `sheared` are from `SubsurfaceStress.maxima`, the largest von
+    Mises and the largest shear stress. Of a coated body, there are texts on the coating, the substrate and the
+    interface, too.
     """
     highest = float(np.nanmax(result.pressure))
-    ratios = np.atleast_1d(result.attributes.get("poisson", ()))
-    numbers = [k for k, nu in enumerate(ratios, 1) if nu == poisson_ratio] if len(set(ratios)) == 2 else []
-    body = "".join(f" (body {k})" for k in numbers)
     # Without pressure, or below a uniform one, the stress has no maximum.
     variation = np.ptp(result.pressure)
     uniform = highest <= 0 or (result.grid.periodic and variation <= MIN_STRESS_VARIATION * highest)
     texts = []
-    for name, value, at in (
-        ("von Mises", hottest.von_mises, hottest),
-        ("shear", sheared.max_shear, sheared),
-    ):
+    for name, value, at, body in _stated_stresses(hottest, sheared, result, below):
         unit = choose_length_unit(at.depth or float(np.ptp(result.x)))
         share = f", {value / highest:.3g} of the maximum pressure" if highest > 0 else ""
         place = f"at x = {at.x:.4g} mm, y = {at.y:.4g} mm, depth {at.depth * unit.per_mm:.4g} {unit.name}"
-        texts.append(
-            f"largest {name} stress {value:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{body}\n"
-            f"  {'everywhere' if uniform else place}"
-        )
+        texts.append(f"largest {name} {value:.6g} N/mm2{share}{body}\n  {'everywhere' if uniform else place}")
     return texts
+
+
+def _stated_stresses(hottest, sheared, result, below):
+    """Return name, value, position and material of each largest stress in `summary`."""
+    layers = below.layer_maxima()
+    if layers is None:
+        ratios = np.atleast_1d(result.attributes.get("poisson", ()))
+        numbers = [k for k, nu in enumerate(ratios, 1) if nu == below.nu] if len(set(ratios)) == 2 else []
+        body = f", for nu = {below.nu:g}" + "".join(f" (body {k})" for k in numbers)
+        return [
+            ("von Mises stress", hottest.von_mises, hottest, body),
+            ("shear stress", sheared.max_shear, sheared, body),
+        ]
+    coating, substrate = ", in the coating", ", in the substrate"
+    stated = [
+        ("von Mises stress", layers.coating, coating),
+        ("von Mises stress", layers.substrate, substrate),
+        ("von Mises stress at the interface", layers.coating_interface, coating),
+        ("von Mises stress at the interface", layers.substrate_interface, substrate),
+    ]
+    return [
+        *((name, at.von_mises, at, body) for name, at, body in stated if at is not None),
+        ("shear stress on the interface", layers.shear.horizontal_shear, layers.shear, ""),
+        (
+            "shear stress",
+            sheared.max_shear,
+            sheared,
+            coating if sheared.depth <= below.interface else substrate,
+        ),
+    ]
 
 
 @command
@@ -151,7 +188,7 @@ def main(argv):
     result = read_result(arguments.result)
     below = stress(result, arguments.poisson, arguments.body)
     if arguments.output is None:
-        streams.print_output("\n".join(summary(*below.maxima(), result, below.nu)))
+        streams.print_output("\n".join(summary(*below.maxima(), result, below)))
         return 0
     names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", *picture_kinds(arguments))]
     if arguments.output.exists():
@@ -167,6 +204,6 @@ def main(argv):
             style.set_title(figure, arguments.title)
         for name in names[1:]:
             style.save_figure(figure, name)
-    texts = summary(stresses.hottest, stresses.sheared, result, below.nu)
+    texts = summary(stresses.hottest, stresses.sheared, result, below)
     streams.print_output("\n".join([*texts, *map(str, names)]))
     return 0

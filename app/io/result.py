@@ -35,6 +35,7 @@ import numpy as np
 from app.base.errors import InputError, format_message
 from app.base.memory import check_fits
 from app.base.quantities import QUANTITIES
+from app.halfspace.layer import Layer
 from app.io.contact_fields import ContactFields
 
 FIELDS = {
@@ -301,8 +302,11 @@ def find_poisson_ratio(facts, body=None):
     """Return a body's Poisson ratio from attributes of a result, or None."""
     if body not in (None, 1, 2):
         raise InputError(f"body {body!r}: allowed: 1, 2")
-    if "coating_thickness" in facts:  # stresses depend on more than one ratio
+    coated = "coating_thickness" in facts
+    if coated and body != 2:  # stresses depend on more than one ratio
         return None
+    if coated and np.isinf(np.atleast_1d(facts["young"])[1]):
+        raise InputError("body 2: is rigid, and has no stress")
     each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
     if len(each) == 2:
         if body is None:
@@ -312,3 +316,14 @@ def find_poisson_ratio(facts, body=None):
     if body is not None:
         raise InputError(f"body {body}: the material of the pair was given, not those of the bodies")
     return facts.get("poisson_ratio")
+
+
+def find_layer(facts, body=None):
+    """Return the `Layer` of a body from attributes of a result; None if the body has no layer."""
+    if "coating_thickness" not in facts or body == 2:
+        return None
+    young, poisson = (
+        (float(facts[f"coating_{name}"]), float(np.atleast_1d(facts[name])[0]))
+        for name in ("young", "poisson")
+    )
+    return Layer(float(facts["coating_thickness"]), young, poisson)

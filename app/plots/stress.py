@@ -4,8 +4,9 @@ import numpy as np
 from matplotlib import rcParams
 
 from app.base.units import choose_length_unit
+from app.halfspace.stress.layered import LayeredStress
 from app.halfspace.stress.subsurface import SubsurfaceStress, coarsen, max_shear, von_mises
-from app.io.result import find_poisson_ratio
+from app.io.result import find_layer, find_poisson_ratio
 from app.plots.maps import cell_edges, format_number
 from app.plots.style import (
     BLUE,
@@ -32,8 +33,8 @@ _MAX_WIDENING = 1.5  # of a section's length, for the same scale of depth
 PANEL_SHAPE = 0.5  # depth over width of the section in the summary
 
 
-def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark=""):
-    """Draw the von Mises stress on a vertical section.
+def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interface, remark=""):
+    """Draw the von Mises stress on a vertical section, and the interface of a layer.
 
     Return the units of lengths and depths. The section goes `along` "x" or "y" and is shown between `ends` [mm].
     `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, `shape` is height over
@@ -54,6 +55,7 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark="
     extend = "max" if mises.max() > 1.001 * highest else "neither"
     bar = axes.figure.colorbar(image, cax=axes.inset_axes([1.02, 0, 0.03, 1]), extend=extend)
     bar.set_label("von Mises  [N/mm²]")
+    _draw_interface(axes, interface, depths, z_unit)
     axes.set_box_aspect(shape)
     axes.set(
         xlabel=f"{along}  [{unit.name}]{remark}",
@@ -62,6 +64,12 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, remark="
         ylim=(bottom, 0),
     )
     return unit, z_unit
+
+
+def _draw_interface(axes, interface, depths, unit):
+    """Draw a line at the depth of an interface [mm] that the section reaches."""
+    if interface is not None and interface < depths[-1]:
+        axes.axhline(interface * unit.per_mm, color="0.5", linestyle=DASHED, linewidth=1)
 
 
 def _mark(axes, at, depth, text=""):
@@ -83,20 +91,24 @@ def draw_section_stress(axes, result, along, row, column, ends):
     The section is shown between `ends` [mm]. Return False if Poisson's ratio is unknown, or the pressure is zero or not
     finite.
     """
-    poisson_ratio, pressure, grid = find_poisson_ratio(result.attributes), result.pressure, result.grid
-    if poisson_ratio is None or not np.isfinite(pressure).all() or not pressure.any():
+    poisson_ratio, layer = find_poisson_ratio(result.attributes), find_layer(result.attributes)
+    pressure, grid = result.pressure, result.grid
+    if (poisson_ratio is None and layer is None) or not np.isfinite(pressure).all() or not pressure.any():
         return False
     place = {"y": result.y[row]} if along == "x" else {"x": result.x[column]}
     while grid.n > _MAX_CELLS and (coarse := coarsen(pressure, grid)):
         pressure, grid = coarse
-    depths = PANEL_SHAPE * (ends[1] - ends[0]) * np.linspace(0, 1, _DEPTHS) ** 2
-    below = SubsurfaceStress(pressure, grid, poisson_ratio)
+    if layer is not None:
+        below = LayeredStress(pressure, grid, layer)
+    else:
+        below = SubsurfaceStress(pressure, grid, poisson_ratio)
+    depths = below.include_interface(PANEL_SHAPE * (ends[1] - ends[0]) * np.linspace(0, 1, _DEPTHS) ** 2)
     mises = von_mises(below.section(depths, **place))
     largest = mises.max()
     highest = min(largest, 1.5 * float(np.quantile(mises, _SCALE_SHARE)))
-    unit, z_unit = _draw_mises(
-        axes, along, grid, ends, depths, mises, highest, PANEL_SHAPE, f"   ν = {below.nu:.3g}"
-    )
+    remark = f"   {below.describe('ν')}" if layer is None else "   (coated body)"
+    shown = grid, ends, depths, mises, highest, PANEL_SHAPE, below.interface
+    unit, z_unit = _draw_mises(axes, along, *shown, remark)
     k, cell = np.unravel_index(mises.argmax(), mises.shape)
     if grid.n == result.grid.n and np.ptp(mises) > MIN_STRESS_VARIATION * largest:
         centres = grid.x() if along == "x" else grid.y()
@@ -108,9 +120,10 @@ def draw_section_stress(axes, result, along, row, column, ends):
 def _peak(depths, values, k):
     """Return the interpolated depth of the largest value.
 
-    The depth is the peak of the parabola through the value with number k and its neighbours.
+    The depth is the peak of the parabola through the value with number k and its neighbours. At an interface, where the
+    stress jumps, there is no parabola.
     """
-    if not 0 < k < len(depths) - 1:
+    if not 0 < k < len(depths) - 1 or min(np.diff(depths[k - 1 : k + 2])) < 1e-9 * depths[-1]:
         return float(depths[k])
     a, b, _ = np.polyfit(depths[k - 1 : k + 2] - depths[k], values[k - 1 : k + 2], 2)
     return float(depths[k] - b / (2 * a)) if a < 0 else float(depths[k])
@@ -153,7 +166,7 @@ def stress_figure(grid, stresses, heading):
     for along, other in ("xy", "yx"):
         unit = choose_length_unit(max(lengths))
         across = f"   at {other} = {getattr(at, other) * unit.per_mm:.3g} {unit.name}".replace("-", "−")
-        shown = grid, ends[along], depths, mises[along], highest, shape
+        shown = grid, ends[along], depths, mises[along], highest, shape, stresses.interface
         unit, z_unit = _draw_mises(panels[along], along, *shown, across if varies else "")
         place = getattr(at, along) * unit.per_mm, at.depth * z_unit.per_mm
         _mark(panels[along], *place, text if along == "x" else "")
@@ -167,6 +180,7 @@ def stress_figure(grid, stresses, heading):
     right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
     right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
+    _draw_interface(right, stresses.interface, depths, z_unit)
     right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{z_unit.name}]", ylim=(z[-1] or 1.0, 0))
     right.locator_params(axis="x", nbins=5)
     add_legend(right)

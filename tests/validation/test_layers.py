@@ -154,8 +154,14 @@ def test_what_layers_do_not_allow_is_refused():
         solution = solver.solve(load=0.1)
         with pytest.raises(InputError, match="fixed approach of a layer"):
             solver.sensitivity(solution)
-        with pytest.raises(InputError, match="works for half-spaces"):
-            stress(solution)
+        for wrong, text in (
+            ({"body": 2}, "body 2: is rigid"),
+            ({"poisson_ratio": 0.3}, "no effect with a coating"),
+        ):
+            with pytest.raises(InputError, match=text):
+                stress(solution, **wrong)
+        with pytest.raises(InputError, match="at most the thickness 0.1 mm"):
+            stress(solution).plane(0.2)
     hard = ContactProblem(grid, layer, Sphere(10), periodic=True, hardness=1.0)
     with pytest.raises(InputError, match="rigid base with a hardness"):
         solve(hard, approach=0.01)

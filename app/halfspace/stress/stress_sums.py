@@ -50,20 +50,29 @@ class PeriodicStress:
         self._odd = [np.where(2 * np.arange(grid.nx // 2 + 1) == grid.nx, 0.0, 1.0),
                      np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
 
+    def _functions(self, depth):
+        """Return the stress function of unit waves, two derivatives, and Poisson's ratio.
+
+        They are functions of s; `app.halfspace.layer_waves` defines them.
+        """
+        s = self._q * depth
+        decay = np.exp(-s)
+        return (1 + s) * decay, -s * decay, (s - 1) * decay, self.nu
+
     def _waves(self, depth):
         """Yield the transform of each stress component."""
-        s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
-        p = self._transform * np.exp(-s)
-        two_nu = 2 * self.nu
-        mean = -self.nu / (1 - self.nu) * self._transform[0, 0]
-        for along, across in ((nx, ny), (ny, nx)):
-            field = -p * (along**2 * (1 - s) + two_nu * across**2)
+        p, (nx, ny), (odd_x, odd_y) = self._transform, self._direction, self._odd
+        value, slope, curvature, nu = self._functions(depth)
+        across = nu * (curvature - value)  # stress normal to the plane of a wave
+        mean = -nu / (1 - nu) * p[0, 0]
+        for along, other in ((nx, ny), (ny, nx)):
+            field = p * (along**2 * curvature + other**2 * across)
             field[0, 0] = mean
             yield field
-        yield -p * (1 + s)
-        yield -p * nx * ny * (1 - s - two_nu) * odd_x * odd_y
-        yield 1j * p * nx * s * odd_x
-        yield 1j * p * ny * s * odd_y
+        yield -p * value
+        yield p * (nx * ny * (curvature - across) * odd_x * odd_y)
+        yield -1j * p * (nx * slope * odd_x)
+        yield -1j * p * (ny * slope * odd_y)
 
     def plane(self, depth):
         """Return stress on a horizontal plane, (6, ny, nx)."""
@@ -103,6 +112,12 @@ class FreeStress:
         ny, nx = self._loaded.shape
         self.extent = nx * grid.dx, ny * grid.dy
 
+    def _corners(self, x, y, depth):
+        """Return parts of corners at offsets x and y, (6, y.size, x.size); see `_corner`."""
+        corners = np.empty((6, y.size, x.size))
+        fill_corners(x, y, depth, self.nu, corners)
+        return corners
+
     def plane(self, depth):
         """Return stress on a horizontal plane, (6, ny, nx)."""
         grid, (rows, columns) = self.grid, self._loaded.shape
@@ -113,8 +128,7 @@ class FreeStress:
             _Mirror(1 - first - loaded, length)
             for first, loaded, length in zip(self._first, (rows, columns), lengths, strict=True)
         )
-        corners = np.empty((6, mirror_y.edges, mirror_x.edges))
-        _corners(mirror_x.edge(grid.dx), mirror_y.edge(grid.dy), depth, self.nu, corners)
+        corners = self._corners(mirror_x.edge(grid.dx), mirror_y.edge(grid.dy), depth)
         transform = scipy.fft.rfft2(self._loaded, padded)
         out = np.empty((6, *grid.shape))
         for k, field in enumerate(out):
@@ -134,9 +148,7 @@ class FreeStress:
         sums = np.zeros((6, padded // 2 + 1), complex)
         for first in range(0, len(transform), _BLOCK_ROWS):
             sides = edges[first : first + _BLOCK_ROWS + 1]
-            corners = np.empty((6, len(sides), mirror.edges))
-            _corners(mirror.edge(grid.dx), sides, depth, self.nu, corners)
-            for k, part in enumerate(corners):
+            for k, part in enumerate(self._corners(mirror.edge(grid.dx), sides, depth)):
                 kernel = scipy.fft.rfft(mirror.difference(-np.diff(part, axis=0), 1, k in _ODD_X), padded)
                 sums[k] += np.einsum("jk,jk->k", kernel, transform[first : first + _BLOCK_ROWS])
         return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
@@ -144,8 +156,7 @@ class FreeStress:
     def point(self, depth, x, y):
         """Return stress components at a point, shape (6,)."""
         x, y = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
-        corners = np.empty((6, y.size, x.size))
-        _corners(x, y, depth, self.nu, corners)
+        corners = self._corners(x, y, depth)
         return np.einsum("kji,ji->k", np.diff(np.diff(corners, axis=1), axis=2), self._loaded)
 
 
@@ -222,7 +233,8 @@ def _corner(x, y, z, nu):
 
 
 @njit()
-def _corners(x, y, z, nu, out):
+def fill_corners(x, y, z, nu, out):
+    """Compute `_corner` at offsets x and y, divided by 2 pi."""
     for j in range(y.size):
         for i in range(x.size):
             parts = _corner(x[i], y[j], z, nu)

@@ -46,6 +46,11 @@ class StressMaximum:
         """Largest shear stress at this point [N/mm2]."""
         return float(max_shear(self.stress))
 
+    @property
+    def horizontal_shear(self):
+        """Shear stress on the horizontal plane through this point [N/mm2]."""
+        return float(horizontal_shear(self.stress))
+
 
 def von_mises(stress):
     """Return the von Mises stress of stress components [N/mm2].
@@ -67,7 +72,15 @@ def max_shear(stress):
     return (principal[..., 2] - principal[..., 0]) / 2
 
 
-def _shear_where_large(stress):
+def horizontal_shear(stress):
+    """Return the shear stress on horizontal planes [N/mm2].
+
+    `stress` has the shape (6, ...), in the order of `COMPONENTS`.
+    """
+    return np.hypot(stress[4], stress[5])
+
+
+def shear_where_large(stress):
     """Return `max_shear` where it may be largest, 0 at other points.
 
     Points with a small von Mises stress are skipped to save time.
@@ -93,22 +106,43 @@ class SubsurfaceStress:
     array([-1.])
     """
 
+    interface = None  # depth [mm]
+
     def __init__(self, pressure, grid, poisson_ratio):
+        if not (isinstance(poisson_ratio, Real) and 0 <= poisson_ratio <= 0.5):
+            raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
+        self.nu = float(poisson_ratio)
+        self._set_pressure(pressure, grid)
+
+    def _set_pressure(self, pressure, grid):
         pressure = np.asarray(pressure, dtype=float)
         if pressure.shape != grid.shape:
             raise InputError(f"pressure: has shape {pressure.shape}; the grid needs (ny, nx) = {grid.shape}")
         if not np.isfinite(pressure).all():
             raise InputError("pressure: not finite everywhere; a run that diverged has no stresses")
-        if not (isinstance(poisson_ratio, Real) and 0 <= poisson_ratio <= 0.5):
-            raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
+        self.pressure, self.grid = pressure, grid
+        self._sums = self._make_sums(pressure, grid)
+
+    def _make_sums(self, pressure, grid):
         # Imported late, so that plots of stresses do not load MPI and numba.
         from app.halfspace.stress.stress_sums import FreeStress, PeriodicStress
 
-        self.pressure, self.grid, self.nu = pressure, grid, float(poisson_ratio)
-        self._sums = (PeriodicStress if grid.periodic else FreeStress)(pressure, grid, self.nu)
+        return (PeriodicStress if grid.periodic else FreeStress)(pressure, grid, self.nu)
 
     def __repr__(self):
-        return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
+        return f"<{type(self).__name__}: below {self.grid.nx} x {self.grid.ny} cells, {self.describe()}>"
+
+    def describe(self, nu="nu"):
+        """Return a text on the material of the body; `nu` is the symbol."""
+        return f"{nu} = {self.nu:.3g}"
+
+    def include_interface(self, depths):
+        """Return depths of a section, with both sides of an interface if there is one."""
+        return depths
+
+    def layer_maxima(self):
+        """Return the largest stresses of a layered body, else None."""
+        return None
 
     def plot(self):
         """Draw the stress on two vertical sections and on a vertical line.
@@ -133,12 +167,12 @@ class SubsurfaceStress:
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
         _check_places(**({"x": x} if y is None else {"y": y}))
-        depths = _depths(depths)
+        depths = check_depths(depths)
         if y is not None:
             return np.stack([self._sums.row(depth, y) for depth in depths], axis=1)
         grid = self.grid
         transposed = replace(grid, nx=grid.ny, ny=grid.nx, dx=grid.dy, dy=grid.dx, x0=grid.y0, y0=grid.x0)
-        sums = type(self._sums)(self._sums.pressure.T, transposed, self.nu)
+        sums = self._make_sums(self.pressure.T, transposed)
         return np.stack([sums.row(depth, x)[[1, 0, 2, 3, 5, 4]] for depth in depths], axis=1)
 
     def line(self, depths, x, y):
@@ -147,7 +181,7 @@ class SubsurfaceStress:
         The result has the shape (6, depths) [N/mm2].
         """
         _check_places(x=x, y=y)
-        return np.stack([self._sums.point(depth, x, y) for depth in _depths(depths)], axis=1)
+        return np.stack([self._sums.point(depth, x, y) for depth in check_depths(depths)], axis=1)
 
     def maximum(self):
         """Return the largest von Mises stress, a `StressMaximum`.
@@ -157,30 +191,34 @@ class SubsurfaceStress:
         cells the depth is not refined; a maximum there would be underestimated by at most 2%. Without pressure the
         returned point is at the surface.
         """
-        return self._search(von_mises)[0]
+        return self._search(None, von_mises)[0]
 
     def maxima(self):
         """Return the largest von Mises and the largest shear stress.
 
         Both results are a `StressMaximum`.
         """
-        return self._search(von_mises, _shear_where_large)
+        return self._search(None, von_mises, shear_where_large)
 
-    def _search(self, *measures):
-        """Return the maximum of each measure, a `StressMaximum`.
+    def _search_depths(self):
+        """Return the depths of the planes on which maxima are sought [mm]."""
+        width, first = max(self._sums.extent), _FIRST_DEPTH * min(self.grid.dx, self.grid.dy)
+        count = max(1, int(np.ceil(2 * np.log2(width / first))))
+        return np.concatenate([[0.0], width / 2 ** (np.arange(count, -1, -1) / 2)])
 
-        A measure is a function of the stress components: `von_mises` or `max_shear`.
+    def _search(self, depths, *measures):
+        """Return the maximum of each measure between depths, a `StressMaximum`.
+
+        A measure is a function of the stress components, such as `von_mises`. Default depths: `_search_depths`.
         """
         sums, grid, peaks = self._sums, self.grid, [[] for _ in measures]
-        first = _FIRST_DEPTH * min(grid.dx, grid.dy)
-        count = max(1, int(np.ceil(2 * np.log2(max(sums.extent) / first))))
-        depths = np.concatenate([[0.0], max(sums.extent) / 2 ** (np.arange(count, -1, -1) / 2)])
+        depths = self._search_depths() if depths is None else depths
         for level, depth in enumerate(depths):
             while depth > _MAX_CELLS_DEEP * max(grid.dx, grid.dy) and (
                 coarse := coarsen(sums.pressure, grid)
             ):
                 pressure, grid = coarse
-                sums = type(sums)(pressure, grid, self.nu)
+                sums = self._make_sums(pressure, grid)
             stress = sums.plane(depth)
             for k, measure in enumerate(measures):
                 field = measure(stress)
@@ -200,7 +238,7 @@ class SubsurfaceStress:
         for _, level, x, y in sorted(peaks, key=lambda peak: -peak[0])[:_REFINED_PEAKS]:
             low, high = depths[max(level - 1, 0)], depths[min(level + 1, len(depths) - 1)]
             negative(depths[level], x, y)
-            if high > 0:
+            if high > low:
                 settings = {"method": "bounded", "options": {"xatol": 2e-3 * high}}
                 minimize_scalar(negative, args=(x, y), bounds=(low, high), **settings)
         place, stress = max(stresses.items(), key=lambda item: measure(item[1]))
@@ -219,7 +257,8 @@ def _check_places(**places):
             raise InputError(f"{name} {place!r}: must be a finite number")
 
 
-def _depths(depths):
+def check_depths(depths):
+    """Return valid depths as a list, else raise InputError."""
     depths = [_checked(depth) for depth in np.atleast_1d(depths)]
     if not depths:
         raise InputError("depths: one at least is needed")

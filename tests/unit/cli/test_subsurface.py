@@ -93,7 +93,7 @@ def test_uniform_stress_has_no_position(made, pressure):
     periodic = with_attributes(even, periodic_symbol="spectral")
     for result in (periodic, even):  # beside a free patch there is no pressure
         below = stress(result)
-        texts = subsurface.summary(*below.maxima(), result, below.nu)
+        texts = subsurface.summary(*below.maxima(), result, below)
         figure = subsurface.draw(result, survey(below, depths=9))
         (told,) = figure.axes[0].get_legend().get_texts()
         for text in (*texts, told.get_text()):

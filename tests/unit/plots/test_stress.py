@@ -15,7 +15,8 @@ from app.plots import figures, stress
 def survey(grid, depths, section_x, section_y, line, von_mises):
     """Stresses as those of `app.api.subsurface.survey`, the largest at the origin and at half the depth."""
     at = StressMaximum(von_mises, float(grid.x()[grid.nx // 2]), 0.0, depths[-1] / 2, np.zeros(6))
-    return SimpleNamespace(depths=depths, section_x=section_x, section_y=section_y, line=line, at=at)
+    sections = {"section_x": section_x, "section_y": section_y, "line": line}
+    return SimpleNamespace(depths=depths, at=at, interface=None, **sections)
 
 
 def bell(grid, along, depths):

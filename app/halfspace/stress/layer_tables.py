@@ -1,0 +1,179 @@
+"""Stress of cells on a layer, by tables in the distance.
+
+Lengths are in thicknesses t of the layer. With the stress function a(q) of `app.halfspace.layer_waves` at a depth, the
+stress below a pressure on cells follows from radial functions,
+
+    g(r) = 1 / (2 pi r) int a(q) J1(q r) dq,      h(r), the same with a..,
+    v(r) = -1 / (2 pi) int a.(q) J0(q r) dq,
+
+because the stresses are derivatives of potentials. By Gauss's theorem, the stress of a cell is an integral along its
+edges: of g and h, times the distance from the line of the edge or, for s_xy, along it; and of v. In the layer, a is
+that of the layered body minus that of a half-space of the layer's material, which has a closed form. So all functions
+are smooth, over lengths of the *scale*: the depth in the base, and 2 - depth, the distance of the image of the surface,
+in the layer.
+
+The integrals over q are Gauss sums. At large distances they are sums over y = q r, multiplied by a smooth window, which
+ends the oscillations; then the same points y serve all distances. Cubic splines in asinh(r) interpolate the functions.
+The error of a stress is below 1e-8 of the largest pressure, or of the largest stress if the layer is much stiffer than
+its base.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+from math import asinh, ceil, log2, sqrt
+
+import numpy as np
+
+from app.base.numba_cache import njit
+from app.halfspace.layer_waves import LayerWaves
+
+_SPACING = 0.02  # of the tables in asinh(r)
+_MIN_RADIUS = 16.0  # of the tables
+_NEAR = 10.0  # distance up to which wave numbers do not depend on the distance
+_Q_MAX = 38.0  # a is below 1e-15 beyond
+_PANEL = 0.4  # of wave numbers, short enough for oscillations at distance _NEAR
+_Y_PANEL = 4.0
+_Y_MIDDLE, _Y_WIDTH = 48.0, 9.5  # of the window's end
+_FIRST_PANEL = 1e-8  # panels grow from here, because a may vary at small wave numbers
+_POINTS = 16  # Gauss points of a panel
+_MAX_STEP = 0.3  # panel of an edge over its distance from the singularities of the functions
+_SHORT_STEP = 0.04  # panels below have two Gauss points instead of four
+_NODES, _WEIGHTS = (np.concatenate([rule[k] for rule in map(np.polynomial.legendre.leggauss, (2, 4))])
+                    for k in (0, 1))  # fmt: skip
+
+
+class _HankelRule:
+    """Points and weights of the integrals over wave numbers, for a layer and the radius of its tables."""
+
+    def __init__(self, layer, radius):
+        from scipy.special import erfc, j0, j1
+
+        unit = replace(layer, thickness=1.0)
+        reach = asinh(radius)
+        self.v = np.linspace(0.0, reach, ceil(reach / _SPACING) + 1)
+        self.r = np.sinh(self.v)
+        near, far = self.r[self.r <= _NEAR, None], self.r[self.r > _NEAR, None]
+        q, weights = _panels(_PANEL, _Q_MAX)
+        along = np.where(near > 0, j1(q * near) / np.maximum(near, np.finfo(float).tiny), q / 2)
+        self._near = weights / (2 * np.pi) * np.stack([along, j0(q * near)])
+        y, weights = _panels(_Y_PANEL, _Y_MIDDLE + 5 * _Y_WIDTH)
+        weights = weights * erfc((y - _Y_MIDDLE) / _Y_WIDTH) / (4 * np.pi)
+        self._far, self._distances = np.stack([weights * j1(y), weights * j0(y)]), far[:, 0]
+        self._waves = LayerWaves(unit, q), LayerWaves(unit, y / far)
+
+    def __call__(self, depth):
+        """Return g, h and v at the distances r."""
+        near, far = ([f * (1 - 2 * (k == 1)) for k, f in enumerate(waves.functions(depth, reflected=True))]
+                     for waves in self._waves)  # fmt: skip
+        functions = []
+        for k, power in ((0, 2), (2, 2), (1, 1)):
+            row = k % 2
+            beyond = far[k] @ self._far[row] / self._distances**power
+            functions.append(np.concatenate([self._near[row] @ near[k], beyond]))
+        return functions
+
+
+def _panels(step, end):
+    """Return points and weights of a composite Gauss rule from 0 to `end`."""
+    growing = np.geomspace(_FIRST_PANEL, step, 2 + int(log2(step / _FIRST_PANEL)))
+    edges = np.concatenate([[0.0], growing, np.arange(2 * step, end + step, step)])
+    nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
+    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
+    return (half * nodes + middle).ravel(), (half * weights).ravel()
+
+
+_rule = lru_cache(maxsize=4)(_HankelRule)
+
+
+@lru_cache(maxsize=256)
+def _table(layer, depth, radius):
+    """Return spline coefficients, shape (intervals, 3 functions, 4), and the scale.
+
+    The functions are g, h and v times (r^2 + scale^2). The depth is in thicknesses.
+    """
+    from scipy.interpolate import CubicSpline
+
+    rule = _rule(layer, radius)
+    scale = 2 - depth if depth <= 1 else depth
+    functions = np.stack(rule(depth), axis=1) * (rule.r**2 + scale**2)[:, None]
+    splines = CubicSpline(rule.v, functions, bc_type=("clamped", "not-a-knot"))
+    return np.ascontiguousarray(splines.c.transpose(1, 2, 0)), scale
+
+
+def add_layer_corners(layer, x, y, depth, out):
+    """Add the parts of cell corners at (x, y), as `app.halfspace.stress.stress_sums` defines them.
+
+    `x` and `y` are offsets of a point from the corners [mm], monotonic arrays. The depth is in mm. `out` has the shape
+    (6, y.size, x.size).
+    """
+    t = layer.thickness
+    x, y, depth = x / t, y / t, 1.0 if depth == t else depth / t
+    farthest = sqrt(np.abs(x).max() ** 2 + np.abs(y).max() ** 2)
+    radius = 2.0 ** ceil(log2(max(1.01 * farthest, _MIN_RADIUS)))
+    coefficients, scale = _table(layer, depth, radius)
+    spacing = asinh(radius) / len(coefficients)
+    nu = layer.poisson[int(depth > 1)]
+    _add_corners(x, y, coefficients, spacing, scale, nu, _NODES, _WEIGHTS, np.zeros((3, x.size)), out)
+
+
+@njit()
+def _interval(r, spacing, coefficients):
+    """Return the interval of the splines at distance r, and the rest of asinh(r)."""
+    v = asinh(r)
+    k = min(int(v / spacing), len(coefficients) - 1)
+    return k, v - k * spacing
+
+
+@njit()
+def _cubic(c, v):
+    return ((c[0] * v + c[1]) * v + c[2]) * v + c[3]
+
+
+@njit()
+def _integrate(line, start, end, coefficients, spacing, scale, nodes, weights):
+    """Return integrals along an edge from `start` to `end`, at the distance `line` from the origin.
+
+    They are those of g, h and v, and of g and h times the position.
+    """
+    sum_g, sum_h, sum_v, along_g, along_h = 0.0, 0.0, 0.0, 0.0, 0.0
+    position, direction = start, 1.0 if end > start else -1.0
+    while direction * (end - position) > 0.0:
+        distance = sqrt(line * line + position * position + scale * scale)
+        left = abs(end - position)
+        step = min(left, _MAX_STEP * distance)
+        first, count = (0, 2) if step < _SHORT_STEP * distance else (2, 4)
+        half = direction * step / 2
+        for m in range(first, first + count):
+            at = position + half * (1 + nodes[m])
+            squared = line * line + at * at
+            k, v = _interval(sqrt(squared), spacing, coefficients)
+            weight = half * weights[m] / (squared + scale * scale)
+            g, h = weight * _cubic(coefficients[k, 0], v), weight * _cubic(coefficients[k, 1], v)
+            sum_g, sum_h, sum_v = sum_g + g, sum_h + h, sum_v + weight * _cubic(coefficients[k, 2], v)
+            along_g, along_h = along_g + at * g, along_h + at * h
+        position = end if step == left else position + direction * step
+    return sum_g, sum_h, sum_v, along_g, along_h
+
+
+@njit()
+def _add_corners(x, y, coefficients, spacing, scale, nu, nodes, weights, along_y, out):
+    """Add the parts of corners; `along_y` are three rows of zeros."""
+    for j in range(y.size):
+        y_before, x_before = y[j - 1] if j else 0.0, 0.0
+        x_g, x_h, x_v, x_xy = 0.0, 0.0, 0.0, 0.0
+        for i in range(x.size):
+            g, h, v, _, _ = _integrate(x[i], y_before, y[j], coefficients, spacing, scale, nodes, weights)
+            along_y[0, i] += x[i] * g
+            along_y[1, i] += x[i] * h
+            along_y[2, i] += v
+            g, h, v, along_g, along_h = _integrate(
+                y[j], x_before, x[i], coefficients, spacing, scale, nodes, weights
+            )
+            x_g, x_h, x_v = x_g + y[j] * g, x_h + y[j] * h, x_v + v
+            x_xy, x_before = x_xy + (1 - nu) * along_h + nu * along_g, x[i]
+            out[0, j, i] += along_y[1, i] + nu * (x_h - x_g)
+            out[1, j, i] += x_h + nu * (along_y[1, i] - along_y[0, i])
+            out[2, j, i] -= along_y[0, i] + x_g
+            out[3, j, i] += x_xy
+            out[4, j, i] += along_y[2, i]
+            out[5, j, i] += x_v
