@@ -54,14 +54,12 @@ def stress(solution, poisson_ratio=None, body=None):
         raise InputError(
             "poisson_ratio= (--poisson): has no effect with a coating; the result has all ratios"
         )
-    layer = find_layer(facts, body)
-    if layer is not None:
-        poisson_ratio = 0.0
-    elif poisson_ratio is None:
-        poisson_ratio = find_poisson_ratio(facts, body)
-    elif body is not None:
+    if poisson_ratio is not None and body is not None:
         raise InputError("body: has no effect with a Poisson ratio")
-    if poisson_ratio is None:
+    layer = find_layer(facts, body)
+    if layer is None and poisson_ratio is None:
+        poisson_ratio = find_poisson_ratio(facts, body)
+    if layer is None and poisson_ratio is None:
         raise InputError(
             "Poisson's ratio of the body is not known: the material was given by its contact modulus alone; "
             "needed: poisson_ratio= (--poisson NU)"

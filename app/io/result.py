@@ -300,8 +300,7 @@ def read_attributes(file):
 
 def find_poisson_ratio(facts, body=None):
     """Return a body's Poisson ratio from attributes of a result, or None."""
-    if body not in (None, 1, 2):
-        raise InputError(f"body {body!r}: allowed: 1, 2")
+    _check_body(body)
     coated = "coating_thickness" in facts
     if coated and body != 2:  # stresses depend on more than one ratio
         return None
@@ -320,6 +319,7 @@ def find_poisson_ratio(facts, body=None):
 
 def find_layer(facts, body=None):
     """Return the `Layer` of a body from attributes of a result; None if the body has no layer."""
+    _check_body(body)
     if "coating_thickness" not in facts or body == 2:
         return None
     young, poisson = (
@@ -327,3 +327,8 @@ def find_layer(facts, body=None):
         for name in ("young", "poisson")
     )
     return Layer(float(facts["coating_thickness"]), young, poisson)
+
+
+def _check_body(body):
+    if body not in (None, 1, 2):
+        raise InputError(f"body {body!r}: allowed: 1, 2")
