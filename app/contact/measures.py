@@ -186,9 +186,9 @@ def measure_roughness(operator, distance, shape):
 
 
 def _steps_at_sides(operator, shape):
-    """Return rms height steps across a patch's sides, and next to them.
+    """Return rms height steps across a patch's sides, and next to them. Collective.
 
-    Collective.
+    A step is the difference of heights of neighbouring cells, where cells at opposite sides count as neighbours, too.
     """
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
