@@ -241,7 +241,7 @@ class Fast(Inexact):
     def prepare(self):
         """Prepare the multilevel products, too; see `Strategy.prepare`."""
         super().prepare()
-        multilevel_operators.prepare(self._hierarchy.target.grid)
+        multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
     def _solve(self, loading, history, start):
         settings, hierarchy, stop = self._settings, self._hierarchy, self._inexact_stop()

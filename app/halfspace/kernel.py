@@ -38,6 +38,19 @@ class HalfSpaceKernel:
         """Numbers that define the kernel."""
         return (self.compliance,)
 
+    def __eq__(self, other):
+        return type(self) is type(other) and self.parameters == other.parameters
+
+    def __hash__(self):
+        return hash((type(self), self.parameters))
+
+    def in_units(self, length):
+        """Return the kernel for lengths in units of `length` [mm], and compliance 1.
+
+        Influence coefficients are those of this kernel divided by its compliance and by `length`.
+        """
+        return UNIT
+
     def uniform_compliance(self, grid):
         """Return the displacement by pressure 1 on all cells [mm / (N/mm2)].
 
@@ -73,6 +86,14 @@ class HalfSpaceKernel:
 
         `eigenvalues` are those for unit compliance, at wave numbers `q` [1/mm]. They are multiplied by the compliance
         of these waves.
+        """
+        return self.compliance * eigenvalues
+
+    def scale_sampled(self, eigenvalues, grid, columns, rows):
+        """Return eigenvalues for the compliance of this kernel.
+
+        In contrast to `scale`, the compliance is that of each aliased wave. `eigenvalues` are those for unit compliance
+        and uniform pressures on cells, at frequencies `columns` and `rows`, as in `influence_symbol`.
         """
         return self.compliance * eigenvalues
 

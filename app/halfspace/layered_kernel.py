@@ -9,6 +9,7 @@ import numpy as np
 
 from app.halfspace.grid import row_blocks
 from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.layer import Layer
 from app.halfspace.layer_coefficients import layer_tables
 from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import wave_numbers
@@ -17,6 +18,7 @@ _SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue 
 _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
 _NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
 _MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
+_MAX_ALIASES = 6  # in each direction, for eigenvalues that need not be exact
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 
 
@@ -53,6 +55,18 @@ class LayeredKernel(HalfSpaceKernel):
         numbers = ((layer.thickness, *layer.young, *layer.poisson) for layer in self.layers)
         return *(number for each in numbers for number in each), self.other
 
+    def in_units(self, length):
+        """Return the kernel in other units; see `HalfSpaceKernel.in_units`."""
+        layers = tuple(
+            Layer(
+                layer.thickness / length,
+                tuple(self.compliance * young for young in layer.young),
+                layer.poisson,
+            )
+            for layer in self.layers
+        )
+        return LayeredKernel(layers, self.other / self.compliance)
+
     def uniform_compliance(self, grid):
         """Return the displacement by pressure 1 on all cells.
 
@@ -70,20 +84,18 @@ class LayeredKernel(HalfSpaceKernel):
     def eigenvalues(self, grid, columns, rows):
         """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""
         if grid.periodic == "love":
-            half_space, columns, rows = (
-                super().eigenvalues(grid, columns, rows),
-                np.asarray(columns),
-                np.asarray(rows),
-            )
-            return half_space + 2 * np.pi * sum(
-                _alias_sums(layer, grid, columns, rows) for layer in self.layers
-            )
+            half_space = super().eigenvalues(grid, columns, rows)
+            return half_space + self._alias_sums(grid, np.asarray(columns), np.asarray(rows))
         qx, qy = wave_numbers(grid, columns, rows)
         q = np.hypot(qx[:, None], qy)
         waves = q > 0
         values = np.zeros(q.shape)
         values[waves] = 2 * np.pi * self.wave_compliance(q[waves]) / q[waves]
         return values
+
+    def _alias_sums(self, grid, columns, rows, highest=np.inf):
+        """Return eigenvalues minus those of a half-space of this compliance; see `_alias_sums`."""
+        return 2 * np.pi * sum(_alias_sums(layer, grid, columns, rows, highest) for layer in self.layers)
 
     def coefficients(self, grid, rows, columns):
         """Return influence coefficients of a free patch; see `love_coefficients`."""
@@ -119,6 +131,11 @@ class LayeredKernel(HalfSpaceKernel):
         """Return eigenvalues times the compliance of waves; see `HalfSpaceKernel`."""
         with np.errstate(invalid="ignore"):  # on a rigid base the compliance for constants is 0
             return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
+
+    def scale_sampled(self, eigenvalues, grid, columns, rows):
+        """Return eigenvalues for this kernel; see `HalfSpaceKernel.scale_sampled`."""
+        highest = 2 * np.pi * _MAX_ALIASES / max(grid.dx, grid.dy)
+        return self.compliance * eigenvalues + self._alias_sums(grid, columns, rows, highest)
 
     def is_positive(self, grid):
         """Return whether no influence coefficient is negative."""
@@ -180,13 +197,13 @@ class LayeredKernel(HalfSpaceKernel):
         return np.pi * float(self.wave_compliance(np.array([2 * np.pi / length]))[0])
 
 
-def _alias_sums(layer, grid, columns, rows):
+def _alias_sums(layer, grid, columns, rows, highest):
     """Return the part of eigenvalues due to the layer, over 2 pi.
 
     The sum is an eigenvalue of the layered body minus that of a half-space of the layer's material, over 2 pi, for
-    uniform pressures on cells. Waves with large q t do not count.
+    uniform pressures on cells. Waves with large q t, or beyond the wave number `highest`, do not count.
     """
-    highest = _MAX_DECAY / layer.thickness
+    highest = min(highest, _MAX_DECAY / layer.thickness)
     (x, in_x), (y, in_y) = (
         _aliases(index, n, d, highest) for index, n, d in ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy))
     )  # fmt: skip

@@ -27,7 +27,6 @@ from app.halfspace.fft.lengths import fast_length, transform_length
 from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import quadrant_rows
-from app.halfspace.kernel import UNIT, HalfSpaceKernel
 from app.methods.multilevel_product import MultilevelOperator, coarse_shape
 from app.methods.symbol import (
     centre,
@@ -118,20 +117,18 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
     if not near:
         return None
     (cy, cx), (ny, nx) = coarsening_factors(near), _coarsest_shape(grid, near)
-    coefficients = quadrant_rows(
-        Grid(nx, ny, cx * grid.dx, cy * grid.dy), HalfSpaceKernel(kernel.compliance / (cx * cy))
-    )
-    correction = kernel.compliance * max(grid.dx, grid.dy) * near_field_correction(grid, len(near))
+    coefficients = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), kernel)
+    correction = kernel.compliance * max(grid.dx, grid.dy) * near_field_correction(grid, len(near), kernel)
 
-    def kernel(rows):
-        values, offsets = coefficients(rows), np.arange(ny)[rows]
+    def corrected(rows):
+        values, offsets = coefficients(rows) / (cx * cy), np.arange(ny)[rows]
         added = correction[offsets[offsets < len(correction)], :nx]
         values[: len(added), : added.shape[1]] += added
         return values
 
     def coarsest(shape, layout):
         product = EvenMultiplier(shape, tuple(map(transform_length, shape)), layout)
-        product.load_or_make(("influence", len(near)), partial(product.set_kernel, kernel, *shape))
+        product.load_or_make(("influence", len(near)), partial(product.set_kernel, corrected, *shape))
         return product
 
     return MultilevelOperator(grid.shape, near, coarsest, layout, other)
@@ -168,27 +165,27 @@ def get_or_create(operator, name, create, **options):
     return multipliers.get(name)
 
 
-def prepare(grid):
+def prepare(grid, kernel):
     """Precompute stencils for a free grid and its windows."""
     centre(grid)
-    _stencils(grid, -1)
-    for levels in range(1, len(_stencils(grid, 1)) + 1):
-        near_field_correction(grid, levels)
+    _stencils(grid, -1, kernel)
+    for levels in range(1, len(_stencils(grid, 1, kernel)) + 1):
+        near_field_correction(grid, levels, kernel)
 
 
-def _stencils(grid, power, kernel=UNIT):
+def _stencils(grid, power, kernel):
     """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
-    The result has no stencils for levels so small that an FFT is faster. If stencils would depend on the size of cells,
-    the result is empty.
+    The result has no stencils for levels so small that an FFT is faster. On a periodic patch the result is empty if
+    stencils depend on the size of cells.
     """
-    if not kernel.scale_free:
+    if grid.periodic and not kernel.scale_free:
         return []
     smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []
     unit, levels, (ny, nx) = kernel.compliance * max(grid.dx, grid.dy), [], grid.shape
-    for level in fit_stencils(grid, power):
+    for level in fit_stencils(grid, power, kernel):
         fy, fx = level.factors
         divisible = not grid.periodic or ny % fy == nx % fx == 0
         ny, nx = ny // fy, nx // fx

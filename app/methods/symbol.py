@@ -25,6 +25,7 @@ import numpy as np
 from app.halfspace import events
 from app.halfspace.chebyshev import chebyshev_nodes, even_chebyshev, fit_even_chebyshev
 from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.periodic_symbol import influence_symbol
 
 REACH = 2  # cells of a stencil in each direction
@@ -110,40 +111,42 @@ def _smooth_part(dx, dy):
     return fit_even_chebyshev(_compute_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))
 
 
-def centre(grid):
+def centre(grid, kernel=UNIT):
     """Return the 3 x 3 centre of B, up to a factor.
 
     B is the inverse of A continued periodically.
     """
     side = max(grid.dx, grid.dy)
-    return _centre(grid.dx / side, grid.dy / side)
+    return _centre(grid.dx / side, grid.dy / side, kernel.in_units(side))
 
 
 @lru_cache(maxsize=16)
-def _centre(dx, dy):
+def _centre(dx, dy, kernel):
     t = _WAVES
-    quarter = _cosines(t, 2).T @ _powers("love", dx, dy, t, t, -1) @ _cosines(t, 2)
+    quarter = _cosines(t, 2).T @ _powers("love", dx, dy, t, t, -1, kernel) @ _cosines(t, 2)
     return quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
 
 
-def fit_stencils(grid, power=-1):
+def fit_stencils(grid, power=-1, kernel=UNIT):
     """Fit stencils to A (`power` 1) or to its inverse (`power` -1).
 
-    Return StencilLevels, finest first, for unit compliance and cells whose longer side is 1.
+    Return StencilLevels, finest first, for compliance 1 and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
-        return _stencils(grid.periodic or "love", grid.dx / side, grid.dy / side, power)
+        return _stencils(
+            grid.periodic or "love", grid.dx / side, grid.dy / side, power, kernel.in_units(side)
+        )
 
 
 @lru_cache(maxsize=32)
-def _stencils(kind, dx, dy, power):
+def _stencils(kind, dx, dy, power, kernel):
     t, near = _WAVES, []
     cosines = _cosines(t, REACH + 1)
     shapes = np.einsum("ia,jb->ijab", cosines, cosines)
     while np.prod(cells := coarsening_factors(near)) < MAX_CELLS_PER_COARSE_CELL:
         x, y = t / cells[1], t / cells[0]
-        values = _powers(kind, dx, dy, x, y, power)
+        values = _powers(kind, dx, dy, x, y, power, kernel)
         fitted = coarsen_symbol(values, near, x, y)
         wide, high = cells[1] * dx, cells[0] * dy
         factors = (2, 1) if wide > MAX_ASPECT * high else (1, 2) if high > MAX_ASPECT * wide else (2, 2)
@@ -156,32 +159,41 @@ def _stencils(kind, dx, dy, power):
     return tuple(near)
 
 
-def near_field_correction(grid, levels):
+def near_field_correction(grid, levels, kernel=UNIT):
     """Return the near-field correction of influence coefficients.
 
     On the grid below `levels` levels with stencils, multilevel A uses the influence coefficients plus this correction.
     The correction vanishes at large distances, where only the load of a cell matters, not its shape. The result has the
-    shape (offsets in y, offsets in x). The correction is for unit compliance, and for cells of the finest grid whose
+    shape (offsets in y, offsets in x). The correction is for compliance 1, and for cells of the finest grid whose
     longer side is 1.
     """
     side = max(grid.dx, grid.dy)
-    return _near_field_correction(grid.dx / side, grid.dy / side, levels)
+    return _near_field_correction(grid.dx / side, grid.dy / side, levels, kernel.in_units(side))
 
 
 @lru_cache(maxsize=32)
-def _near_field_correction(dx, dy, levels):
-    t, near = _WAVES, _stencils("love", dx, dy, 1)[:levels]
+def _near_field_correction(dx, dy, levels, kernel):
+    t, near = _WAVES, _stencils("love", dx, dy, 1, kernel)[:levels]
     cy, cx = coarsening_factors(near)
-    rest = coarsen_symbol(_powers("love", dx, dy, t / cx, t / cy, 1), near, t / cx, t / cy)
+    rest = coarsen_symbol(_powers("love", dx, dy, t / cx, t / cy, 1, kernel), near, t / cx, t / cy)
     side = max(cx * dx, cy * dy)  # of the coarse cells, which have mean pressures
-    rest -= side / (cx * cy) * _powers("love", cx * dx / side, cy * dy / side, t, t, 1)
+    coarse = _powers("love", cx * dx / side, cy * dy / side, t, t, 1, kernel.in_units(side))
+    rest -= side / (cx * cy) * coarse
     cosines = _cosines(t, SAMPLED_WAVES // 4)
     return (cosines.T @ rest @ cosines).T / t.size**2
 
 
-def _powers(kind, dx, dy, x, y, power):
-    """Return eigenvalues of A (`power` 1) or their reciprocals (-1)."""
-    return (2 * np.pi * _eigenvalues(kind, dx, dy, x, y)) ** power
+def _powers(kind, dx, dy, x, y, power, kernel):
+    """Return eigenvalues of A (`power` 1) or their reciprocals (-1).
+
+    The compliance of the kernel is 1. In the inverse, aliased waves have the compliance of the wave itself.
+    """
+    values = 2 * np.pi * _eigenvalues(kind, dx, dy, x, y)
+    if power == 1:
+        values = kernel.scale_sampled(values, Grid(2, 2, dx, dy, periodic=kind), x, y)
+    else:
+        values = kernel.scale(values, np.hypot(np.pi * x[:, None] / dx, np.pi * y / dy))
+    return values**power
 
 
 def coarsen_symbol(values, near, x, y):

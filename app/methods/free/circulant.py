@@ -99,7 +99,7 @@ class Circulant:
         shared = operator.slabs, operator.comm
         self.extension = EdgeExtension(operator.local_shape, *shared, self.steps, periodic)
         far_reaching = operator.kernel.far_reaching
-        stencil = centre(operator.grid) if far_reaching and not periodic else self.multiplier.centre
+        stencil = self.multiplier.centre if periodic else centre(operator.grid, operator.kernel)
         self.average = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
