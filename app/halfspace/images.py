@@ -12,7 +12,7 @@ Let F be the influence of all images without the cell itself, minus the mean, so
 offsets ``S = K - G``, where G is periodic.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import scipy.fft
@@ -29,19 +29,23 @@ _TERMS = 16  # even Chebyshev polynomials per direction for a square box
 _GAUSS = legendre.leggauss(4)
 # Half of the interval of the polynomials, in periods. The margin above 1/2 is more than half a cell.
 _HALF_WIDTH = 0.52
+# Cutoff of the images of layers: width in periods, and radius in widths.
+_CUTOFF_WIDTH, _CUTOFF_RADIUS = 1.6, 4.0
 
 
 class Box:
     """Periodic box around a patch, with the influence of images in it.
 
-    `periods` are the numbers of cells of the box in y and x. ``influence(rows, columns)`` returns the coefficients K
-    for unit compliance, for arrays of offsets in y and x.
+    `periods` are the numbers of cells of the box in y and x, and `kernel` is the kernel of the bodies.
     """
 
-    def __init__(self, grid, periods, influence):
-        self.grid, self.periods, self.influence = grid, periods, influence
+    def __init__(self, grid, periods, kernel):
+        self.grid, self.periods, self.influence = grid, periods, partial(kernel.unit_coefficients, grid)
         ny, nx = periods
-        terms = _lattice_sum(ny * grid.dy / (nx * grid.dx))
+        side = nx * grid.dx
+        terms = _lattice_sum(ny * grid.dy / side)
+        if not kernel.scale_free:
+            terms = terms + _layer_lattice_sum(grid, (ny * grid.dy, nx * grid.dx), kernel)
         in_y, in_x = (_cell_means(n, count) for n, count in zip(periods, terms.shape, strict=True))
         self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
@@ -80,9 +84,7 @@ def _lattice_sum(aspect):
     this sum. Here rho is the distance of the position from the lattice point. The lattice has the steps 1 in x and
     `aspect` in y.
     """
-    counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
-    in_y, in_x = map(chebyshev_nodes, counts)
-    y, x = np.meshgrid(aspect * _HALF_WIDTH * in_y, _HALF_WIDTH * in_x, indexing="ij")
+    in_y, in_x, y, x = _sample_points(aspect)
     alpha = np.sqrt(np.pi / aspect)
     total = np.full(x.shape, -2 * np.sqrt(np.pi) / (alpha * aspect))
     for j, i in _within(_ERFC_RANGE / alpha, aspect, 1.0, _HALF_WIDTH):
@@ -100,6 +102,34 @@ def _lattice_sum(aspect):
             multiplicity = (2 if i else 1) * (2 if j else 1)
             total += multiplicity * 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
     return fit_even_chebyshev(total)
+
+
+def _layer_lattice_sum(grid, sides, kernel):
+    """Return Chebyshev coefficients [y, x] of a lattice sum for layers.
+
+    1/rho of `_lattice_sum` is replaced by what layers add to it, and a constant is added. The sum converges
+    exponentially, because its terms end by a smooth cutoff: a smooth function, summed over the lattice, is constant. So
+    the origin also has a term, with the cutoff minus 1. `sides` are those of the box in y and x, and `grid` has the
+    size of the cells.
+    """
+    height, length = sides
+    aspect, width = height / length, _CUTOFF_WIDTH * max(1.0, height / length)
+    *_, y, x = _sample_points(aspect)
+    count_y, count_x = (int(np.ceil((_CUTOFF_RADIUS + 4) * width / d + 1)) for d in (aspect, 1.0))
+    total = np.zeros(x.shape)
+    for j in range(-count_y, count_y + 1):
+        rho = np.hypot(x + np.arange(-count_x, count_x + 1)[:, None, None], y + aspect * j)
+        weights = erfc(rho / width - _CUTOFF_RADIUS) / 2
+        weights[count_x] -= j == 0
+        total += length * (kernel.layer_influence(grid, length * rho) * weights).sum(axis=0)
+    return fit_even_chebyshev(total)
+
+
+def _sample_points(aspect):
+    """Return the nodes in y and x of even polynomials, and the positions (y, x) of all nodes."""
+    counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
+    in_y, in_x = map(chebyshev_nodes, counts)
+    return in_y, in_x, *np.meshgrid(aspect * _HALF_WIDTH * in_y, _HALF_WIDTH * in_x, indexing="ij")
 
 
 def _within(radius, step_y, step_x, reach=0.0):

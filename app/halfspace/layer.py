@@ -77,12 +77,17 @@ class Layer:
 
     def ratio(self, q):
         """Return S(q t) for wave numbers q above 0, an array [1/mm]."""
-        (nu1, nu2), mu = self.poisson, self.modulus_ratio
-        x = np.asarray(q, dtype=float) * self.thickness
-        values, small = np.empty(x.shape), x < _SMALL
-        values[small] = _ratio_of_long_waves(x[small], mu, nu1, nu2)
-        values[~small] = _ratio_of_short_waves(np.minimum(x[~small], _LARGEST), mu, nu1, nu2)
-        return values
+        return displacement_ratio(
+            np.asarray(q, dtype=float) * self.thickness, self.modulus_ratio, *self.poisson
+        )
+
+
+def displacement_ratio(x, mu, nu1, nu2):
+    """Return S(x) of the module for an array x of numbers above 0."""
+    values, small = np.empty(x.shape), x < _SMALL
+    values[small] = _ratio_of_long_waves(x[small], mu, nu1, nu2)
+    values[~small] = _ratio_of_short_waves(np.minimum(x[~small], _LARGEST), mu, nu1, nu2)
+    return values
 
 
 def _ratio_of_short_waves(x, mu, nu1, nu2):

@@ -14,6 +14,8 @@ from math import ceil, log2
 
 import numpy as np
 
+from app.halfspace.layer import displacement_ratio
+
 _X_MAX = 24.0  # S - 1 is below 1e-18 beyond
 _TABLE = 1024  # number of points of a table
 _MIN_RADIUS, _MAX_RADIUS = 30.0, 600.0  # of the tables; the least one is for G1 <= G2
@@ -30,15 +32,16 @@ def layer_tables(layer, cell):
 
     The size (dx, dy) of a cell is in thicknesses.
     """
-    (nu1, nu2), mu = layer.poisson, layer.modulus_ratio
+    mu = float(f"{layer.modulus_ratio:.13g}")  # the same in all units
     widest = _MIN_RADIUS * max(1.0, mu)
     radius = min(max(widest, _CELLS * max(cell)), max(2 * widest, _MAX_RADIUS))
-    return _tables(layer, mu * (1 - nu2) / (1 - nu1), 2.0 ** ceil(log2(radius)))
+    return _tables(mu, *layer.poisson, 2.0 ** ceil(log2(radius)))
 
 
 @lru_cache(maxsize=8)
-def _tables(layer, limit, radius):
-    return LayerTables(lambda x: layer.ratio(x / layer.thickness), limit, radius)
+def _tables(mu, nu1, nu2, radius):
+    limit = mu * (1 - nu2) / (1 - nu1)
+    return LayerTables(lambda x: displacement_ratio(x, mu, nu1, nu2), limit, radius)
 
 
 class LayerTables:
@@ -74,6 +77,10 @@ class LayerTables:
         """Return the rest of g at distances r [1 / t]."""
         inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
         return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
+
+    def influence(self, r):
+        """Return g at distances r [1 / t]."""
+        return self._excess / np.sqrt(r * r + 4) + self.rest(r)
 
     def _phi(self, r):
         """Return Phi(r), the integral of rest r dr from 0 to r."""

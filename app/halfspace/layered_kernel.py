@@ -127,6 +127,20 @@ class LayeredKernel(HalfSpaceKernel):
             total += layer.plane_compliance * own
         return total
 
+    def layer_influence(self, grid, distances):
+        """Return the displacement by a point force, for unit compliance [1/mm].
+
+        The displacement of half-spaces of the layers' materials is left out. `grid` has the size of the cells.
+        """
+        total = 0.0
+        for layer in self.layers:
+            r = distances / layer.thickness
+            own = layer_tables(layer, (grid.dx / layer.thickness, grid.dy / layer.thickness)).influence(r)
+            if layer.on_rigid_base:
+                own = np.where(r > _MAX_REACH, -1 / np.maximum(r, _MAX_REACH), own)
+            total = total + layer.plane_compliance / layer.thickness * own
+        return total / self.compliance
+
     def scale(self, eigenvalues, q):
         """Return eigenvalues times the compliance of waves; see `HalfSpaceKernel`."""
         with np.errstate(invalid="ignore"):  # on a rigid base the compliance for constants is 0

@@ -53,7 +53,7 @@ class BoxProduct(EvenMultiplier):
     def __init__(self, grid, kernel, layout=SERIAL):
         super().__init__(grid.shape, self.periods_of(grid), layout)
         self._compliance = kernel.compliance
-        self._box = Box(grid, self.periods, partial(kernel.unit_coefficients, grid))
+        self._box = Box(grid, self.periods, kernel)
         halves = (period // 2 + 1 for period in self.periods)
         self.load_or_make(None, partial(self.set_kernel, self._kernel, *halves))
         self._correct_images()

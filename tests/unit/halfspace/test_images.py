@@ -1,7 +1,5 @@
 """Influence of the periodic images of a patch."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ NO_MASK = np.zeros((0, 0), bool)
 
 
 def box_of(grid, periods):
-    return Box(grid, periods, partial(UNIT.unit_coefficients, grid))
+    return Box(grid, periods, UNIT)
 
 
 @pytest.mark.parametrize("periods", [(80, 80), (81, 79), (40, 120), (150, 60)])

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from operators import GRIDS, PERIODIC, STEEL, matrix_of, random_field
 
+from app import Material
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.kernel import UNIT
@@ -39,6 +40,20 @@ def test_box_product_equals_padded_product(dtype, nx, ny, ratio, seed):
             padded.apply(p, expected, contact)
             product.apply(p.astype(dtype), u, contact)
             assert np.abs(u - expected).max() <= ROUNDING[dtype] * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("thickness", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("young", [(1.0, 10.0), (10.0, 1.0), (1.0, np.inf)])
+def test_box_product_of_layers_equals_padded_product(young, thickness):
+    grid = Grid(180, 200, 1.0, 1.2)
+    kernel = Material.coated(young, (0.3, 0.3), thickness).kernel
+    padded = Convolution(lambda rows: influence_quadrant(grid, kernel, rows), grid.shape)
+    product = BoxProduct(grid, kernel)
+    for p in fields(grid.shape, np.random.default_rng(0)):
+        expected, u = np.empty(grid.shape), np.empty(grid.shape)
+        padded.apply(p, expected)
+        product.apply(p, u)
+        assert np.abs(u - expected).max() <= 1e-9 * np.abs(expected).max()  # the coefficients' accuracy
 
 
 def test_box_product_is_used_on_large_grids_of_moderate_aspect():
