@@ -1,6 +1,6 @@
 """Deprecated import paths of release 0.3.0; use `app.methods.free`.
 
-Option files that were written for release 0.3.0 may name them.
+Option files that were written for release 0.3.0 may contain these paths.
 """
 
 import sys

@@ -129,7 +129,7 @@ def _sum_row(x):
 
 @njit()
 def enter_row(enters, admissible, contact, released, b, depth, u, p):
-    """Add a row's cells to C, and clear `released`; see `activate`."""
+    """Add the cells that `enters` marks in a row to C; see `activate`."""
     cells, squares = _activate_row(enters, admissible, contact, released), (0.0, 0.0)
     if cells[0]:
         squares = _squares_row(b, depth, u, contact)

@@ -92,7 +92,7 @@ class History:
             listener.iteration(entry, state)
 
     def stagnates(self):
-        """Return whether the last iteration did not halve the residual."""
+        """Return true unless the last iteration halved the residual."""
         if self._iteration < 2:
             return False
         before, now = (entry["residual"] for entry in self.entries[-2:])

@@ -40,7 +40,7 @@ class MatMethods:
     """Mat methods for assembly, copies, scales, shifts and norms. Collective."""
 
     def assemblyEnd(self, mat, kind):
-        """Take over the current contact set.
+        """Adopt the operator's current contact set.
 
         PETSc calls this function when a Mat is assembled, and sets up preconditioners again in the next solve.
         """

@@ -299,9 +299,8 @@ def _add_near(
 ):  # fmt: skip
     """Compute the stencil's product plus the interpolated coarse field.
 
-    Compute out = N p + P coarse, where N is the stencil and P interpolation, only in `rows`. `parents` are the coarse
-    rows above, in and below the slab. `five`, `columns`, `doubled` and `wide` are work rows; those of `five` have zeros
-    at the ends.
+    Only `rows` are computed. `parents` are the coarse rows above, in and below the slab. `five`, `columns`, `doubled`
+    and `wide` are work rows; those of `five` have zeros at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):

@@ -102,7 +102,7 @@ class LinearSolver:
 
     @property
     def work_units(self):
-        """Work in the paper's units.
+        """Work of the KSP, in the paper's work units.
 
         A unit is a product or sweep on the target grid. All products and sweeps of the KSP count, except those with the
         assembled matrix of the coarsest grid.

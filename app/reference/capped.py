@@ -357,7 +357,10 @@ class _Parts:
         return 2 / math.pi * (weights @ np.arcsin(np.sqrt(np.minimum(sine2, 1))))
 
     def pressure(self, sine):
-        """Return the pressure where sin(pi x / L) is `sine` [p*]."""
+        """Return the pressure, divided by p*.
+
+        `sine` is sin(pi x / L) at the places.
+        """
         angle = _elastic_angle(sine**2, self.c2, self.a2)
         return self._elastic(ellipkinc(angle, self.rest))[1].sum(axis=-1)
 
@@ -372,7 +375,10 @@ class _Parts:
         return (weights * factor(np.arcsin(sine))).sum(axis=-1)
 
     def depth(self, sine):
-        """Return the plastic depth where sin(pi x / L) is `sine` [amplitude]."""
+        """Return the plastic depth, divided by the amplitude.
+
+        `sine` is sin(pi x / L) at the places.
+        """
         c = math.sqrt(self.c2)
         angle = np.arcsin(np.minimum(sine / c, 1))
         start, x = ellipkinc(angle, self.inner), np.arcsin(np.minimum(sine, c))[..., None]

@@ -139,7 +139,7 @@ class DenseProblem:
         return float(self.grid.cell_area * self._upper.sum())
 
     def at(self, approach):
-        """Return pressure at an approach, (ny, nx) [N/mm2].
+        """Return the pressure at an approach, shape (ny, nx) [N/mm2].
 
         In full contact, the smallest possible pressure is returned.
         """

@@ -70,7 +70,7 @@ def _split(both, first, a, b):
 
 @njit()
 def _unite(both, first, a, b):
-    """Unite the transforms of a pair of rows.
+    """Combine the transforms of two rows to that of their pair.
 
     This function is the inverse of `_split`, and has the same arguments.
     """

@@ -17,8 +17,8 @@ class KernelInX:
     """Transforms in x of an even kernel's rows.
 
     The kernel K[|dy|, |dx|] has the influence coefficients at offsets dy and dx. Its rows are made periodic with the
-    length Nx and transformed. The transforms are real, and multiplied by -1 / Nx: the sign, because a sweep subtracts
-    the effect of solved rows, and 1 / Nx, because this is the scale of the inverse transform. Collective.
+    length Nx and transformed. The transforms are real. They are multiplied by -1 / Nx: a sweep subtracts the effect of
+    solved rows, and 1 / Nx is the scale of the inverse transform. Collective.
 
     Offsets from nx to Nx - nx are never used. There K is blended into its mirror image, K(Nx - x), by the integral of a
     Kaiser window. So K is smooth over the period, and short waves in x decay quickly in y.

@@ -106,11 +106,9 @@ class CappedPrimalState(PrimalState):
     def _fill_up(self, w, excess=None):
         """Make the lowest cells plastic until they carry the load.
 
-        `w` is the displacement minus the approach [mm]. Cells become plastic in the order of their gaps ``w - b``,
-        beginning with the least one, while they carry less than the mean pressure demands. The next cell is the only
-        contact cell, or one of several with the same gap. The state's w is shifted by a constant that closes this gap.
-        Among cells with the same gap, those with a larger `excess`, the part of p beyond its bounds [N/mm2], become
-        plastic first.
+        `w` is the displacement minus the approach [mm]. Cells become plastic in the order of their gaps ``w - b``, and
+        for equal gaps of their `excess`, the part of p beyond its bounds [N/mm2]. The next cells become contact cells,
+        and a constant added to the state's w closes their gap.
         """
         state, upper = self.state, self.state.bounds.upper
         gap, total = np.where(state.admissible, w - state.distance.b, np.inf), self.mean_pressure * self.cells

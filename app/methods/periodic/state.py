@@ -119,10 +119,10 @@ class PrimalState:
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
-        """Shift w from the coarse `depth` to the depth `predicted` here [mm].
+        """Shift w from the coarser grid's depth to the predicted depth [mm].
 
-        A constant does not change the pressure. If the bodies move apart, a part of the depth beyond first touch is
-        left, so that there is contact, and cells that touched before the shift are put into contact.
+        The pressure does not change. If the bodies move apart, some contact is kept: a part of the depth beyond first
+        touch remains, and cells that touched before the shift are put into contact.
         """
         back, state = depth - predicted, self.state
         if back > 0:
@@ -220,7 +220,7 @@ class PrimalState:
     def _guess_sources(self, scale, force, lowest):
         """Compute the data of `guess`; see `kernels.guess_sources`.
 
-        Return the displacement of a cell by the highest possible pressure on it, or None if there is no limit.
+        `force` and `lowest` are set. Return the displacement of a cell by the hardness; None without a hardness.
         """
         state = self.state
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)

@@ -130,9 +130,9 @@ def _low_pass(heights, index, cell, periodic):
 def _fit(moment, weights, sums, periodic):
     """Fit a plane around each point; return its height at the point.
 
-    If `periodic`, return weighted means instead. The function ``moment(values, i, j)`` returns weighted sums around
-    each point: the values are `weights` or the weighted heights `sums`, multiplied by powers i and j of the distances
-    in x and y.
+    If `periodic`, return weighted means instead. The function ``moment(values, i, j)`` returns filtered sums of
+    `values` times x^i y^j around each point, with the distances x and y from the point. `sums` are the heights times
+    their `weights`.
     """
     weight = moment(weights, 0, 0)
     with np.errstate(all="ignore"):  # far from all points

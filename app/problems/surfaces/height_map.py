@@ -84,7 +84,7 @@ class HeightMap(StoredArray):
         return crop
 
     def cropped_rows(self, crop, start, stop):
-        """Return rows of a crop in the source's unit.
+        """Return some rows of a crop, in the unit of the source.
 
         The rows are `start` to `stop` - 1 of the crop.
         """
