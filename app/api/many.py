@@ -389,7 +389,7 @@ def _on_processes(jobs, count, arguments):
 
 
 def _results(connections, chunks):
-    """Yield the results of jobs as they come; give idle processes new jobs."""
+    """Yield results as they come; give idle processes new jobs."""
     busy = set()
 
     def send(connection):

@@ -111,7 +111,7 @@ def _note_narrow_contact(state, contact):
 
 
 def _note_boundary(state, contact):
-    """Return notes on a narrow free patch, and on contact at its boundary. Collective."""
+    """Return notes on narrow patches and contact at the boundary. Collective."""
     grid, notes = state.grid, []
     if grid.periodic:
         return notes
@@ -128,7 +128,10 @@ def _note_boundary(state, contact):
 
 
 def note_thin_layer(coating, grid):
-    """Return a note if a nearly incompressible layer on a rigid base is thinner than cells are wide."""
+    """Return a note if cells are too wide for a layer.
+
+    Only nearly incompressible layers on a rigid base are concerned.
+    """
     is_thin = max(grid.dx, grid.dy) > coating.thickness and grid.periodic != "spectral"
     if not (is_thin and coating.on_rigid_base and coating.poisson[0] > MAX_COMPRESSIBLE_POISSON):
         return []

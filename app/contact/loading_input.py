@@ -17,7 +17,7 @@ _ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in 
 
 
 def single_loading(given, where=""):
-    """Return kind and value of the only prescribed quantity; raise unless there is exactly one."""
+    """Return the prescribed quantity, if exactly one is given."""
     given = {kind: value for kind, value in given.items() if value is not None}
     if len(given) != 1 or not given.keys() <= LOADINGS.keys():
         *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())

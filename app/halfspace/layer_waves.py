@@ -58,7 +58,7 @@ class LayerWaves:
         return _decaying(value, value + slope, s, np.exp(-s))[:3]
 
     def displacements(self, depth):
-        """Return 2 G q u_z and 2i G q u_x, for G of the layer, at a depth in it [mm]."""
+        """Return the displacements at a depth in the layer [mm]."""
         nu, (a, a1, a2, a3) = self.layer.poisson[0], self._layer_functions(depth, order=3)
         return (1 - nu) * a3 - (2 - nu) * a1, (1 - nu) * a2 + nu * a
 
@@ -92,7 +92,7 @@ def _decaying(c0, c1, s, decay):
 
 
 def _from_surface(s, second, third):
-    """Return a and three derivatives for a = 1, a. = 0 and given higher derivatives at s = 0."""
+    """Return the stress function a and three derivatives, from those at the surface."""
     sinh, cosh = np.sinh(s), np.cosh(s)
     f3, f2 = (s * cosh - sinh) / 2, s * sinh / 2  # f2 has the second derivative 1 at s = 0, f3 the third
     f1, f0, rise = (sinh + s * cosh) / 2, cosh + s * sinh / 2, (3 * sinh + s * cosh) / 2
@@ -105,7 +105,7 @@ def _from_surface(s, second, third):
 
 
 def _base_conditions(layer, functions):
-    """Return two combinations of a and its derivatives at the interface; both must be 0."""
+    """Return two numbers that must be 0 at the interface."""
     (nu1, nu2), mu = layer.poisson, layer.modulus_ratio
     a, a1, a2, a3 = functions
     own, cross = 2 * (1 - nu2), 1 - 2 * nu2
@@ -116,7 +116,7 @@ def _base_conditions(layer, functions):
 
 
 def _solve(layer, functions, count):
-    """Solve for two unknowns on which `functions` depend linearly; each has `count` values."""
+    """Solve two linear equations for two unknowns of `count` values."""
     zero, one = np.zeros(count), np.ones(count)
     f, g = _base_conditions(layer, functions(zero, zero))
     f0, g0 = (v - w for v, w in zip(_base_conditions(layer, functions(one, zero)), (f, g), strict=True))
@@ -126,12 +126,12 @@ def _solve(layer, functions, count):
 
 
 def _surface_derivatives(layer, x):
-    """Return a.. and a... at the surface."""
+    """Return the second and third derivative of a at the surface."""
     return _solve(layer, lambda second, third: _from_surface(x, second, third), x.size)
 
 
 def _amplitudes(layer, x):
-    """Return c0 - 1, c1 - 1, b0 and b1."""
+    """Return the amplitudes of the exponentials of the stress function."""
     decay = np.exp(-x)
 
     def reflected(b0, b1):  # from a = 1 and a. = 0 at the surface

@@ -204,7 +204,7 @@ class Material:
         return cls.coated((young, np.inf), (poisson, 0.0), thickness, other)
 
     def _only_layer(self):
-        """Return the layer of a coated body in a list, if the other body of this material is rigid."""
+        """Return the layer in a list; raise unless the other body is rigid."""
         if len(self.coatings) != 1 or np.isfinite(self.bodies["young"][1]):
             raise InputError(
                 "other: must be E, nu of the other body, or Material.coated or Material.layer without other="

@@ -318,7 +318,7 @@ def find_poisson_ratio(facts, body=None):
 
 
 def find_layer(facts, body=None):
-    """Return the `Layer` of a body from attributes of a result; None if the body has no layer."""
+    """Return the `Layer` of a body from a result's attributes, or None."""
     _check_body(body)
     if "coating_thickness" not in facts or body == 2:
         return None

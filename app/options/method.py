@@ -247,7 +247,7 @@ def _find_replaceable(files, typed):
 
 
 def _note_ignored(names, replaceable):
-    """Return a warning for each method file named by the user some of whose options have no effect."""
+    """Return warnings on method files whose options have no effect."""
     files = dict.fromkeys(filter(None, (replaceable[name] for name in names)))
     listed = {file: ", ".join(f"-{name}" for name in names if replaceable[name] == file) for file in files}
     return tuple(

@@ -34,7 +34,7 @@ PANEL_SHAPE = 0.5  # depth over width of the section in the summary
 
 
 def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interface, remark=""):
-    """Draw the von Mises stress on a vertical section, and the interface of a layer.
+    """Draw the von Mises stress on a vertical section.
 
     Return the units of lengths and depths. The section goes `along` "x" or "y" and is shown between `ends` [mm].
     `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, `shape` is height over
@@ -67,7 +67,7 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interfac
 
 
 def _draw_interface(axes, interface, depths, unit):
-    """Draw a line at the depth of an interface [mm] that the section reaches."""
+    """Draw a line at the depth of an interface [mm]."""
     if interface is not None and interface < depths[-1]:
         axes.axhline(interface * unit.per_mm, color="0.5", linestyle=DASHED, linewidth=1)
 

@@ -43,7 +43,7 @@ _NODES, _WEIGHTS = (np.concatenate([rule[k] for rule in map(np.polynomial.legend
 
 
 class _HankelRule:
-    """Points and weights of the integrals over wave numbers, for a layer and the radius of its tables."""
+    """Points and weights of the integrals over wave numbers."""
 
     def __init__(self, layer, radius):
         from scipy.special import erfc, j0, j1
@@ -101,10 +101,10 @@ def _table(layer, depth, radius):
 
 
 def add_layer_corners(layer, x, y, depth, out):
-    """Add the parts of cell corners at (x, y), as `app.halfspace.stress.stress_sums` defines them.
+    """Add the stress due to corners of cells to `out`.
 
-    `x` and `y` are offsets of a point from the corners [mm], monotonic arrays. The depth is in mm. `out` has the shape
-    (6, y.size, x.size).
+    The sum over the four corners of a cell, with alternating signs, is the stress of the cell. `x` and `y` are offsets
+    of a point from the corners [mm], monotonic arrays. The depth is in mm. `out` has the shape (6, y.size, x.size).
     """
     t = layer.thickness
     x, y, depth = x / t, y / t, 1.0 if depth == t else depth / t
@@ -118,7 +118,7 @@ def add_layer_corners(layer, x, y, depth, out):
 
 @njit()
 def _interval(r, spacing, coefficients):
-    """Return the interval of the splines at distance r, and the rest of asinh(r)."""
+    """Return the interval of the splines at r, and the place in it."""
     v = asinh(r)
     k = min(int(v / spacing), len(coefficients) - 1)
     return k, v - k * spacing
@@ -131,9 +131,10 @@ def _cubic(c, v):
 
 @njit()
 def _integrate(line, start, end, coefficients, spacing, scale, nodes, weights):
-    """Return integrals along an edge from `start` to `end`, at the distance `line` from the origin.
+    """Return integrals along an edge from `start` to `end`.
 
-    They are those of g, h and v, and of g and h times the position.
+    They are those of g, h and v (see the module), and of g and h times the position. The edge is at the distance `line`
+    from the origin.
     """
     sum_g, sum_h, sum_v, along_g, along_h = 0.0, 0.0, 0.0, 0.0, 0.0
     position, direction = start, 1.0 if end > start else -1.0
@@ -157,7 +158,7 @@ def _integrate(line, start, end, coefficients, spacing, scale, nodes, weights):
 
 @njit()
 def _add_corners(x, y, coefficients, spacing, scale, nu, nodes, weights, along_y, out):
-    """Add the parts of corners; `along_y` are three rows of zeros."""
+    """Add the stress due to corners to `out`; `along_y` is work space."""
     for j in range(y.size):
         y_before, x_before = y[j - 1] if j else 0.0, 0.0
         x_g, x_h, x_v, x_xy = 0.0, 0.0, 0.0, 0.0

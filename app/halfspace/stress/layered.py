@@ -85,7 +85,7 @@ class LayeredStress(SubsurfaceStress):
         return float(np.nextafter(self.layer.thickness, np.inf))
 
     def include_interface(self, depths):
-        """Return depths of a section, with both sides of the interface if it is reached.
+        """Return depths, with both sides of the interface if reached.
 
         The coating has at least `_COATING_DEPTHS` depths. A rigid base has none.
         """
@@ -99,7 +99,7 @@ class LayeredStress(SubsurfaceStress):
         return np.concatenate([coating, [t], substrate])
 
     def _at_side(self, depths, side):
-        """Return depths, those at the interface on one side of it."""
+        """Return depths; those at the interface are put on one side."""
         t = self.layer.thickness
         if side not in _SIDES:
             raise InputError(f"side {side!r}: allowed: {', '.join(_SIDES)}")
@@ -142,7 +142,7 @@ class LayeredStress(SubsurfaceStress):
         return self.maxima()[0]
 
     def maxima(self):
-        """Return the largest von Mises and the largest shear stress in both materials."""
+        """Return the largest von Mises and shear stress in both materials."""
         mises, shear = zip(*self._by_material, strict=True)
         return [max(mises, key=lambda at: at.von_mises), max(shear, key=lambda at: at.max_shear)]
 
@@ -157,7 +157,7 @@ class LayeredStress(SubsurfaceStress):
         return [self._search(part, von_mises, shear_where_large) for part in parts]
 
     def layer_maxima(self):
-        """Return the largest stresses of both materials and at the interface, a `LayerMaxima`."""
+        """Return the `LayerMaxima` of both materials and the interface."""
         largest = [at for at, _ in self._by_material]
         sides = [self.layer.thickness] if self.layer.on_rigid_base else [self.layer.thickness, self._below]
         (one, shear), *other = (

@@ -137,7 +137,7 @@ class SubsurfaceStress:
         return f"{nu} = {self.nu:.3g}"
 
     def include_interface(self, depths):
-        """Return depths of a section, with both sides of an interface if there is one."""
+        """Return depths, with both sides of an interface if reached."""
         return depths
 
     def layer_maxima(self):
