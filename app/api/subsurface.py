@@ -23,8 +23,8 @@ def stress(solution, poisson_ratio=None, body=None):
     poisson_ratio : float, optional
         Poisson's ratio of the body; default: that of the problem.
     body : int, optional
-        Number of the body, 1 or 2, if the problem states both materials; default: the first that is not rigid. Of a
-        coated pair, body 1 has the coating.
+        Number of the body, 1 or 2, if the problem states both materials; default: the first that is not rigid. If
+        only one body is coated, it is body 1.
 
     Returns
     -------

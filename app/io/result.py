@@ -35,7 +35,6 @@ import numpy as np
 from app.base.errors import InputError, format_message
 from app.base.memory import check_fits
 from app.base.quantities import QUANTITIES
-from app.halfspace.layer import Layer
 from app.io.contact_fields import ContactFields
 
 FIELDS = {
@@ -299,12 +298,15 @@ def read_attributes(file):
 
 
 def find_poisson_ratio(facts, body=None):
-    """Return a body's Poisson ratio from attributes of a result, or None."""
+    """Return a body's Poisson ratio from attributes of a result, or None.
+
+    The ratio of a coated body is None, because its stresses depend on two.
+    """
     _check_body(body)
-    coated = "coating_thickness" in facts
-    if coated and body != 2:  # stresses depend on more than one ratio
+    coatings = _count_coatings(facts)
+    if (body or 1) <= coatings:
         return None
-    if coated and np.isinf(np.atleast_1d(facts["young"])[1]):
+    if coatings and np.isinf(np.atleast_1d(facts["young"])[1]):
         raise InputError("body 2: is rigid, and has no stress")
     each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
     if len(each) == 2:
@@ -318,17 +320,30 @@ def find_poisson_ratio(facts, body=None):
 
 
 def find_layer(facts, body=None):
-    """Return the `Layer` of a body from a result's attributes, or None."""
+    """Return the `Layer` of a body from a result's attributes, or None.
+
+    The default is the first body.
+    """
     _check_body(body)
-    if "coating_thickness" not in facts or body == 2:
+    number = (body or 1) - 1
+    if number >= _count_coatings(facts):
         return None
-    young, poisson = (
-        (float(facts[f"coating_{name}"]), float(np.atleast_1d(facts[name])[0]))
-        for name in ("young", "poisson")
-    )
-    return Layer(float(facts["coating_thickness"]), young, poisson)
+    # Imported late, so that pictures of other results do not load numba.
+    from app.halfspace.material import Material
+
+    names = "coating_young", "coating_poisson", "coating_thickness", "young", "poisson"
+    if missing := [name for name in names if name not in facts]:
+        raise InputError(
+            f"attribute {', '.join(missing)}: is missing; a coated body needs {', '.join(names)}"
+        )
+    young, ratio, thickness, base, base_ratio = (np.atleast_1d(facts[name])[number] for name in names)
+    return Material.coated((young, base), (ratio, base_ratio), thickness).coatings[0]
 
 
 def _check_body(body):
     if body not in (None, 1, 2):
         raise InputError(f"body {body!r}: allowed: 1, 2")
+
+
+def _count_coatings(facts):
+    return np.size(facts.get("coating_thickness", ()))
