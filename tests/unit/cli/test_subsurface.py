@@ -6,14 +6,18 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from results import MAX_PRESSURE, with_attributes
+from mpi4py import MPI
+from results import MAX_PRESSURE, with_attributes, write
 
 import app.subsurface
 from app import ContactProblem, Grid, Material, Sphere, read_result, solve
 from app.api.subsurface import find_poisson_ratio, stress, survey
 from app.base.errors import InputError
-from app.cli import subsurface
+from app.cli import report, subsurface
+from app.halfspace.layer import Layer
 from app.halfspace.stress.subsurface import SubsurfaceStress, von_mises
+from app.parallel.slabs import Slabs
+from app.plots import figures
 
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
 BALL = ContactProblem(GRID, Material.from_contact_modulus(1e5), Sphere(10))
@@ -121,3 +125,87 @@ def test_poisson_ratio_is_that_of_the_chosen_body():
     assert find_poisson_ratio(facts, 1) == 0.3
     assert find_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
     assert find_poisson_ratio({}) is None
+
+
+COATINGS = {
+    "one": {"coating_young": 400e3, "coating_poisson": 0.25, "coating_thickness": 1.5},
+    "both": {
+        "coating_young": np.array([400e3, 100e3]),
+        "coating_poisson": np.array([0.25, 0.4]),
+        "coating_thickness": np.array([1.5, 2.5]),
+    },
+}
+
+
+def coated(made, coatings, base=200e3):
+    bodies = {"young": np.array([base, np.inf]), "poisson": np.array([0.3, 0.35])}
+    return with_attributes(made, without=["poisson_ratio"], **bodies, **COATINGS[coatings])
+
+
+def test_stresses_of_a_coated_body_have_both_sides_of_the_interface(made, tmp_path, capsys):
+    write(tmp_path / "coated.h5", MPI.COMM_SELF, Slabs(48), coated(made, "one"))
+    folder = tmp_path / "below"
+    assert subsurface.main([str(tmp_path / "coated.h5"), "-o", str(folder), "--depths", "30"]) == 0
+    printed = capsys.readouterr().out
+    for text in (
+        r"von Mises stress \S+ .*, in the coating", r"von Mises stress \S+ .*, in the substrate",
+        r"von Mises stress at the interface .*in the coating", r"shear stress on the interface \S+ N/mm2",
+    ):  # fmt: skip
+        assert re.search("largest " + text, printed), text
+    with h5py.File(folder / "subsurface.h5") as file:
+        depth = file["depth"][()]
+        assert file.attrs["interface"] == 1.5
+        (k,) = np.flatnonzero(depth == 1.5)
+        assert 1.5 < depth[k + 1] < 1.5 + 1e-9 and (np.diff(depth) > 0).all()
+        coating, substrate = (
+            np.array([file[f"section_x/sigma_{name}"][m] for name in ("xx", "zz", "xz")]) for m in (k, k + 1)
+        )
+        np.testing.assert_allclose(coating[1:], substrate[1:], atol=1e-6 * MAX_PRESSURE)
+        assert abs(coating - substrate)[0].max() > 0.1 * MAX_PRESSURE
+        largest = [file.attrs[f"max_von_mises_{part}"] for part in ("coating", "substrate")]
+        assert file.attrs["max_von_mises"] == max(largest)
+        assert file.attrs["max_interface_shear_depth"] == 1.5
+
+
+def test_pictures_of_a_coated_body_have_a_line_at_the_interface(made):
+    result = coated(made, "one")
+    figure = subsurface.draw(result, survey(stress(result), depths=9))
+    assert "layer of 1.5 mm, ν = 0.25, on ν = 0.3" in figure._suptitle.get_text()
+    panels = [axes for axes in figure.axes if axes.get_ylabel().startswith("depth")]
+    below = figures.summary_figure(result).axes[3]
+    for axes in (*panels, below):
+        lines = [line for line in axes.lines if np.ptp(line.get_ydata()) == 0 and line.get_ydata()[0] == 1.5]
+        assert len(panels) == 3 and lines
+    shallow = figures_below(result, 1.0)
+    assert not any(line.get_ydata()[0] == 1.5 for axes in shallow for line in axes.lines)
+
+
+def figures_below(result, deepest):
+    return subsurface.draw(result, survey(stress(result), depths=9, deepest=deepest)).axes
+
+
+def test_report_of_a_layer_on_a_rigid_base_ends_at_the_base(made, monkeypatch):
+    monkeypatch.setattr(report, "_draw_panels", lambda figure: [(b"no picture", 300)])
+    result = coated(made, "one", np.inf)
+    text = " ".join(report.web_page(result).split())
+    assert "Largest von Mises stress" in text and "shear stress on the interface" in text
+    assert "in the coating" in text and "in the substrate" not in text
+    assert survey(stress(result), depths=9, deepest=4.0).depths[-1] == 1.5
+
+
+def test_layer_is_that_of_the_chosen_body(made):
+    one, both = (coated(made, name) for name in COATINGS)
+    assert stress(one).layer == stress(one, body=1).layer == stress(both).layer
+    assert stress(one).layer == Layer(1.5, (400e3, 200e3), (0.25, 0.3))
+    assert stress(both, body=2).layer == Layer(2.5, (100e3, np.inf), (0.4, 0.35))
+    elastic = with_attributes(one, young=np.array([200e3, 3e3]))
+    assert stress(elastic, body=2).nu == 0.35
+    for result, options, message in (
+        (one, {"body": 2}, "body 2: is rigid"),
+        (one, {"body": 3}, "body 3: allowed: 1, 2"),
+        (one, {"poisson_ratio": 0.3}, "no effect with a coating"),
+        (with_attributes(one, without=["coating_young"]), {}, "attribute coating_young: is missing"),
+        (with_attributes(one, coating_thickness=-1.0), {}, "thickness -1: must be positive"),
+    ):
+        with pytest.raises(InputError, match=message):
+            stress(result, **options)
