@@ -111,8 +111,8 @@ _certificates = WeakKeyDictionary()  # key of `estimate` and Certificate, by sta
 def certify(state, wanted=np.inf):
     """Return the `Certificate` of the pressure of a `ContactState`. Collective.
 
-    The displacement is computed in double precision, unless `state` has it. `wanted` is an error bound that is small
-    enough: if the first bound is below it, no product is spent on a smaller one.
+    The displacement is computed in double precision, unless `state` has it. If the first bound is below `wanted`, no
+    product is spent on a smaller bound.
     """
     if state.displacement_status is not Displacement.EXACT:
         state.compute_displacement(exact=True)

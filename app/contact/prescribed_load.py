@@ -232,7 +232,7 @@ class PrescribedLoad(Loading):
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
-        """Delete the last change of the approach, and ensure contact.
+        """Forget the last change of the approach, and ensure contact.
 
         See `Loading.begin`.
         """

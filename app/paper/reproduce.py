@@ -144,7 +144,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
 
 
 def worst_conditions(outcomes):
-    """Return the worst complementarity conditions of converged runs.
+    """Return the largest violations of complementarity in converged runs.
 
     The result is None if no run has a solution.
     """

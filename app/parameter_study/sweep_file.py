@@ -36,8 +36,8 @@ class _Loader(yaml.BaseLoader):
 def read_sweep(path):
     """Return a `Run` for each combination of values in a sweep file.
 
-    The values of the last list change from run to run. The labels of a run are its varied options. Raises InputError if
-    the file cannot be read or its contents are not allowed.
+    The values of the last list in the file vary fastest. The labels of a run are its varied options. Raises InputError
+    if the file cannot be read or its contents are not allowed.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")

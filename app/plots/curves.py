@@ -95,7 +95,7 @@ def extract_roughness(result):
 def _is_smooth(surface, grid):
     """Return whether heights consist of long waves only.
 
-    Then the body has no roughness.
+    Such a body has no roughness.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     q, power = spectrum.wave_number, spectrum.wave_number * spectrum.density

@@ -146,7 +146,7 @@ class PrimalState:
     def restore_mean(self, solver, *changes):
         """Restore the mean of the displacement if it is prescribed.
 
-        The correction is zero in contact. The correction is also added to each field of `changes`.
+        The correction is zero in contact cells, and is also added to each field of `changes`.
         """
         if self.loading.approach_is_known:
             missing = -self.cells * (self.prescribed_depth + self.mean(self.w))
@@ -155,8 +155,7 @@ class PrimalState:
     def start(self, solver):
         """Close overlaps, set a prescribed mean of w, and compute p.
 
-        If p was interpolated from the coarser grid, it is corrected for the closed overlaps by the 3 x 3 centre of B
-        only.
+        If p was interpolated from the coarser grid, only the 3 x 3 centre of B corrects it for the closed overlaps.
         """
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, self._touchable(), state.contact, change)
