@@ -74,6 +74,18 @@ def test_resistance_falls_with_the_load_as_that_of_spots(run_script, tmp_path):
     assert (tmp_path / "contact_resistance.png").is_file()
 
 
+def test_thick_coatings_protect_the_substrate_and_thin_hard_ones_do_not(run_script, tmp_path):
+    names = run_script("coating_thickness")
+    plain = names["plain"].von_mises / names["p0"]
+    assert plain == pytest.approx(0.620, rel=5e-3)
+    for ratio, rows in names["table"].items():
+        substrate, _, shear = rows.T
+        assert substrate[0] == pytest.approx(plain, rel=0.05) and substrate[-1] < 0.4 * plain
+        assert (substrate[:4].max() > plain) == (ratio > 1)
+        assert 0 < shear.argmax() < len(shear) - 1
+    assert (tmp_path / "coating_thickness.png").is_file()
+
+
 def test_indented_plate_unloads_with_the_stiffness_of_a_circle(run_script, tmp_path):
     names = run_script("indentation")
     loaded, table = names["loaded"], names["table"]
