@@ -14,9 +14,9 @@ from math import ceil, log2
 
 import numpy as np
 
+from app.halfspace.hankel import HankelRule
 from app.halfspace.layer import displacement_ratio
 
-_X_MAX = 24.0  # S - 1 is below 1e-18 beyond
 _TABLE = 1024  # number of points of a table
 _MIN_RADIUS, _MAX_RADIUS = 30.0, 600.0  # of the tables; the least one is for G1 <= G2
 _CELLS = 60  # least radius in cells
@@ -66,7 +66,10 @@ class LayerTables:
         v = np.linspace(0.0, np.arcsinh(self._radius), _TABLE)
         r = np.sinh(v)
         image = np.sqrt(r * r + 4)
-        g, integral = _hankel(ratio, r)
+        rule = HankelRule(r)
+        near, far = ratio(rule.near) - 1, ratio(rule.far) - 1
+        g = rule.transform(near, far, 0)
+        integral = r * r * rule.transform(near / rule.near, far / rule.far, 1)  # of g r dr from 0
         rest = g - self._excess / image
         self._tail = rest[-1] * self._radius**3  # rest = tail / r^3 beyond the table
         even = (1, 0.0), "not-a-knot"
@@ -161,42 +164,3 @@ def _rectangle(x, y, a, b, z):
         return x * np.arcsinh(y / to_x) + y * np.arcsinh(x / to_y) - z * angle
 
     return corner(x + a, y + b) - corner(x - a, y + b) - corner(x + a, y - b) + corner(x - a, y - b)
-
-
-def _hankel(ratio, radii):
-    """Return g(r) and its integral over a disc of radius r.
-
-    The second result is the integral of g r dr from 0 to r; g is that of the module. `radii` increase.
-
-    The integrals over x are composite Gauss sums, with panels short enough for the oscillations at each radius.
-    """
-    from scipy.special import j0, j1
-
-    g, integral = np.empty(radii.shape), np.empty(radii.shape)
-    for first, last in _batches(radii):
-        x, weights = _panels(radii[last - 1])
-        excess = weights * (ratio(x) - 1)
-        for k in range(first, last):
-            r = radii[k]
-            g[k] = excess @ j0(x * r)
-            integral[k] = (excess / x) @ (r * j1(x * r))
-    return g, integral
-
-
-def _batches(radii):
-    """Split rising radii into ranges within a factor of two, above 4."""
-    first = 0
-    while first < len(radii):
-        last = int(np.searchsorted(radii, max(2 * radii[first], 4.0), side="right"))
-        yield first, max(last, first + 1)
-        first = max(last, first + 1)
-
-
-def _panels(radius):
-    """Return points and weights of a composite Gauss rule on (0, `_X_MAX`)."""
-    step = min(0.5, 4 / max(radius, 1e-9))
-    edges = [0.0, *np.geomspace(1e-4, step, 12)] if step > 1e-3 else [0.0, step]
-    edges = np.concatenate([edges, np.arange(edges[-1] + step, _X_MAX + step, step)])
-    nodes, weights = np.polynomial.legendre.leggauss(16)
-    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
-    return (half * nodes + middle).ravel(), (half * weights).ravel()

@@ -12,10 +12,8 @@ that of the layered body minus that of a half-space of the layer's material, whi
 are smooth, over lengths of the *scale*: the depth in the base, and 2 - depth, the distance of the image of the surface,
 in the layer.
 
-The integrals over q are Gauss sums. At large distances they are sums over y = q r, multiplied by a smooth window, which
-ends the oscillations; then the same points y serve all distances. Cubic splines in asinh(r) interpolate the functions.
-The error of a stress is below 1e-8 of the largest pressure, or of the largest stress if the layer is much stiffer than
-its base.
+Cubic splines in asinh(r) interpolate the functions. The error of a stress is below 1e-8 of the largest pressure, or of
+the largest stress if the layer is much stiffer than its base.
 """
 
 from dataclasses import replace
@@ -25,64 +23,35 @@ from math import asinh, ceil, log2, sqrt
 import numpy as np
 
 from app.base.numba_cache import njit
+from app.halfspace.hankel import HankelRule
 from app.halfspace.layer_waves import LayerWaves
 
 _SPACING = 0.02  # of the tables in asinh(r)
 _MIN_RADIUS = 16.0  # of the tables
-_NEAR = 10.0  # distance up to which wave numbers do not depend on the distance
-_Q_MAX = 38.0  # a is below 1e-15 beyond
-_PANEL = 0.4  # of wave numbers, short enough for oscillations at distance _NEAR
-_Y_PANEL = 4.0
-_Y_MIDDLE, _Y_WIDTH = 48.0, 9.5  # of the window's end
-_FIRST_PANEL = 1e-8  # panels grow from here, because a may vary at small wave numbers
-_POINTS = 16  # Gauss points of a panel
 _MAX_STEP = 0.3  # panel of an edge over its distance from the singularities of the functions
 _SHORT_STEP = 0.04  # panels below have two Gauss points instead of four
 _NODES, _WEIGHTS = (np.concatenate([rule[k] for rule in map(np.polynomial.legendre.leggauss, (2, 4))])
                     for k in (0, 1))  # fmt: skip
 
 
-class _HankelRule:
-    """Points and weights of the integrals over wave numbers."""
+class _RadialFunctions:
+    """The functions g, h and v of a layer at distances r = sinh(v) up to a radius, at any depth."""
 
     def __init__(self, layer, radius):
-        from scipy.special import erfc, j0, j1
-
-        unit = replace(layer, thickness=1.0)
         reach = asinh(radius)
         self.v = np.linspace(0.0, reach, ceil(reach / _SPACING) + 1)
         self.r = np.sinh(self.v)
-        near, far = self.r[self.r <= _NEAR, None], self.r[self.r > _NEAR, None]
-        q, weights = _panels(_PANEL, _Q_MAX)
-        along = np.where(near > 0, j1(q * near) / np.maximum(near, np.finfo(float).tiny), q / 2)
-        self._near = weights / (2 * np.pi) * np.stack([along, j0(q * near)])
-        y, weights = _panels(_Y_PANEL, _Y_MIDDLE + 5 * _Y_WIDTH)
-        weights = weights * erfc((y - _Y_MIDDLE) / _Y_WIDTH) / (4 * np.pi)
-        self._far, self._distances = np.stack([weights * j1(y), weights * j0(y)]), far[:, 0]
-        self._waves = LayerWaves(unit, q), LayerWaves(unit, y / far)
+        self._rule = HankelRule(self.r)
+        unit = replace(layer, thickness=1.0)
+        self._waves = [LayerWaves(unit, q) for q in (self._rule.near, self._rule.far)]
 
-    def __call__(self, depth):
-        """Return g, h and v at the distances r."""
-        near, far = ([f * (1 - 2 * (k == 1)) for k, f in enumerate(waves.functions(depth, reflected=True))]
-                     for waves in self._waves)  # fmt: skip
-        functions = []
-        for k, power in ((0, 2), (2, 2), (1, 1)):
-            row = k % 2
-            beyond = far[k] @ self._far[row] / self._distances**power
-            functions.append(np.concatenate([self._near[row] @ near[k], beyond]))
-        return functions
+    def at(self, depth):
+        near, far = (waves.functions(depth, reflected=True) for waves in self._waves)
+        g, slope, h = (self._rule.transform(near[k], far[k], order) for k, order in enumerate((1, 0, 1)))
+        return np.stack([g, h, -slope]) / (2 * np.pi)
 
 
-def _panels(step, end):
-    """Return points and weights of a composite Gauss rule from 0 to `end`."""
-    growing = np.geomspace(_FIRST_PANEL, step, 2 + int(log2(step / _FIRST_PANEL)))
-    edges = np.concatenate([[0.0], growing, np.arange(2 * step, end + step, step)])
-    nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
-    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
-    return (half * nodes + middle).ravel(), (half * weights).ravel()
-
-
-_rule = lru_cache(maxsize=4)(_HankelRule)
+_radial_functions = lru_cache(maxsize=4)(_RadialFunctions)
 
 
 @lru_cache(maxsize=256)
@@ -93,10 +62,10 @@ def _table(layer, depth, radius):
     """
     from scipy.interpolate import CubicSpline
 
-    rule = _rule(layer, radius)
+    radial = _radial_functions(layer, radius)
     scale = 2 - depth if depth <= 1 else depth
-    functions = np.stack(rule(depth), axis=1) * (rule.r**2 + scale**2)[:, None]
-    splines = CubicSpline(rule.v, functions, bc_type=("clamped", "not-a-knot"))
+    functions = radial.at(depth) * (radial.r**2 + scale**2)
+    splines = CubicSpline(radial.v, functions, axis=1, bc_type=("clamped", "not-a-knot"))
     return np.ascontiguousarray(splines.c.transpose(1, 2, 0)), scale
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.special import j0, j1
 
 from app.base.errors import InputError
+from app.halfspace import hankel
 from app.halfspace.grid import Grid
 from app.halfspace.layer import Layer
 from app.halfspace.layer_waves import LayerWaves
@@ -165,15 +166,16 @@ def test_tables_are_as_accurate_as_stated(layer, thickness, monkeypatch):
     if not layer.on_rigid_base:
         depths = np.append(depths, thickness * np.array([1.1, 4.0]))
     coarse = [below(layer).plane(depth) for depth in depths]
-    for name, value in (("_SPACING", 0.01), ("_NEAR", 20.0), ("_PANEL", 0.15), ("_Y_PANEL", 2.0)):
-        monkeypatch.setattr(layer_tables, name, value)
-    for cached in (layer_tables._rule, layer_tables._table):
+    monkeypatch.setattr(layer_tables, "_SPACING", 0.01)
+    for name, value in (("_NEAR", 20.0), ("_PANEL", 0.15), ("_Y_PANEL", 2.0), ("_Y_MIDDLE", 55.0)):
+        monkeypatch.setattr(hankel, name, value)
+    for cached in (layer_tables._radial_functions, layer_tables._table):
         cached.cache_clear()
     try:
         for depth, plane in zip(depths, coarse, strict=True):
             np.testing.assert_allclose(plane, below(layer).plane(depth), rtol=0, atol=TABLES)
     finally:
-        for cached in (layer_tables._rule, layer_tables._table):
+        for cached in (layer_tables._radial_functions, layer_tables._table):
             cached.cache_clear()
 
 

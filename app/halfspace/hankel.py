@@ -1,0 +1,64 @@
+"""Hankel transforms of smooth functions at many distances.
+
+The functions of the wave number q are smooth, and decay like exp(-q) or faster. Up to a distance of ten, the integrals
+are Gauss sums over fixed wave numbers. At larger distances r they are sums over y = q r. There a smooth window ends the
+oscillations after some of them, because the others cancel: then the same points y serve all distances.
+"""
+
+from math import log2
+
+import numpy as np
+
+_NEAR = 10.0  # distance up to which wave numbers do not depend on the distance
+_Q_MAX = 38.0  # functions are below 1e-15 beyond
+_PANEL = 0.4  # of wave numbers, short enough for oscillations at distance _NEAR
+_Y_PANEL = 4.0
+_Y_MIDDLE, _Y_WIDTH = 48.0, 9.5  # of the window's end
+_FIRST_PANEL = 1e-8  # panels grow from here, because functions may vary at small wave numbers
+_POINTS = 16  # Gauss points of a panel
+
+
+class HankelRule:
+    """Points and weights of Hankel transforms.
+
+    Parameters
+    ----------
+    distances : ndarray
+        Distances from 0 on, increasing.
+
+    Attributes
+    ----------
+    near, far : ndarray
+        Wave numbers at which a function is needed. `far` has a row for each distance above ten.
+    """
+
+    def __init__(self, distances):
+        from scipy.special import erfc, j0, j1
+
+        near = distances[distances <= _NEAR, None]
+        self._distances = distances[distances > _NEAR]
+        self.near, weights = _panels(_PANEL, _Q_MAX)
+        over_distance = j1(self.near * near) / np.maximum(near, np.finfo(float).tiny)
+        over_distance = np.where(near > 0, over_distance, self.near / 2)
+        self._near = weights * j0(self.near * near), weights * over_distance
+        y, weights = _panels(_Y_PANEL, _Y_MIDDLE + 5 * _Y_WIDTH)
+        weights *= erfc((y - _Y_MIDDLE) / _Y_WIDTH) / 2
+        self._far, self.far = (weights * j0(y), weights * j1(y)), y / self._distances[:, None]
+
+    def transform(self, near, far, order):
+        """Return the transform of a function f at each distance r.
+
+        The transform is the integral of f(q) J0(q r) dq if `order` is 0, and of f(q) J1(q r) / r dq if it is 1. `near`
+        and `far` are the values of f at the wave numbers of these names.
+        """
+        beyond = far @ self._far[order] / self._distances ** (1 + order)
+        return np.concatenate([self._near[order] @ near, beyond])
+
+
+def _panels(step, end):
+    """Return points and weights of a composite Gauss rule from 0 to `end`."""
+    growing = np.geomspace(_FIRST_PANEL, step, 2 + int(log2(step / _FIRST_PANEL)))
+    edges = np.concatenate([[0.0], growing, np.arange(2 * step, end + step, step)])
+    nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
+    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
+    return (half * nodes + middle).ravel(), (half * weights).ravel()
