@@ -26,6 +26,9 @@ GRIDS = {
     "tall cells": Grid(21, 20, 0.1, 30.0),
     "many groups": Grid(240, 3, 0.2, 0.3),  # of columns
     "more than a block": Grid(40, 36, 0.2, 0.3),  # rows and columns go through the FFT 32 and 16 at a time
+    "periodic in x": Grid(22, 17, 0.5, 0.3, periodic="x"),
+    "periodic in y, odd": Grid(23, 15, 0.2, 0.5, periodic="y"),
+    "periodic in y, one row": Grid(45, 1, 0.1, 0.4, periodic="y"),
 }
 PERIODIC = {
     "periodic": Grid(24, 16, 0.5, 0.3, periodic="spectral"),
@@ -58,11 +61,11 @@ BOXED = Grid(230, 190, 0.2, 0.25)  # large enough for a product in a box
 
 def make_convolution(comm, grid, block=1, dtype=np.float64):
     layout = Layout(slabs_of(comm, grid, block), comm, dtype)
-    if grid.periodic:
+    if grid.symbol:
         return PeriodicProduct(partial(STEEL.eigenvalues, grid), grid.shape, layout)
     if grid == BOXED:
         return BoxProduct(grid, STEEL, layout)
-    return Convolution(partial(influence_quadrant, grid, STEEL), grid.shape, layout)
+    return Convolution(partial(influence_quadrant, grid, STEEL), grid.shape, layout, grid.repeats)
 
 
 def restriction_mat(transfer, comm):

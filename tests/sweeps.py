@@ -22,6 +22,8 @@ GRIDS = {
     "periodic": Grid(36, 55, 0.3, 0.2, periodic="spectral"),
     "images": Grid(36, 55, 0.3, 0.2, periodic="love"),
     "odd period": Grid(25, 30, 0.3, 0.2, periodic="spectral"),
+    "period in x": Grid(36, 55, 0.3, 0.2, periodic="x"),
+    "period in y": Grid(25, 30, 0.3, 0.2, periodic="y"),
 }
 
 
@@ -33,7 +35,7 @@ def block_sizes(leaf_rows, segment_columns):
 
 
 def make(grid, slabs=None, comm=None):
-    return GaussSeidel(quadrant_rows(grid, UNIT), grid.shape, slabs, comm, bool(grid.periodic))
+    return GaussSeidel(quadrant_rows(grid, UNIT), grid.shape, slabs, comm, grid.repeats[1])
 
 
 def random_problem(grid, share=0.4, seed=0):

@@ -63,7 +63,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
         _check_layer(problem.grid, coating)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
-    settings = make_settings(method, texts, bool(problem.grid.periodic))
+    settings = make_settings(method, texts, bool(problem.grid.symbol))
     check_viewers(settings.texts)
     _check_python_types(settings.texts)
     return settings, SolverOptions(prefix, settings.texts, ignored)
@@ -73,7 +73,7 @@ def _check_layer(grid, coating):
     """Raise InputError for a layer that does not suit the patch."""
     thickness, cell = coating.thickness, max(grid.dx, grid.dy)
     thinnest = MIN_LOVE_THICKNESS * max(grid.nx * grid.dx, grid.ny * grid.dy)
-    if grid.periodic == "love" and thickness < thinnest:
+    if grid.symbol == "love" and thickness < thinnest:
         raise InputError(
             f"coating thickness {format_distinct(thickness, thinnest)} mm: must be at least "
             f"{format_distinct(thinnest, thickness)} mm with uniform pressures on the cells of this patch; or use "
@@ -81,7 +81,7 @@ def _check_layer(grid, coating):
         )
     is_incompressible = coating.on_rigid_base and coating.poisson[0] > INCOMPRESSIBLE_POISSON
     widest = MAX_LAYER_CELL * thickness
-    if grid.periodic != "spectral" and is_incompressible and cell > widest:
+    if grid.symbol != "spectral" and is_incompressible and cell > widest:
         raise InputError(
             f"cells of {format_distinct(cell, widest)} mm: an incompressible layer needs cells of at most 3 times its "
             f"thickness, {format_distinct(widest, cell)} mm"

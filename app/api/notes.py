@@ -77,7 +77,7 @@ def notes_on(state, problem, contact, roughness):
             f"the bodies approach each other by {format_distinct(state.depth, side, 2)} mm beyond first touch, "
             f"more than the patch is wide ({format_distinct(side, state.depth, 2)} mm)"
         )
-    if grid.periodic and roughness.rms_height == 0:
+    if grid.symbol and roughness.rms_height == 0:
         notes.append(
             "the distance is the same in all cells of this periodic patch: the bodies have no shape here"
         )
@@ -113,10 +113,8 @@ def _note_narrow_contact(state, contact):
 def _note_boundary(state, contact):
     """Return notes on narrow patches and contact at the boundary. Collective."""
     grid, notes = state.grid, []
-    if grid.periodic:
-        return notes
-    narrow, long = sorted((grid.nx, grid.ny))
-    if narrow == 1 < long or (narrow < MIN_CONTACT_CELLS and long >= MIN_SHAPE_CELLS):
+    (narrow, repeats), (long, _) = sorted(zip(grid.shape, grid.repeats, strict=True))
+    if not repeats and (narrow == 1 < long or (narrow < MIN_CONTACT_CELLS and long >= MIN_SHAPE_CELLS)):
         notes.append(
             f"the patch is {narrow} cell{'s'[: narrow != 1]} wide: this is a strip of that width, no plane strain "
             "(see periodic= (-periodic))"
@@ -132,7 +130,7 @@ def note_thin_layer(coating, grid):
 
     Only nearly incompressible layers on a rigid base are concerned.
     """
-    is_thin = max(grid.dx, grid.dy) > coating.thickness and grid.periodic != "spectral"
+    is_thin = max(grid.dx, grid.dy) > coating.thickness and grid.symbol != "spectral"
     if not (is_thin and coating.on_rigid_base and coating.poisson[0] > MAX_COMPRESSIBLE_POISSON):
         return []
     return [
@@ -194,15 +192,16 @@ def note_filled_points(surface, state):
 
 
 def _touches_boundary(state, contact_cells):
-    """Return whether contact is at the patch boundary."""
+    """Return whether contact is at the patch boundary; where the patch repeats it has none."""
+    in_y, in_x = state.grid.repeats
     if contact_cells:
         cells = state.in_contact()
     else:
         b = np.where(state.admissible, state.distance.b, -np.inf)
         cells = -b == float(state.minimum(-b.max(initial=-np.inf)))
     rows = state.operator.slabs.rows
-    touches = cells[:, 0].any() or cells[:, -1].any()
-    if cells.size and not touches:
+    touches = not in_x and (cells[:, 0].any() or cells[:, -1].any())
+    if cells.size and not (touches or in_y):
         touches = (rows.start == 0 and cells[0].any()) or (rows.stop == state.grid.ny and cells[-1].any())
     return state.sum([touches])[0] > 0
 

@@ -147,7 +147,7 @@ class ContactSolver(Derivatives):
             monitors = [Monitor()] if self.settings.monitor and self.comm.rank == 0 else []
             self.listeners, grid = [*listeners, *monitors], problem.grid
             # Processors may round differently.
-            kernel = problem.material.kernel
+            kernel = problem.kernel
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, *kernel.parameters)]
             arguments = grid.shape, grid.periodic, sizes, self.settings, prefix
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
@@ -172,7 +172,7 @@ class ContactSolver(Derivatives):
 
     def _set_up(self):
         """Make grids, operators and solvers for the settings."""
-        settings, grid, kernel = self.settings, self.problem.grid, self.problem.material.kernel
+        settings, grid, kernel = self.settings, self.problem.grid, self.problem.kernel
         self._uniform_compliance = kernel.uniform_compliance(grid)
         self._largest = None  # influence coefficient [mm3/N], needed for single precision
         if settings.single:

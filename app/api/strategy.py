@@ -104,7 +104,7 @@ class Strategy:
             if outcome := FullPlasticity(len(hierarchy.levels) - 1).solve(state, loading, history):
                 return state, outcome
             state.destroy()
-        if hierarchy.target.grid.periodic:
+        if hierarchy.target.grid.symbol:
             full = FullContact(hierarchy, self._distances)
             state = self._new_state()
             if outcome := full.solve(state, loading, self._stop(), history):

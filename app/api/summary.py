@@ -159,7 +159,7 @@ def _describe_stiffness(facts, grid):
     if (thermal := facts.get("thermal_conductance")) is not None:
         text += f"; thermal conductance {thermal:.6g} W/K"
         # The patch is the nominal area of contact if it is periodic.
-        text += f" ({1e6 * thermal / area:.6g} W/(m2 K))" if facts.get("periodic") else ""
+        text += f" ({1e6 * thermal / area:.6g} W/(m2 K))" if facts.get("periodic") == 1 else ""
     return [*lines, text]
 
 

@@ -138,7 +138,7 @@ def _format_columns(columns, names):
 def solution_html(solution):
     """Return HTML with a solution's numbers, notes and pressure."""
     grid = solution.grid
-    names = (*_ROWS, *_PERIODIC_ROWS) if grid.periodic else _ROWS
+    names = (*_ROWS, *_PERIODIC_ROWS) if grid.symbol else _ROWS
     whole = solution.pressure.shape == grid.shape
     return _as_html(
         f"{type(solution).__name__}, {grid.nx} x {grid.ny} cells",

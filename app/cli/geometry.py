@@ -124,12 +124,13 @@ def _make_elastic_material(options):
 
 
 def _read_symbol(options):
-    """Return the symbol's name of a periodic patch, otherwise an empty text."""
-    if options["periodic"]:
+    """Return the direction or the symbol's name of a periodic patch, otherwise an empty text."""
+    periodic = options["periodic"]
+    if periodic is True:
         return options["periodic_symbol"]
     if options.given("periodic_symbol"):
-        raise InputError("-periodic_symbol: has no effect here; allowed with -periodic")
-    return ""
+        raise InputError("-periodic_symbol: has no effect here; allowed with -periodic in x and y")
+    return periodic or ""
 
 
 def _make_shape(name, options, material):

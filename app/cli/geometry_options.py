@@ -3,7 +3,7 @@
 import numpy as np
 
 from app.base.units import unit
-from app.halfspace.grid import SYMBOLS
+from app.halfspace.grid import ONE_WAY, SYMBOLS
 from app.options.option_table import (
     REQUIRED,
     Option,
@@ -11,6 +11,7 @@ from app.options.option_table import (
     choice,
     domain,
     flag,
+    flag_or,
     from_zero,
     half,
     integer,
@@ -72,7 +73,7 @@ GEOMETRY_OPTIONS = [
     Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
     Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's, or 256 without -domain)"),
     Option("domain", domain_or_auto, REQUIRED, "x0,x1,y0,y1: patch [mm] (default: a file's, or by theory), or auto"),
-    Option("periodic", flag, False, "the patch repeats in x and y"),
+    Option("periodic", flag_or(*ONE_WAY), False, "the patch repeats in x and y, or in x or y only"),
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
     Option("hertz_ry", positive, None, "relative radius of curvature in y [mm] (default: hertz_rx)"),

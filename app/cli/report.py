@@ -168,9 +168,11 @@ def request_section(result):
     unit = choose_length_unit(max(nx * grid.dx, ny * grid.dy))
     size = " × ".join(f"{n * d * unit.per_mm:.6g}" for n, d in ((nx, grid.dx), (ny, grid.dy)))
     cell = choose_length_unit(max(grid.dx, grid.dy))
+    kind = "periodic" if grid.periodic else "free"
+    kind += f" in {grid.one_way}" if grid.one_way else ""
     facts = {
         "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
-        "patch": f"{size} {unit.name}, {'periodic' if grid.periodic else 'free'}",
+        "patch": f"{size} {unit.name}, {kind}",
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
     for name, value in values.items():

@@ -146,7 +146,7 @@ def _prove(state, enough, work):
         fields = b, depth, u, p, bounds.upper, admissible
         capped_certificate.survey(*fields, smallest, largest[1:], sums)
     else:
-        loops.survey(b, depth, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
+        loops.survey(b, depth, u, p, admissible, smallest, not state.grid.symbol, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     u_squares, energy, defect, to_p, moved, p_squares = sums
@@ -155,7 +155,7 @@ def _prove(state, enough, work):
     shifted = 0.0
     if tension > bounds.rounding * highest:
         gap = np.inf
-    elif state.grid.periodic:
+    elif state.grid.symbol:
         gap, energy, shifted = _close_gap(state, energy, enough, work, capped)
     else:
         gap = to_p + moved / (2 * smallest)
@@ -166,7 +166,7 @@ def _prove(state, enough, work):
         gap = float(gap)
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
-    if state.grid.periodic and state.grid.n <= DenseProduct.largest:
+    if state.grid.symbol and state.grid.n <= DenseProduct.largest:
         diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted

@@ -1,6 +1,7 @@
 """Centre of pressure, moments, and ellipse of the contact.
 
-These numbers are NaN on a periodic patch.
+These numbers are NaN on a periodic patch. If the patch is periodic in one direction, one coordinate of the centre of
+pressure and one moment are known.
 """
 
 from math import atan2, degrees, hypot, nan, sqrt
@@ -34,7 +35,7 @@ def measure_moments(state):
     area. The second moments of each cell about its own centre are included.
     """
     grid, rows = state.grid, state.operator.slabs.rows
-    if grid.periodic:
+    if grid.symbol:
         return _NOWHERE
     # Relative to the middle of the patch, which may be far from the origin.
     x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
@@ -44,6 +45,10 @@ def measure_moments(state):
     load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
     centre = (x + at_x / load, y + at_y / load) if load > 0 else (nan, nan)
     moments = grid.cell_area * (at_y + load * y), -grid.cell_area * (at_x + load * x)
+    if grid.one_way == "x":
+        return _NOWHERE._replace(pressure_centre_y=centre[1], moment_x=moments[0])
+    if grid.one_way == "y":
+        return _NOWHERE._replace(pressure_centre_x=centre[0], moment_y=moments[1])
     if not cells:
         return _NOWHERE._replace(moment_x=moments[0], moment_y=moments[1])
     mx, my = sx / cells, sy / cells

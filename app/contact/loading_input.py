@@ -63,7 +63,7 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
             f"approach {format_exact(value)}: not for a layer on a rigid base with a hardness; use load, mean_pressure "
             "or mean_gap"
         )
-    if not grid.periodic or uniform_compliance:
+    if not grid.symbol or uniform_compliance:
         return PrescribedApproach(value)
     size = max(abs(value), abs(reference))
     if distance.max_depth == np.inf and not holes and value - full > _ROUNDING_ULPS * ulp(size):
@@ -125,11 +125,13 @@ def validate_number(kind, number):
 def _check_mean_gap(value, grid, holes, rounding):
     """Raise InputError if a mean gap cannot be prescribed.
 
-    The mean gap determines the approach only on a periodic patch without holes. It must not be negative.
+    The mean gap determines the approach only on a patch periodic in x and y without holes. It must not be negative.
     """
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
-    if not grid.periodic:
-        raise InputError(f"{text}: only on a periodic patch does it determine the approach; {others}")
+    if not grid.symbol:
+        raise InputError(
+            f"{text}: only on a periodic patch, in x and y, does it determine the approach; {others}"
+        )
     if holes:
         raise InputError(
             f"{text}: contact is impossible in {holes} cells (NaN), whose gap is unknown; {others}"

@@ -1,6 +1,6 @@
 """Numbers of a solution and its surface: load, mean gap, perimeter, roughness.
 
-A *face* lies between two neighbouring cells. On a periodic patch the first and the last cell of a row or column are
+A *face* lies between two neighbouring cells. In a direction in which the patch repeats, the first and the last cell are
 neighbours. Outside a free patch nothing is in contact.
 """
 
@@ -87,10 +87,10 @@ def measure_contact(state):
     force, highest, _ = kernels.sum_pressure(state.p, contact)
     # Includes cells without pressure, like the perimeter.
     cells = np.count_nonzero(contact)
-    periodic = bool(grid.periodic)
-    before = fetch_row_before(contact, periodic, slabs, state.comm, False)
-    in_x, in_y = kernels.count_faces(contact, before, periodic)
-    if slabs.local and slabs.rows.stop == grid.ny and not periodic:
+    repeats_y, repeats_x = grid.repeats
+    before = fetch_row_before(contact, repeats_y, slabs, state.comm, False)
+    in_x, in_y = kernels.count_faces(contact, before, repeats_x)
+    if slabs.local and slabs.rows.stop == grid.ny and not repeats_y:
         in_y += np.count_nonzero(contact[-1])
     sums = total, cells, in_x, in_y, force, *_plastic_sums(state)
     sums, (lowest,) = sums_and_minima(state.comm, sums, [-highest])
@@ -98,7 +98,7 @@ def measure_contact(state):
     load, area = grid.cell_area * float(force), cells * grid.cell_area
     admissible, mean, *_ = distance.statistics
     # The displacement of a periodic patch has no mean, which gives that of e without rounding.
-    gap = mean - state.depth if periodic and admissible == grid.n else total / admissible
+    gap = mean - state.depth if grid.symbol and admissible == grid.n else total / admissible
     plastic_depth = float(depths / admissible)
     if plastic_depth:
         gap = max(gap + plastic_depth, 0.0)  # rounding may leave less
@@ -133,7 +133,7 @@ def contact_width(state, contact, enough):
 
     The unit is a cell. Runs longer than `enough` count as `enough`. `contact` are the ContactMeasures of `state`.
     """
-    grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
+    grid, slabs, (repeats_y, repeats_x) = state.grid, state.operator.slabs, state.grid.repeats
     excess = contact.contact_fraction - contact.contact_fraction_corrected
     # The mean run in a direction is at least twice the number of cells over that of all faces.
     if 2 * PER_FACE * contact.contact_fraction >= enough * excess:
@@ -147,11 +147,11 @@ def contact_width(state, contact, enough):
 
     def left(run):
         other = np.roll(run, 1, axis=1)
-        other[:, :1] &= periodic
+        other[:, :1] &= repeats_x
         return other
 
     def below(run):
-        return np.concatenate([fetch_row_before(run, periodic, slabs, state.comm, False)[None], run])[:-1]
+        return np.concatenate([fetch_row_before(run, repeats_y, slabs, state.comm, False)[None], run])[:-1]
 
     return min(longest(left), grid.nx), min(longest(below), grid.ny)
 
@@ -178,7 +178,7 @@ def measure_roughness(operator, distance, shape):
     [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
     """
     grid = operator.grid
-    waves = grid.periodic and distance.statistics.cells == grid.n
+    waves = grid.symbol and distance.statistics.cells == grid.n
     compute = _wave_slope if waves else _difference_slope
     square = compute(operator, shape)
     steps = _steps_at_sides(operator, shape) if grid.periodic else (0.0, 0.0)
@@ -188,13 +188,15 @@ def measure_roughness(operator, distance, shape):
 def _steps_at_sides(operator, shape):
     """Return rms height steps across a patch's sides, and next to them. Collective.
 
-    A step is the difference of heights of neighbouring cells, where cells at opposite sides count as neighbours, too.
+    A step is the difference of heights of neighbouring cells, where cells at opposite sides count as neighbours, too,
+    if the patch repeats across them.
     """
-    slabs, (ny, nx) = operator.slabs, operator.grid.shape
+    slabs, (ny, nx), (repeats_y, repeats_x) = operator.slabs, operator.grid.shape, operator.grid.repeats
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
 
     def steps(columns, faces):
-        rows = [j - slabs.rows.start for j in faces if j in range(ny)[slabs.rows]]
+        columns = columns if repeats_x else ()
+        rows = [j - slabs.rows.start for j in faces if repeats_y and j in range(ny)[slabs.rows]]
         in_y = [shape[j] - (shape[j - 1] if j else below) for j in rows]
         return np.concatenate([np.zeros(0), *(shape[:, i] - shape[:, i - 1] for i in columns), *in_y])
 
@@ -226,11 +228,9 @@ def _wave_slope(operator, shape):
 
 def _difference_slope(operator, shape):
     """Return the mean square slope from differences across faces. Collective."""
-    grid = operator.grid
-    before = fetch_row_before(shape, bool(grid.periodic), operator.slabs, operator.comm, np.nan)
-    in_x, faces_x, in_y, faces_y = sum_over(
-        operator.comm, _squared_differences(shape, before, bool(grid.periodic))
-    )
+    grid, (repeats_y, repeats_x) = operator.grid, operator.grid.repeats
+    before = fetch_row_before(shape, repeats_y, operator.slabs, operator.comm, np.nan)
+    in_x, faces_x, in_y, faces_y = sum_over(operator.comm, _squared_differences(shape, before, repeats_x))
     if not faces_x + faces_y:
         return np.nan
     return in_x / max(faces_x, 1) / grid.dx**2 + in_y / max(faces_y, 1) / grid.dy**2

@@ -12,7 +12,7 @@ def contact_state(operator, distance, **options):
 
     `options` are further arguments of `ContactState`.
     """
-    kind = PeriodicState if operator.grid.periodic else ContactState
+    kind = PeriodicState if operator.grid.symbol else ContactState
     return kind(operator, distance, **options)
 
 

@@ -42,7 +42,7 @@ def step_to_load(state, load, target, stiffness=0.0):
         low, at_low, high = high, at_high, high + step
         at_high = error(high)
     t = _zero(error, (low, at_low), (high, at_high), _STEP_RTOL * abs(target - load))
-    step = t if grid.periodic else t + (target - load) / punch_stiffness(state)
+    step = t if grid.symbol else t + (target - load) / punch_stiffness(state)
     return step, target + first
 
 

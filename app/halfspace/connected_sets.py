@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
-from app.halfspace.grid import row_blocks
+from app.halfspace.grid import repeats_in, row_blocks
 from app.parallel.halo import fetch_row_before
 
 _BLOCK_CELLS = 1 << 22  # Cells counted together; each block makes an array with a count for each set.
@@ -19,8 +19,8 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     ----------
     cells : ndarray of bool, shape (local rows, nx)
         True in the cells of the sets, on the rows of this rank.
-    periodic : bool
-        True if sets continue across the boundary of the patch.
+    periodic : bool or str
+        As the attribute of `Grid`. Sets continue across the boundary of a periodic patch.
     slabs, comm : Slabs, mpi4py communicator, optional
         Distribution of the rows; by default this rank has all rows.
 
@@ -41,9 +41,10 @@ def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     total = sum(counts)
     if first := sum(counts[: comm.rank if comm else 0]):
         np.add(inside, first, out=inside, where=inside > 0, casting="same_kind")
-    before = fetch_row_before(labels, periodic, slabs, comm, 0)
+    repeats_y, repeats_x = repeats_in(periodic)
+    before = fetch_row_before(labels, repeats_y, slabs, comm, 0)
     pairs = [np.stack([labels[0], before])] if len(labels) else []
-    if periodic and len(labels):
+    if repeats_x and len(labels):
         pairs.append(np.stack([labels[:, 0], labels[:, -1]]))
     pairs = np.hstack(pairs) if pairs else np.zeros((2, 0), np.int64)
     one, other = pairs[:, (pairs > 0).all(axis=0)].astype(np.int64) - 1

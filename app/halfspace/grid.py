@@ -8,10 +8,10 @@ has an odd number of cells, half of the last coarse cell is outside the patch. T
 lacks are treated as inadmissible (contact is impossible there). The result is the same as with a padded patch, but the
 padding is not stored.
 
-A periodic patch has no outside. If a direction has an odd number of cells, coarse cells are a little shorter than two
-fine cells. Coarse cell k has the fine cells 2 k and 2 k + 1 as children, also on periodic patches; the last coarse cell
-has one child. The coarse grid begins half a fine cell later, so that the centre of each coarse cell is at most half a
-fine cell from the middle of its children.
+In a direction in which the patch repeats, it has no outside. If it has an odd number of cells there, coarse cells are a
+little shorter than two fine cells. Coarse cell k has the fine cells 2 k and 2 k + 1 as children, also on periodic
+patches; the last coarse cell has one child. The coarse grid begins half a fine cell later, so that the centre of each
+coarse cell is at most half a fine cell from the middle of its children.
 """
 
 from dataclasses import dataclass, replace
@@ -24,19 +24,30 @@ import numpy as np
 from app.base.errors import InputError, format_exact
 from app.base.usage import usage
 
-SYMBOLS = ("spectral", "love")  # names of the influence matrices of a periodic patch
+SYMBOLS = ("spectral", "love")  # names of the influence matrices of a patch periodic in x and y
+ONE_WAY = ("x", "y")  # directions of a patch that is periodic in one of them
 
 
-def validate_symbol(periodic):
-    """Return a periodic patch's symbol name, otherwise "".
+def validate_periodic(periodic):
+    """Return a periodic patch's symbol name or direction, otherwise "".
 
-    The symbol gives the eigenvalues of the influence matrix. `periodic` is one of `SYMBOLS`, or True for the first of
-    them; False and "" mean a patch that is not periodic. Raises InputError for anything else.
+    The symbol gives the eigenvalues of the influence matrix of a patch that is periodic in x and y. `periodic` is one
+    of `SYMBOLS` or `ONE_WAY`, or True for the first symbol; False and "" mean a patch that is not periodic. Raises
+    InputError for anything else.
     """
     name = SYMBOLS[0] if periodic is True else periodic or ""
-    if name and name not in SYMBOLS:
-        raise InputError(f"periodic: {periodic!r}; must be True, False, {', '.join(map(repr, SYMBOLS))}")
+    if name and name not in (*SYMBOLS, *ONE_WAY):
+        allowed = ", ".join(map(repr, (*ONE_WAY, *SYMBOLS)))
+        raise InputError(f"periodic: {periodic!r}; must be True, False, {allowed}")
     return name
+
+
+def repeats_in(periodic):
+    """Return whether a patch repeats in y, and in x.
+
+    `periodic` is the attribute of its `Grid`.
+    """
+    return (periodic != "x", periodic != "y") if periodic else (False, False)
 
 
 @usage("Grid.from_domain(128, 128, (-1, 1, -1, 1)): cells in x and y; x0, x1, y0, y1 [mm]")
@@ -55,8 +66,8 @@ class Grid:
     x0, y0 : float
         Lower left corner of the patch.
     periodic : str
-        Name of the symbol that defines the influence matrix of a periodic patch (`app.halfspace.periodic_symbol`);
-        empty for a free patch.
+        "x" or "y" if the patch repeats in this direction only. If it repeats in both, the name of the symbol that
+        defines its influence matrix (`app.halfspace.periodic_symbol`). Empty for a free patch.
     """
 
     nx: int
@@ -81,14 +92,14 @@ class Grid:
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "periodic", validate_symbol(self.periodic))
+        object.__setattr__(self, "periodic", validate_periodic(self.periodic))
 
     @classmethod
     @usage("Grid.from_domain(128, 128, (-1, 1, -1, 1)): cells in x and y; x0, x1, y0, y1 [mm]")
     def from_domain(cls, nx, ny, domain, periodic=False):
         """Divide a patch ``(x0, x1, y0, y1)`` into cells.
 
-        `periodic` is True, False or one of `SYMBOLS`. Raises InputError for invalid numbers.
+        `periodic` is True, False, one of `SYMBOLS`, or one of `ONE_WAY`. Raises InputError for invalid numbers.
         """
         nx, ny = _cells(nx, ny)
         try:
@@ -99,6 +110,21 @@ class Grid:
             sides = ",".join(map(format_exact, (x0, x1, y0, y1)))
             raise InputError(f"domain {sides}: must be finite, with x0 < x1 and y0 < y1")
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
+
+    @cached_property
+    def symbol(self):
+        """Name of the symbol of a patch periodic in x and y, else empty."""
+        return self.periodic if self.periodic in SYMBOLS else ""
+
+    @cached_property
+    def one_way(self):
+        """Direction of a patch periodic in one direction, else empty."""
+        return self.periodic if self.periodic in ONE_WAY else ""
+
+    @cached_property
+    def repeats(self):
+        """True if the patch repeats in y, and in x."""
+        return repeats_in(self.periodic)
 
     @cached_property
     def shape(self):
@@ -147,14 +173,15 @@ class Grid:
         if self.coarsening(coarsest) == (1, 1):
             return None
 
-        def halve(n, d, start):
+        def halve(n, d, start, repeats):
             if n <= coarsest:
                 return n, d, start
             cells = -(-n // 2)
-            return (cells, n * d / cells, start + d / 2) if self.periodic and n % 2 else (cells, 2 * d, start)
+            return (cells, n * d / cells, start + d / 2) if repeats and n % 2 else (cells, 2 * d, start)
 
-        nx, dx, x0 = halve(self.nx, self.dx, self.x0)
-        ny, dy, y0 = halve(self.ny, self.dy, self.y0)
+        in_y, in_x = self.repeats
+        nx, dx, x0 = halve(self.nx, self.dx, self.x0, in_x)
+        ny, dy, y0 = halve(self.ny, self.dy, self.y0, in_y)
         return replace(self, nx=nx, ny=ny, dx=dx, dy=dy, x0=x0, y0=y0)
 
     def places_in(self, coarse):
@@ -179,7 +206,7 @@ def plan_grids(grid, coarsest=4, target_only=False):
     if not target_only and grid.coarsen(coarsest) is None:
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
-        if coarser.periodic and coarser.n == 1:
+        if coarser.symbol and coarser.n == 1:
             break  # A of a single periodic cell is zero
         grids.append(coarser)
     return grids

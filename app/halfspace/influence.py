@@ -15,6 +15,7 @@ A_(0,0),(i,j)             ``quadrant[j, i]``           mm / (N/mm2)
 
 import numpy as np
 
+from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
 
@@ -23,7 +24,8 @@ def quadrant_rows(grid, kernel):
 
     The quadrant of a periodic grid is computed once and stored; it takes a quarter of the memory of a field.
     """
-    quadrant = periodic_quadrant(grid, kernel) if grid.periodic else None
+    kernel = patch_kernel(kernel, grid)
+    quadrant = periodic_quadrant(grid, kernel) if grid.symbol else None
 
     def rows(selected=slice(None), columns=None):
         offsets, count = np.arange(*selected.indices(grid.ny)), grid.nx if columns is None else columns

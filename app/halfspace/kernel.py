@@ -23,15 +23,23 @@ class HalfSpaceKernel:
     Attributes
     ----------
     scale_free : bool
-        True if coefficients in units of a cell do not depend on the size of cells. Then all grids share stencils.
+        True if, in units of a cell, the displacement by short waves does not depend on the size of cells. Then all
+        grids share stencils.
     far_reaching : bool
         True if, far from a load, the displacement is proportional to the load divided by the distance.
+    encloses_images : bool
+        True if coefficients contain the images of a load in a direction in which the patch repeats.
     """
 
     scale_free = far_reaching = True
+    encloses_images = False
 
     def __init__(self, compliance):
         self.compliance = float(compliance)
+
+    def period_cells(self, grid):
+        """Return numbers of cells in y and x after which coefficients repeat; 0: never."""
+        return 0, 0
 
     @property
     def parameters(self):

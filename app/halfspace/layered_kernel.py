@@ -72,7 +72,7 @@ class LayeredKernel(HalfSpaceKernel):
 
         See `HalfSpaceKernel.uniform_compliance`.
         """
-        return sum(layer.uniform_compliance for layer in self.layers) if grid.periodic else 0.0
+        return sum(layer.uniform_compliance for layer in self.layers) if grid.symbol else 0.0
 
     def wave_compliance(self, q):
         """Return the compliance for pressure waves [mm2/N].
@@ -181,15 +181,15 @@ class LayeredKernel(HalfSpaceKernel):
 
         The eigenvalues are those on fields without mean.
         """
-        return (1.0 if grid.periodic == "spectral" else _LOVE_FACTORS[0]) * float(self._spectrum(grid).min())
+        return (1.0 if grid.symbol == "spectral" else _LOVE_FACTORS[0]) * float(self._spectrum(grid).min())
 
     def largest_eigenvalue(self, grid):
         """Return an upper bound of the eigenvalues of A [mm / (N/mm2)]."""
-        return (_LOVE_FACTORS[1] if grid.periodic == "love" else 1.0) * float(self._spectrum(grid).max())
+        return (_LOVE_FACTORS[1] if grid.symbol == "love" else 1.0) * float(self._spectrum(grid).max())
 
     def _spectrum(self, grid):
         """Return samples of the eigenvalues of A, from long to short waves."""
-        longest = max(grid.nx * grid.dx, grid.ny * grid.dy) * (1 if grid.periodic else 2)
+        longest = max(grid.nx * grid.dx, grid.ny * grid.dy) * (1 if grid.symbol else 2)
         q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
         return 2 * np.pi * self.wave_compliance(q) / q
 

@@ -16,10 +16,10 @@ from app.base.errors import InputError
 from app.base.mpi import MPI
 from app.base.petsc import report_no_entries
 from app.halfspace import events
-from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.mat_methods import MatMethods, scale_and_shift
+from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
@@ -44,7 +44,7 @@ class InfluenceOperator(MatMethods):
     grid : Grid
         Grid of cells on which A acts.
     kernel : HalfSpaceKernel
-        Kernel of the bodies, ``Material.kernel``.
+        Kernel of the bodies, ``Material.kernel`` or ``Problem.kernel``.
     slabs, comm : Slabs, mpi4py communicator, optional
         Distribution of the rows; by default this rank has all rows. A rank beyond `slabs.size` has no rows and does not
         take part.
@@ -86,7 +86,7 @@ class InfluenceOperator(MatMethods):
         self, grid, kernel, slabs=None, comm=None, dtype=float,
         exact_product=None, target=None, spectra=None,
     ):  # fmt: skip
-        self.grid, self.kernel, self.spectra = grid, kernel, spectra
+        self.grid, self.kernel, self.spectra = grid, patch_kernel(kernel, grid), spectra
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         self.active = self.slabs.active
@@ -200,15 +200,16 @@ class InfluenceOperator(MatMethods):
     @cached_property
     def diagonal(self):
         """Diagonal entry of A [mm3/N]. Collective on first use."""
-        if self.grid.periodic and self.active and not self._dense:
+        if self.grid.symbol and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.kernel, slice(0, 1), 1)[0, 0])
 
     def _kind(self, dtype):
         dtype = np.dtype(dtype)
-        if self.grid.periodic:
+        if self.grid.symbol:
             return PeriodicProduct
-        return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
+        boxed = not self.kernel.encloses_images and BoxProduct.suits(self.grid, dtype)
+        return BoxProduct if boxed else Convolution
 
     def _convolution(self, dtype):
         grid, kernel, kind, layout = self.grid, self.kernel, self._kind(dtype), self.layout(dtype)
@@ -216,7 +217,7 @@ class InfluenceOperator(MatMethods):
             return kind(partial(kernel.eigenvalues, grid), grid.shape, layout)
         if kind is BoxProduct:
             return kind(grid, kernel, layout)
-        return kind(quadrant_rows(grid, kernel), grid.shape, layout)
+        return kind(quadrant_rows(grid, kernel), grid.shape, layout, grid.repeats)
 
     def layout(self, dtype=None):
         """Return the `Layout` of products with the precision `dtype`."""
@@ -362,8 +363,8 @@ class InfluenceOperator(MatMethods):
         """Gauss-Seidel sweeps on this grid. Collective on first use."""
         from app.halfspace.gauss_seidel.gauss_seidel import GaussSeidel
 
-        rows, period = quadrant_rows(self.grid, self.kernel), bool(self.grid.periodic)
-        return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
+        rows, (_, periodic) = quadrant_rows(self.grid, self.kernel), self.grid.repeats
+        return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic)
 
     def reset_sweeps(self):
         """Make the rounding of sweeps independent of earlier solves."""
@@ -384,8 +385,8 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def _transformed_cells(self):
-        grid = self.grid
-        return grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
+        ny, nx = Convolution.lengths(self.grid.shape, self.grid.repeats)
+        return ny * nx
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

@@ -4,9 +4,9 @@ Each class of this module computes u = A p in another way. The base class `app.h
 has the Fourier transforms.
 
 ``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution: p is padded by
-zeros to an ``Ny x Nx`` grid, ``N >= 2 n - 1``, and multiplied in Fourier space. On a periodic patch no padding is
-needed. On large grids, padding by a quarter in each direction is enough: in this periodic box the images of the patch
-have a smooth influence, which `app.halfspace.images` subtracts.
+zeros to an ``Ny x Nx`` grid, ``N >= 2 n - 1``, and multiplied in Fourier space. In a direction in which the patch
+repeats no padding is needed. On large free grids, padding by a quarter in each direction is enough: in this periodic
+box the images of the patch have a smooth influence, which `app.halfspace.images` subtracts.
 """
 
 from functools import partial
@@ -34,14 +34,26 @@ class Convolution(EvenMultiplier):
     Collective over the layout's ranks.
 
     ``quadrant_rows(slice)`` returns rows of the influence coefficients K, shape (rows, nx). Each call is for a few
-    rows.
+    rows. In a direction in which the patch `repeats`, a pair for y and x, no padding is needed.
     """
 
-    def __init__(self, quadrant_rows, shape, layout=SERIAL):
-        ny, nx = shape
+    def __init__(self, quadrant_rows, shape, layout=SERIAL, repeats=(False, False)):
         # (2.6)
-        super().__init__(shape, (transform_length(ny), transform_length(nx)), layout)
-        self.load_or_make(shape, partial(self.set_kernel, quadrant_rows, ny, nx))
+        super().__init__(shape, self.lengths(shape, repeats), layout)
+        halves = half_lengths(shape, self.periods)
+        self.load_or_make(shape, partial(self.set_kernel, quadrant_rows, *halves))
+
+    @staticmethod
+    def lengths(shape, repeats):
+        """Return the lengths of the transforms in y and x."""
+        return tuple(
+            n if periodic else transform_length(n) for n, periodic in zip(shape, repeats, strict=True)
+        )
+
+
+def half_lengths(shape, periods):
+    """Return the numbers of offsets in y and x at which a kernel must be known."""
+    return tuple(min(n, period // 2 + 1) for n, period in zip(shape, periods, strict=True))
 
 
 class BoxProduct(EvenMultiplier):

@@ -33,9 +33,16 @@ class Window:
         return (self.y1 - self.y0) * (self.x1 - self.x0)
 
     def grid(self, whole):
-        """Return this window of `whole` as a grid."""
+        """Return this window of `whole` as a grid.
+
+        It is periodic in one direction if it has all cells of the period.
+        """
         x0, y0 = whole.x0 + self.x0 * whole.dx, whole.y0 + self.y0 * whole.dy
-        return Grid(self.x1 - self.x0, self.y1 - self.y0, whole.dx, whole.dy, x0, y0)
+        shape = self.y1 - self.y0, self.x1 - self.x0
+        kept = all(
+            not repeats or n == m for repeats, n, m in zip(whole.repeats, shape, whole.shape, strict=True)
+        )
+        return Grid(shape[1], shape[0], whole.dx, whole.dy, x0, y0, whole.one_way if kept else "")
 
     def refine(self, factors, grid):
         """Return the window of this window's fine cells.

@@ -183,8 +183,8 @@ class ContactFields:
         def total(values):
             return sum_over(self.comm, np.bincount(spot, values, len(sizes)))
 
-        def centre(positions, start, period):
-            if not grid.periodic:
+        def centre(positions, start, period, repeats):
+            if not repeats:
                 return total(positions) / sizes
             # Start from the mean direction on the circle; then average the distances from it.
             angle = 2 * np.pi * (positions - start) / period
@@ -201,8 +201,8 @@ class ContactFields:
             sizes * grid.cell_area,
             total(pressure) * grid.cell_area,
             -minimum_over(self.comm, -highest),
-            centre(self.x[i], grid.x0, grid.nx * grid.dx),
-            centre(self.y[j], grid.y0, grid.ny * grid.dy),
+            centre(self.x[i], grid.x0, grid.nx * grid.dx, grid.repeats[1]),
+            centre(self.y[j], grid.y0, grid.ny * grid.dy, grid.repeats[0]),
             grid,
         )
 
@@ -215,7 +215,7 @@ class ContactFields:
         """Return the cells' labels, and the sizes of contact spots. Collective."""
         from app.halfspace.connected_sets import label_connected_sets
 
-        return label_connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
+        return label_connected_sets(self.contact == 1, self.grid.periodic, self.slabs, self.comm)
 
     def count_patches(self):
         """Return number and largest area of contact spots, a dict. Collective."""

@@ -141,7 +141,8 @@ def make_grid(x, y, attributes):
     for centres, size in zip((x, y), attributes.get("cell_size", (1.0, 1.0)), strict=True):
         half = (np.ptp(centres) / (centres.size - 1) if centres.size > 1 else size) / 2
         domain += [centres[0] - half, centres[-1] + half]
-    return Grid.from_domain(x.size, y.size, domain, attributes.get("periodic_symbol", ""))
+    periodic = attributes.get("periodic_symbol") or attributes.get("periodic")
+    return Grid.from_domain(x.size, y.size, domain, periodic if isinstance(periodic, str) else "")
 
 
 def read_result(path):
@@ -292,6 +293,8 @@ def read_attributes(file):
         if name in TEXTS and not isinstance(plain, str):
             raise InputError(f"attribute {name}: {plain!r} where a text is needed")
         is_number = name not in TEXTS and name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
+        if name == "periodic" and plain in ("x", "y"):
+            continue
         if is_number and not isinstance(plain, bool | int | float):
             raise InputError(f"attribute {name}: {plain!r} where a number is needed")
     return attributes

@@ -23,10 +23,11 @@ from functools import partial
 import numpy as np
 from scipy.fft import next_fast_len
 
-from app.halfspace.fft.lengths import fast_length, transform_length
+from app.halfspace.fft.lengths import fast_length
 from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import quadrant_rows
+from app.halfspace.product import Convolution, half_lengths
 from app.methods.multilevel_product import MultilevelOperator, coarse_shape
 from app.methods.symbol import (
     centre,
@@ -66,7 +67,8 @@ def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
     near = _stencils(grid, -1, kernel) if apart else []
     (cy, cx), periods = coarsening_factors(near), _coarsest_shape(grid, near)
     if apart:  # coarse cells cover more than the patch; without them a cell is added
-        periods = tuple(next_fast_len(n, real=True) if near else fast_length(n + 1) for n in periods)
+        widen = partial(next_fast_len, real=True) if near else lambda n: fast_length(n + 1)
+        periods = tuple(n if r else widen(n) for n, r in zip(periods, grid.repeats, strict=True))
     mean = kernel.middle_displacement((cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
     return _create_inverse(grid, kernel, layout, near, periods, mean)
 
@@ -103,7 +105,7 @@ def _create_inverse(grid, kernel, layout, near, periods, mean):
         return inverse
 
     if near:
-        return MultilevelOperator(grid.shape, near, coarsest, layout, periodic=bool(grid.periodic))
+        return MultilevelOperator(grid.shape, near, coarsest, layout, periodic=grid.periodic)
     return coarsest(grid.shape, layout)
 
 
@@ -117,7 +119,8 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
     if not near:
         return None
     (cy, cx), (ny, nx) = coarsening_factors(near), _coarsest_shape(grid, near)
-    coefficients = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), kernel)
+    coarse = Grid(nx, ny, cx * grid.dx, cy * grid.dy, periodic=grid.one_way)
+    coefficients = quadrant_rows(coarse, kernel)
     correction = kernel.compliance * max(grid.dx, grid.dy) * near_field_correction(grid, len(near), kernel)
 
     def corrected(rows):
@@ -127,11 +130,12 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
         return values
 
     def coarsest(shape, layout):
-        product = EvenMultiplier(shape, tuple(map(transform_length, shape)), layout)
-        product.load_or_make(("influence", len(near)), partial(product.set_kernel, corrected, *shape))
+        product = EvenMultiplier(shape, Convolution.lengths(shape, grid.repeats), layout)
+        halves = half_lengths(shape, product.periods)
+        product.load_or_make(("influence", len(near)), partial(product.set_kernel, corrected, *halves))
         return product
 
-    return MultilevelOperator(grid.shape, near, coarsest, layout, other)
+    return MultilevelOperator(grid.shape, near, coarsest, layout, other, grid.periodic)
 
 
 def multilevel_influence(operator):
@@ -139,7 +143,7 @@ def multilevel_influence(operator):
 
     The product is created on first use. None on periodic patches and small grids.
     """
-    if operator.grid.periodic:
+    if operator.grid.symbol:
         return None
     inverse = operator.multipliers.get("apart")
     other = inverse if isinstance(inverse, MultilevelOperator) else None
@@ -179,15 +183,17 @@ def _stencils(grid, power, kernel):
     The result has no stencils for levels so small that an FFT is faster. On a periodic patch the result is empty if
     stencils depend on the size of cells.
     """
-    if grid.periodic and not kernel.scale_free:
+    if grid.symbol and not kernel.scale_free:
         return []
-    smallest = MIN_CELLS_PERIODIC if grid.periodic else MIN_CELLS
+    smallest = MIN_CELLS_PERIODIC if grid.symbol else MIN_CELLS
+    periods = grid.shape if grid.symbol else kernel.period_cells(grid)
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []
     unit, levels, (ny, nx) = kernel.compliance * max(grid.dx, grid.dy), [], grid.shape
     for level in fit_stencils(grid, power, kernel):
         fy, fx = level.factors
-        divisible = not grid.periodic or ny % fy == nx % fx == 0
+        divisible = all(n % f == 0 for n, f in zip(periods, level.factors, strict=True))
+        periods = tuple(n // f for n, f in zip(periods, level.factors, strict=True))
         ny, nx = ny // fy, nx // fx
         if min(ny, nx) < MIN_CELLS // 2 or not divisible:
             break
@@ -198,5 +204,5 @@ def _stencils(grid, power, kernel):
 def _coarsest_shape(grid, near):
     shape = grid.shape
     for level in near:
-        shape = coarse_shape(shape, level.factors, bool(grid.periodic))
+        shape = coarse_shape(shape, level.factors, grid.periodic)
     return shape

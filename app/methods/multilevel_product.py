@@ -21,6 +21,7 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.halfspace.fft.multiplier import SERIAL
+from app.halfspace.grid import repeats_in
 from app.methods.symbol import REACH
 from app.parallel.halo import CoarseHalo, Halo
 from app.parallel.reductions import copy_row, njit_reassoc, scale_row, wrap_ends
@@ -34,10 +35,11 @@ COST_IN_TRANSFORMS = (
 def coarse_shape(shape, factors, periodic=False):
     """Return the shape of the coarse grid.
 
-    On a free patch the coarse grid has one extra cell on each side of a coarsened direction.
+    The coarse grid has one extra cell on each side of a coarsened direction in which the patch does not repeat.
+    `periodic` is as the attribute of `Grid`.
     """
-    added = 0 if periodic else 2
-    return tuple(n // 2 + added if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
+    directions = zip(shape, factors, repeats_in(periodic), strict=True)
+    return tuple(n // 2 + 2 * (not repeats) if factor == 2 else n for n, factor, repeats in directions)
 
 
 class MultilevelOperator:
@@ -57,8 +59,8 @@ class MultilevelOperator:
         Distribution and precision of the fields.
     other : MultilevelOperator, optional
         Another product on the same grid, which shares its coarse fields. Both must not be used at the same time.
-    periodic : bool
-        True on a periodic patch.
+    periodic : bool or str
+        As the attribute of `Grid`.
 
     Attributes
     ----------
@@ -75,8 +77,9 @@ class MultilevelOperator:
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
         self._factors = fy, _ = near[0].factors
-        self._periodic, below = periodic, coarse_shape(shape, self._factors, periodic)
-        coarse = slabs if fy == 1 else slabs.coarsen(2) if periodic else slabs.surround()
+        self._repeats, below = repeats_in(periodic), coarse_shape(shape, self._factors, periodic)
+        in_y, _ = self._repeats
+        coarse = slabs if fy == 1 else slabs.coarsen(2) if in_y else slabs.surround()
         of_coarse = layout._replace(slabs=coarse)
         if len(near) > 1:
             others = other._next if other and isinstance(other._next, MultilevelOperator) else None
@@ -86,8 +89,8 @@ class MultilevelOperator:
         self.periods = tuple(f * period for f, period in zip(self._factors, self._next.periods, strict=True))
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
         self._coarse = np.zeros((coarse.local, below[1]), dtype) if other is None else other._coarse
-        self._halo = Halo(slabs, self.comm, REACH, periodic) if periodic or self.comm is not None else None
-        self._parents = CoarseHalo(slabs, self.comm, periodic) if fy == 2 else None
+        self._halo = Halo(slabs, self.comm, REACH, in_y) if in_y or self.comm is not None else None
+        self._parents = CoarseHalo(slabs, self.comm, in_y) if fy == 2 else None
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         padded, half = shape[1] + 2 * REACH, shape[1] // 2 + 3
@@ -125,14 +128,14 @@ class MultilevelOperator:
             before, after = (halo.astype(self.dtype, copy=False) for halo in self._halo(p))
         coarse = self._coarse
         starts = self._first, self._first_coarse
-        _restrict(p, rows, before, after, *starts, coarse, self._factors, self._periodic, *self._four)
+        _restrict(p, rows, before, after, *starts, coarse, self._factors, self._repeats, *self._four)
         self._next.apply(coarse, coarse)
         above, below, first_coarse = coarse[:0], coarse[:0], self._first
         if self._parents:
             (above, below), first_coarse = self._parents(coarse), self._parents.first
         parents, starts = (above, coarse, below), (self._first, first_coarse)
         _add_near(
-            p, rows, before, after, self._stencil, parents, *starts, self._factors, self._periodic, out,
+            p, rows, before, after, self._stencil, parents, *starts, self._factors, self._repeats[1], out,
             *self._five, self._wide,
         )  # fmt: skip
 
@@ -226,23 +229,23 @@ def _copy_row_at(j, p, rows, before, after, out):
 
 
 @njit()
-def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
+def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, repeats, four, halves):
     """Restrict p to the coarse grid: coarse = P^T p.
 
     P^T is the transpose of interpolation. `first` and `first_coarse` are the numbers of the first fine and coarse row
-    of this rank; `four` and `halves` are work rows.
+    of this rank; `four` and `halves` are work rows. `repeats` is true if the patch repeats in y, and in x.
     """
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
-    pad = 1 if periodic else 3
+    pad_y, pad = 1 if repeats[0] else 3, 1 if repeats[1] else 3
     share, three = kind(1 / (fy * fx) ** 2), kind(3)
     row, even, odd = four[4], halves[0], halves[1]
     nonzero = 0  # bits: which of the four rows are not zero
     for j in range(len(coarse)):
         if fy == 2:
-            low = 2 * (first_coarse + j) - pad - first
+            low = 2 * (first_coarse + j) - pad_y - first
             for k in range(low + 2 if j else low, low + 4):
                 copied = _copy_row_at(k, p, rows, before, after, four[k % 4, pad : pad + nx])
-                if periodic:
+                if repeats[1]:
                     wrap_ends(four[k % 4], nx, pad)
                 nonzero = (2 * nonzero + copied) & 15
             if nonzero:
@@ -250,7 +253,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
                 _add_rows(a, b, c, d, three, row)
         else:
             nonzero = int(_copy_row_at(j, p, rows, before, after, row[pad : pad + nx]))
-            if periodic:
+            if repeats[1]:
                 wrap_ends(row, nx, pad)
         if not nonzero:
             coarse[j] = 0

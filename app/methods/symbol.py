@@ -75,7 +75,7 @@ def eigenvalues(grid, compliance, x, y):
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
-        values = _eigenvalues(grid.periodic or "love", grid.dx / side, grid.dy / side, x, y)
+        values = _eigenvalues(grid.symbol or "love", grid.dx / side, grid.dy / side, x, y)
     return 2 * np.pi * compliance * side * values
 
 
@@ -134,9 +134,7 @@ def fit_stencils(grid, power=-1, kernel=UNIT):
     """
     side = max(grid.dx, grid.dy)
     with events.coeffs:
-        return _stencils(
-            grid.periodic or "love", grid.dx / side, grid.dy / side, power, kernel.in_units(side)
-        )
+        return _stencils(grid.symbol or "love", grid.dx / side, grid.dy / side, power, kernel.in_units(side))
 
 
 @lru_cache(maxsize=32)

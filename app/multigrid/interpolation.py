@@ -98,9 +98,9 @@ def bilinear_weights(start, stop, count, factor, place, first=None):
 
     The two coarse cells are the parent, which contains the fine cell, with weight 3/4, and the nearest neighbour of the
     parent. At the boundary of the grid the two coarse cells are the parent, with weight 5/4, and the neighbour inside.
-    On a periodic grid the two coarse cells are the cells before and behind the centre of the fine cell; `place` is that
-    of `Grid.places_in`. Returned cell numbers are relative to `first`; if `first` is None, they are taken modulo
-    `count`.
+    If the grid repeats along the axis, the two coarse cells are the cells before and behind the centre of the fine
+    cell; `place` is that of `Grid.places_in`. Returned cell numbers are relative to `first`; if `first` is None, they
+    are taken modulo `count`.
     """
     index = np.arange(start, stop)
     one = other = index // factor

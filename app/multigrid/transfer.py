@@ -70,6 +70,12 @@ class Transfer:
     _fetch_neighbours = cached_property(lambda self: self._make_parent_fetch(1))
     _fetch_quintic_neighbours = cached_property(lambda self: self._make_parent_fetch(QUINTIC_MARGIN))
 
+    @cached_property
+    def _places(self):
+        """`Grid.places_in` the coarse grid, in y and x; None where the patch does not repeat."""
+        places = zip(self.fine.grid.places_in(self.coarse.grid), self.fine.grid.repeats, strict=True)
+        return [place if repeats else None for place, repeats in places]
+
     def _make_parent_fetch(self, margin):
         """Make the `Fetch` of the parents of this rank's fine rows.
 
@@ -78,7 +84,7 @@ class Transfer:
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
         first, last = first // self.fy - margin, -(-last // self.fy) + margin
-        if not self.coarse.grid.periodic:
+        if not self.coarse.grid.repeats[0]:
             first, last = np.maximum(first, 0), np.minimum(last, end)
         return Fetch(self.coarse.slabs, [(first, np.where(some, last, first))], self._comm)
 
@@ -119,13 +125,13 @@ class Transfer:
     def restrict_shape(self, shape):
         """Return the mean over the admissible children of each coarse cell. Collective.
 
-        Admissible cells are those where contact is possible. The mean is NaN if there are none. On a periodic grid
-        coarse cells may be shorter than two fine cells. Then the mean is over all fine cells that overlap the coarse
-        cell, weighted by the overlap. This preserves the mean over the patch, and so the approach of full contact.
+        Admissible cells are those where contact is possible. The mean is NaN if there are none. In a direction in which
+        the patch repeats, coarse cells may be shorter than two fine cells. Then the mean is over all fine cells that
+        overlap the coarse cell, weighted by the overlap. This preserves the mean over the patch, and so the approach of
+        full contact.
         """
-        if self.fine.grid.periodic and any(
-            n % f for n, f in zip(self.fine.grid.shape, self.factors, strict=True)
-        ):
+        grid = self.fine.grid
+        if any(r and n % f for r, n, f in zip(grid.repeats, grid.shape, self.factors, strict=True)):
             return self._send_to_owner(self._means_of_overlaps(shape))
         total, count = np.zeros(self._local), np.zeros(self._local)
         for child, parents in self._children(shape):
@@ -140,7 +146,9 @@ class Transfer:
         fetch = self._fetch_overlapping
         fields = fetch(np.where(admissible, shape, 0.0)), fetch(admissible.astype(float))
         (ny, nx), (coarse_ny, coarse_nx) = self.fine.grid.shape, self.coarse.grid.shape
-        in_y, in_x = _overlaps(ny, coarse_ny, self.fy)[self._made.rows], _overlaps(nx, coarse_nx, self.fx)
+        repeats_y, repeats_x = self.fine.grid.repeats
+        in_y = _overlaps(ny, coarse_ny, self.fy, repeats_y)[self._made.rows]
+        in_x = _overlaps(nx, coarse_nx, self.fx, repeats_x)
         span = max(self.fy * (len(in_y) - 1) + 1, 0)
         sums = []
         for field in fields:
@@ -187,8 +195,8 @@ class Transfer:
             return
         rows, grid, nx = self.fine.slabs.rows, self.coarse.grid, self.fine.grid.nx
         first = rows.start // self.fy - 1  # coarse row that is fetched
-        first = first if grid.periodic else max(first, 0)
-        in_y, in_x = self.fine.grid.places_in(grid) if grid.periodic else (None, None)
+        in_y, in_x = self._places
+        first = first if in_y else max(first, 0)
         of_rows = bilinear_weights(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
         of_columns = bilinear_weights(0, nx, grid.nx, self.fx, in_x)
         interpolate_bilinear(wide, fine, *of_rows, *of_columns, self._halved, np.empty(grid.nx))
@@ -211,7 +219,7 @@ class Transfer:
     @property
     def _halved(self):
         """True if each coarse column has two fine columns."""
-        return self.fx == 2 and not (self.coarse.grid.periodic and self.fine.grid.nx % 2)
+        return self.fx == 2 and not (self.coarse.grid.repeats[1] and self.fine.grid.nx % 2)
 
     def restriction_mat(self, comm):
         """Make the Mat of the restriction. Collective.
@@ -229,15 +237,19 @@ class Transfer:
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
-def _overlaps(n, count, factor):
+def _overlaps(n, count, factor, repeats):
     """Return the overlap of coarse cells with four fine cells each.
 
-    `n` and `count` are the numbers of fine and coarse cells along one axis. The four fine cells begin with the one
-    before the first child of the coarse cell. Lengths are in fine cells.
+    `n` and `count` are the numbers of fine and coarse cells along one axis; `repeats` is true if the patch repeats
+    along it. The four fine cells begin with the one before the first child of the coarse cell. Lengths are in fine
+    cells.
     """
-    first, size = factor * np.arange(count), n / count
-    low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
+    first = factor * np.arange(count)
     cell = first[:, None] + np.arange(-1, 3)
+    if not repeats:
+        return ((cell >= first[:, None]) & (cell < np.minimum(first + factor, n)[:, None])).astype(float)
+    size = n / count
+    low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
     return np.clip(np.minimum(low[:, None] + size, cell + 1) - np.maximum(low[:, None], cell), 0.0, None)
 
 

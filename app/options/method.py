@@ -164,7 +164,7 @@ def make_settings(method=None, options=None, periodic=False):
     options : mapping, optional
         Option names without dash, and their values as texts or numbers. These override the options of the files.
     periodic : bool
-        True if the patch is periodic.
+        True if the patch is periodic in x and y.
 
     Returns
     -------
@@ -199,9 +199,10 @@ def make_settings(method=None, options=None, periodic=False):
         ignored.append(name)
     reader = OptionReader(METHOD_OPTIONS, texts)
     if (strategy := reader["lcp_type"]) == other:
-        works, this = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
+        kinds = "patches periodic in x and y (-periodic)", "other patches"
+        works, this = kinds[::-1] if periodic else kinds
         raise InputError(
-            f"-lcp_type {strategy}: works on {works}; must be {default}, active_set, tao or snesvi on {this} ones"
+            f"-lcp_type {strategy}: works on {works}; must be {default}, active_set, tao or snesvi on {this}"
         )
     _check_solvers(strategy, texts)
     values = {name.removeprefix("lcp_"): reader[name] for name in _TABLE}

@@ -425,6 +425,19 @@ def flag(text):
     raise ValueError("true or false")
 
 
+def flag_or(*names):
+    """Return a parser of true, false, or a word of `names`."""
+
+    def parse(text):
+        try:
+            return text if text in names else flag(text)
+        except ValueError:
+            raise ValueError(f"true, false, {', '.join(names)}") from None
+
+    parse.names = names  # for the help
+    return parse
+
+
 def word(text):
     """Accept any text that is not empty."""
     if not text:

@@ -82,9 +82,9 @@ class ContactProblem(Problem):
         coarser grids, whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another
         problem. None means a plane.
     periodic : bool or str, optional
-        True if the patch repeats without end in x and y. A name chooses a symbol of `app.halfspace.periodic_symbol`;
-        True means "spectral". Default: as the grid. The attribute `periodic` is the name of the symbol, empty if the
-        patch is not periodic.
+        True if the patch repeats without end in x and y, "x" or "y" if in this direction only. "spectral" and "love"
+        choose a symbol of `app.halfspace.periodic_symbol`; True means "spectral". Default: as the grid. The attribute
+        `periodic` is the direction or the name of the symbol, empty if the patch is not periodic.
     surfaces : sequence of array_like, callable or surface
         Roughness of either body: heights [mm], positive towards the other body, which are subtracted from the gap. Each
         is an array or a function as for `gap`, a surface of `app.problems.random_surfaces`, or a measured surface
@@ -118,10 +118,10 @@ class ContactProblem(Problem):
                 raise InputError(f"{part}: {getattr(self, part)!r}; must be a {kind.__name__}")
         if np.ndim(periodic):
             raise InputError(
-                f"periodic: is {type(periodic).__name__}; must be True, False, 'spectral' or 'love'; "
+                f"periodic: is {type(periodic).__name__}; must be True, False, 'x', 'y', 'spectral' or 'love'; "
                 "surfaces are given by name, surfaces=[...]"
             )
-        if periodic is not None and not (periodic is True and self.grid.periodic):
+        if periodic is not None and not (periodic is True and self.grid.symbol):
             object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
         if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
             raise InputError(
@@ -158,7 +158,7 @@ class ContactProblem(Problem):
 
     def __repr__(self):
         grid, n = self.grid, len(self.surfaces)
-        periodic = ", periodic" if grid.periodic else ""
+        periodic = (", periodic" if grid.periodic else "") + (f" in {grid.one_way}" if grid.one_way else "")
         coatings, elastic = self.material.coatings, f"E* {self.material.contact_modulus:g} N/mm2"
         if coatings:
             each = (f"{coating.thickness:g} mm of E {coating.young[0]:g} N/mm2" for coating in coatings)

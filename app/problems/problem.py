@@ -13,6 +13,7 @@ import numpy as np
 from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
+from app.halfspace.one_way_kernel import patch_kernel
 from app.problems.arrays import check_size, real_numbers
 
 
@@ -46,8 +47,13 @@ class Problem:
         return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
 
     @property
+    def kernel(self):
+        """Kernel of the bodies on this patch."""
+        return patch_kernel(self.material.kernel, self.grid)
+
+    @property
     def periodic(self):
-        """Name of the symbol of a periodic patch, empty if not periodic."""
+        """Direction of the period, "x" or "y", or name of the symbol if both; empty if not periodic."""
         return self.grid.periodic
 
     @property
@@ -70,8 +76,8 @@ class Problem:
         return {
             "problem": self.name,
             **self.material.describe(),
-            "periodic": int(bool(self.grid.periodic)),
-            "periodic_symbol": self.grid.periodic,
+            "periodic": self.grid.one_way or int(bool(self.grid.periodic)),
+            "periodic_symbol": self.grid.symbol,
             **({} if self.hardness is None or np.ndim(self.hardness) else {"hardness": self.hardness}),
         }
 

@@ -249,13 +249,18 @@ class FlatPunch(Shape):
 
 
 def check_strip(grid):
-    """Raise InputError for a patch one cell wide that is not periodic.
+    """Raise InputError for a patch one cell wide that does not repeat there.
 
     Users may expect a line contact, but only a narrow strip would carry pressure.
     """
-    if min(grid.nx, grid.ny) == 1 and not grid.periodic:
+    narrow = [
+        axis
+        for n, repeats, axis in zip(grid.shape, grid.repeats, "yx", strict=True)
+        if n == 1 and not repeats
+    ]
+    if narrow:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: a patch one cell wide is a strip pressed on that width only, no line contact; "
-            "for plane strain take the same grid with -periodic and a patch much longer than the contact, or else "
-            "-problem cylinder with -cylinder_length on cells in both directions"
+            f"for plane strain take the same grid with -periodic {narrow[0]}, or else -problem cylinder with "
+            "-cylinder_length on cells in both directions"
         )

@@ -71,7 +71,7 @@ def of_anything(quick):
             problem = random_problem(rng, 12, 10, periodic)
             dense, approach = DenseProblem(problem), approach_at(problem, 0.7)
             exact = dense.at(approach).astype(float)
-            operator = InfluenceOperator(problem.grid, problem.material.kernel)
+            operator = InfluenceOperator(problem.grid, problem.kernel)
             state = contact_state(operator, UndeformedDistance(operator, problem.gap))
             state.approach = approach
             for size in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0):

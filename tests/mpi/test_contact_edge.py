@@ -27,6 +27,7 @@ SHAPES = [
         *product(SHAPES, (1, 4), (0.0, 0.05, 0.4, 1.0), (0, 1, 3), (np.float64,), (False,)),
         *product(SHAPES, (1, 4), (0.05, 0.4), (1, 3), (np.float64,), (True,)),
         ((24, 24), 1, 0.2, 3, np.float32, False),
+        *(((24, 24), 1, 0.2, 3, np.float64, periodic) for periodic in "xy"),
     ],
 )
 def test_extension_on_ranks_is_bitwise_that_on_one(comm, shape, block, density, steps, dtype, periodic):

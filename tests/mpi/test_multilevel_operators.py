@@ -9,6 +9,7 @@ import pytest
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid
 from app.halfspace.kernel import UNIT
+from app.halfspace.one_way_kernel import patch_kernel
 from app.methods.multilevel_operators import (
     create_circulant_inverse,
     create_multilevel_influence,
@@ -27,6 +28,7 @@ MULTIPLIERS = [
     *product(SHAPES, [partial(create_circulant_inverse, apart=True), create_multilevel_influence]),
     *product([(512, 264, 0.1), (268, 514, 0.03), (258, 514, 0.3)], [create_multilevel_inverse]),
 ]
+ONE_WAY = [((128, 140, 0.12), "x"), ((256, 150, 0.12), "y"), ((256, 140, 0.04), "y"), ((130, 260, 0.5), "x")]
 
 
 @pytest.mark.mpi(2, 3, 4)
@@ -36,6 +38,22 @@ MULTIPLIERS = [
 @pytest.mark.parametrize("dealt", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_multilevel_product_on_ranks_is_that_on_one(comm, shape, dealt, dtype, multiplier):
+    periodic = "spectral" if multiplier is create_multilevel_inverse else ""
+    compare(comm, shape, dealt, dtype, multiplier, periodic)
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize(("shape", "periodic"), ONE_WAY)
+@pytest.mark.parametrize("dealt", ["even", "thin", "nothing at the ends"])
+@pytest.mark.parametrize(
+    "multiplier", [partial(create_circulant_inverse, apart=True), create_multilevel_influence], ids=kind
+)
+def test_products_periodic_in_one_direction(comm, shape, periodic, dealt, multiplier):
+    compare(comm, shape, dealt, np.float64, multiplier, periodic)
+
+
+def compare(comm, shape, dealt, dtype, multiplier, periodic):
+    """Check a product on these ranks against one on a single rank."""
     ny, nx, dy = shape
     starts = {
         "even": Slabs(ny, comm.size).starts,
@@ -43,9 +61,10 @@ def test_multilevel_product_on_ranks_is_that_on_one(comm, shape, dealt, dtype, m
         "nothing at the ends": [0, 0, *[ny] * (comm.size - 1)],
     }[dealt]
     slabs = Slabs.starting(starts, comm.rank)
-    grid = Grid(nx, ny, 0.1, dy, periodic="spectral" if multiplier is create_multilevel_inverse else "")
-    alone = multiplier(grid, UNIT, Layout(dtype=dtype))
-    here = multiplier(grid, UNIT, Layout(slabs, comm, dtype))
+    grid = Grid(nx, ny, 0.1, dy, periodic=periodic)
+    kernel = patch_kernel(UNIT, grid)
+    alone = multiplier(grid, kernel, Layout(dtype=dtype))
+    here = multiplier(grid, kernel, Layout(slabs, comm, dtype))
     field = np.random.default_rng(1).normal(size=grid.shape)
     expected, product_here = np.empty(grid.shape), field[slabs.rows].copy()
     alone.apply(field, expected)

@@ -63,9 +63,11 @@ class LayeredStress(SubsurfaceStress):
         self._set_pressure(pressure, grid)
 
     def _make_sums(self, pressure, grid):
+        if grid.one_way:
+            raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a coating or layer")
         from app.halfspace.stress.layer_sums import LayeredFreeStress, LayeredPeriodicStress
 
-        return (LayeredPeriodicStress if grid.periodic else LayeredFreeStress)(pressure, grid, self.layer)
+        return (LayeredPeriodicStress if grid.symbol else LayeredFreeStress)(pressure, grid, self.layer)
 
     def describe(self, nu="nu"):
         """Return a text on the materials of the body; `nu` is the symbol."""

@@ -12,12 +12,15 @@
   than a cell.
 - Free patch: the stress below a uniformly loaded rectangle has a closed form (Love 1929). Zero-padded FFTs sum the
   stresses of all cells. The result is exact for a pressure that is constant on cells.
+- Patch periodic in one direction: the mean along the period acts as in plane strain, with closed forms for strips. The
+  rest decays within a period across it, so it is computed as on a periodic patch, widened by a few periods.
 
 References
 ----------
 A. E. H. Love, Phil. Trans. R. Soc. A 228 (1929) 377. K. L. Johnson, Contact Mechanics, 1985, Sec. 3.2 and 13.2.
 """
 
+from dataclasses import replace
 from math import atan2, log, pi, sqrt
 
 import numpy as np
@@ -27,6 +30,7 @@ from app.base.numba_cache import njit
 from app.halfspace.periodic_symbol import wave_numbers
 
 _ODD_X, _ODD_Y = (3, 4), (3, 5)  # indices of the components that change sign with x, and with y
+_GAP_PERIODS = 4.0  # periods added across the period; over these a wave decays by exp(-2 pi 4)
 _BLOCK_ROWS = 64  # rows of a kernel that are transformed together
 _EDGE_TOLERANCE = 1e-9  # distance, in cells, up to which a point counts as on the edge
 
@@ -158,6 +162,71 @@ class FreeStress:
         x, y = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
         corners = self._corners(x, y, depth)
         return np.einsum("kji,ji->k", np.diff(np.diff(corners, axis=1), axis=2), self._loaded)
+
+
+class OneWayStress:
+    """Stress below a patch periodic in one direction [N/mm2]; lengths in mm."""
+
+    def __init__(self, pressure, grid, nu):
+        self.grid, self.nu, self.pressure = grid, nu, pressure
+        self.extent = grid.nx * grid.dx, grid.ny * grid.dy
+        self._along = "yx".index(grid.one_way)  # axis of the period
+        self._mean = pressure.mean(axis=self._along)
+        size, length = (grid.dx, grid.ny * grid.dy) if self._along == 0 else (grid.dy, grid.nx * grid.dx)
+        count = scipy.fft.next_fast_len(
+            self._mean.size + int(np.ceil(_GAP_PERIODS * length / size)), real=True
+        )
+        shape = (grid.ny, count) if self._along == 0 else (count, grid.nx)
+        padded = np.zeros(shape)
+        padded[: grid.ny, : grid.nx] = pressure - np.expand_dims(self._mean, self._along)
+        wide = replace(grid, ny=shape[0], nx=shape[1], periodic="spectral")
+        self._waves = PeriodicStress(padded, wide, nu)
+
+    def _of_strips(self, depth, at=None):
+        """Return stress by the mean pressure along the period.
+
+        Without `at` the result is that below all rows or columns across the period, shape (6, rows or columns); else
+        that at the position `at`, shape (6,).
+        """
+        grid, n = self.grid, self._mean.size
+        size, centres = (grid.dx, grid.x()) if self._along == 0 else (grid.dy, grid.y())
+        offsets = size * np.arange(1 - n, n) if at is None else at - centres
+        low, high = (_strip_edge(offsets + side * size / 2, depth) for side in (-1, 1))
+        in_plane = [
+            np.convolve(self._mean, part)[n - 1 : 2 * n - 1] if at is None else part @ self._mean
+            for part in high - low
+        ]
+        across, zz, shear = in_plane
+        along, none = self.nu * (across + zz), 0 * across
+        if self._along == 0:
+            return np.stack([across, along, zz, none, shear, none])
+        return np.stack([along, across, zz, none, none, shear])
+
+    def plane(self, depth):
+        """Return stress on a horizontal plane, (6, ny, nx)."""
+        waves = self._waves.plane(depth)[:, : self.grid.ny, : self.grid.nx]
+        return waves + np.expand_dims(self._of_strips(depth), 1 + self._along)
+
+    def row(self, depth, y):
+        """Return stress on a line along x, (6, nx)."""
+        strips = self._of_strips(depth) if self._along == 0 else self._of_strips(depth, y)[:, None]
+        return self._waves.row(depth, y)[:, : self.grid.nx] + strips
+
+    def point(self, depth, x, y):
+        """Return stress components at a point, shape (6,)."""
+        return self._waves.point(depth, x, y) + self._of_strips(depth, x if self._along == 0 else y)
+
+
+def _strip_edge(x, z):
+    """Return integrals of the stress by lines of force, from 0 to x.
+
+    The components are xx, zz and xz in plane strain, at the depth z.
+    """
+    squares = x * x + z * z
+    ratio = np.divide(x * z, squares, out=np.zeros_like(x), where=squares > 0)
+    share = np.divide(z * z, squares, out=np.zeros_like(x), where=squares > 0)
+    angle = np.arctan2(x, z)
+    return np.stack([ratio - angle, -ratio - angle, share]) / np.pi
 
 
 def _edges(offsets, step):

@@ -125,9 +125,10 @@ class SubsurfaceStress:
 
     def _make_sums(self, pressure, grid):
         # Imported late, so that plots of stresses do not load MPI and numba.
-        from app.halfspace.stress.stress_sums import FreeStress, PeriodicStress
+        from app.halfspace.stress.stress_sums import FreeStress, OneWayStress, PeriodicStress
 
-        return (PeriodicStress if grid.periodic else FreeStress)(pressure, grid, self.nu)
+        kind = PeriodicStress if grid.symbol else OneWayStress if grid.one_way else FreeStress
+        return kind(pressure, grid, self.nu)
 
     def __repr__(self):
         return f"<{type(self).__name__}: below {self.grid.nx} x {self.grid.ny} cells, {self.describe()}>"
@@ -172,6 +173,8 @@ class SubsurfaceStress:
             return np.stack([self._sums.row(depth, y) for depth in depths], axis=1)
         grid = self.grid
         transposed = replace(grid, nx=grid.ny, ny=grid.nx, dx=grid.dy, dy=grid.dx, x0=grid.y0, y0=grid.x0)
+        if grid.one_way:
+            transposed = replace(transposed, periodic="x" if grid.one_way == "y" else "y")
         sums = self._make_sums(self.pressure.T, transposed)
         return np.stack([sums.row(depth, x)[[1, 0, 2, 3, 5, 4]] for depth in depths], axis=1)
 

@@ -57,7 +57,7 @@ def circulant_inverse(operator, apart=False):
     """
     if not operator.active:
         return operator.product
-    periodic = operator.grid.periodic
+    periodic = operator.grid.symbol
     create = _create_periodic_inverse if periodic else partial(create_circulant_inverse, apart=apart)
     return get_or_create(operator, "apart" if apart and not periodic else "adjoining", create)
 
@@ -94,10 +94,10 @@ class Circulant:
         if operator is self.operator:
             return
         self.operator = operator
-        blocks, periodic = self.blocks, bool(operator.grid.periodic)
+        blocks, periodic = self.blocks, bool(operator.grid.symbol)
         self.multiplier = circulant_inverse(operator, apart=True)
         shared = operator.slabs, operator.comm
-        self.extension = EdgeExtension(operator.local_shape, *shared, self.steps, periodic)
+        self.extension = EdgeExtension(operator.local_shape, *shared, self.steps, operator.grid.periodic)
         far_reaching = operator.kernel.far_reaching
         stencil = self.multiplier.centre if periodic else centre(operator.grid, operator.kernel)
         self.average = None

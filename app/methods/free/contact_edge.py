@@ -30,6 +30,7 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.halfspace.chebyshev import chebyshev_steps
+from app.halfspace.grid import repeats_in
 from app.parallel.halo import Halo
 from app.parallel.reductions import copy_row, copy_slab_row, njit_reassoc, nonzero_span, stencil_sum
 from app.parallel.slabs import Slabs, none_if_single
@@ -54,8 +55,8 @@ class EdgeExtension:
         Ranks that share the grid; None if this rank has all of it.
     steps : int
         Number of steps `k`; for 0 steps `E` is the identity.
-    periodic : bool
-        True on a periodic patch.
+    periodic : bool or str
+        As the attribute of `Grid`.
 
     Attributes
     ----------
@@ -68,10 +69,10 @@ class EdgeExtension:
     def __init__(self, shape, slabs, comm, steps, periodic=False):
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"edge extension: {steps} steps; 0 to {MAX_STEPS} are possible")
-        self.shape, self.steps, self._periodic = shape, steps, periodic
+        self.shape, self.steps, (in_y, self._periodic) = shape, steps, repeats_in(periodic)
         self._halo, comm = None, none_if_single(comm)
-        if steps and (comm is not None or (periodic and shape[0])):
-            self._halo = Halo(Slabs(shape[0]) if comm is None else slabs, comm, steps, periodic)
+        if steps and (comm is not None or (in_y and shape[0])):
+            self._halo = Halo(Slabs(shape[0]) if comm is None else slabs, comm, steps, in_y)
         # With the halo: the contact set, and the distance of each row from the next one with contact
         self._contact, self._away = np.zeros(shape, bool), np.zeros(shape[0], np.int64)
         self.contact = self._contact

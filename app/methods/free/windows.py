@@ -206,8 +206,9 @@ def _choose_window(boxes, patch, margin, possible):
     columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
     box = Window(*rows, *columns)
     box = box.join(boxes.predicted) if boxes.predicted else box
-    rows = _round_up_size(box.y0, box.y1, outer.y0, outer.y1)
-    window = Window(*rows, *_round_up_size(box.x0, box.x1, outer.x0, outer.x1))
+    (ny, nx), (in_y, in_x) = patch.shape, patch.repeats
+    rows = _round_up_size(box.y0, box.y1, outer.y0, outer.y1, in_y and ny)
+    window = Window(*rows, *_round_up_size(box.x0, box.x1, outer.x0, outer.x1, in_x and nx))
     return window if 0 < window.n <= most * outer.n else fallback
 
 
@@ -220,10 +221,11 @@ def _widen(first, last, margin, lowest, highest):
     return max(first - by, lowest), min(last + by, highest)
 
 
-def _round_up_size(first, last, lowest, highest):
+def _round_up_size(first, last, lowest, highest, period=0):
     """Round up an interval to a cached size or fast FFT length.
 
-    The interval stays within `lowest` and `highest`; an empty interval stays empty.
+    The interval stays within `lowest` and `highest`; an empty interval stays empty. If the patch repeats after `period`
+    cells, an interval of half the period or more becomes the whole period, which needs no padding.
     """
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
@@ -231,6 +233,6 @@ def _round_up_size(first, last, lowest, highest):
     length = max(-(-(last - first) // SIZE_STEP), 2) * SIZE_STEP
     if length > 4 * SIZE_STEP:
         length = next_fast_len(last - first, real=True)
-    length = min(length, highest - lowest)
+    length = highest - lowest if highest - lowest == period <= 2 * length else min(length, highest - lowest)
     first = max(lowest, min(first - (length - (last - first)) // 2, highest - length))
     return first, first + length

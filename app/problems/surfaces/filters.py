@@ -15,6 +15,7 @@ import numpy as np
 from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
 from app.base.units import format_lengths
+from app.halfspace.grid import repeats_in
 
 REACH = 1.25  # of the weights, in nesting indices; farther weights are below 3e-10 of the largest
 RUN = 1 << 18  # numbers that are transformed together
@@ -71,7 +72,7 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 
     `heights`, of shape (ny, nx), are overwritten; NaN entries have no weight and stay NaN. The nesting indices (cut-off
     wavelengths) `s_filter` and `l_filter` have the unit of `cell`, (dx, dy); None means no filter. If `periodic`, the
-    filter continues across the sides of the map.
+    filter continues across the sides of the map; "x" or "y": across the sides in this direction only.
 
     Examples
     --------
@@ -94,6 +95,7 @@ def _low_pass(heights, index, cell, periodic):
     `index` is the nesting index (cut-off wavelength), in the unit of `cell`. Sums are taken along rows first, then
     along columns.
     """
+    repeats = repeats_in(periodic)
     missing = np.isnan(heights)
     middle = np.mean(heights, where=~missing)  # large offsets would cost digits
     heights -= middle
@@ -103,12 +105,12 @@ def _low_pass(heights, index, cell, periodic):
     def smoothed(values, axis, power):
         values = values.copy()
         if heights.shape[axis] > 1:
-            _smooth(values, axis, index / cell[1 - axis], periodic, power)
+            _smooth(values, axis, index / cell[1 - axis], repeats[axis], power)
         elif power:
             values[...] = 0.0
         return values
 
-    powers = range(1 if periodic else 3)
+    powers = range(1 if all(repeats) else 3)
     # Without missing points all rows have the same weights: sums of weights are products.
     known = 1.0 - missing if missing.any() else np.ones((1, nx))
     weights, sums = [smoothed(known, 1, i) for i in powers], [smoothed(heights, 1, i) for i in powers[:2]]
@@ -121,7 +123,7 @@ def _low_pass(heights, index, cell, periodic):
             values = rows[i][:, columns]
             return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
 
-        heights[:, start : start + width] = _fit(moment, weights, sums, periodic)
+        heights[:, start : start + width] = _fit(moment, weights, sums, all(repeats))
     heights[missing] = np.nan
     heights += middle
     return heights

@@ -11,7 +11,7 @@ import numpy as np
 from app.base import views
 from app.base.errors import InputError
 from app.base.units import UNITS, format_lengths
-from app.halfspace.grid import Grid
+from app.halfspace.grid import Grid, repeats_in
 from app.problems.surfaces.filters import band_pass, check_cells, check_order
 from app.problems.surfaces.moments import Moments, add_polynomial
 from app.problems.surfaces.resampling import ResampledSurface
@@ -77,7 +77,7 @@ class Surface:
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
-    periodic: bool = False
+    periodic: str = ""
     _filtered: np.ndarray | None = None  # the crop [mm]
     warned: tuple = ()
 
@@ -144,8 +144,9 @@ class Surface:
         self.check_grid(grid)
         ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)
         check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
-        periodic = bool(grid.periodic)
-        heights = band_pass(self._levelled(0, ny, (periodic,) * 2), s_filter, l_filter, cell, periodic)
+        heights = band_pass(
+            self._levelled(0, ny, grid.repeats[::-1]), s_filter, l_filter, cell, grid.periodic
+        )
         moments = Moments(self.file, lambda *rows: heights[slice(*rows)].copy(), (ny, nx))
         statistics = {
             **moments.roughness("none"),
@@ -156,7 +157,7 @@ class Surface:
         return replace(
             self,
             **statistics,
-            periodic=periodic,
+            periodic=grid.periodic,
             _tilt=moments.slopes(),
             _filtered=heights,
             _source=None,
@@ -212,11 +213,15 @@ class Surface:
                 f"{grid.ny * self.spacing[1]:.7g} mm; "
                 f"the domain is {grid.nx * grid.dx:.7g} x {grid.ny * grid.dy:.7g} mm"
             )
-        if bool(grid.periodic) != self.periodic and (self.periodic or self._filtered is not None):
-            kinds = "free", "periodic"
+        other = grid.repeats != repeats_in(self.periodic)
+        if other and (self.periodic or self._filtered is not None):
+            kind, this = (
+                {"": "free", "x": "x-periodic", "y": "y-periodic"}.get(name, "periodic")
+                for name in (self.periodic, grid.periodic)
+            )
             raise InputError(
-                f"surface file {self.file}: was read for a {kinds[self.periodic]} patch, this one is "
-                f"{kinds[not self.periodic]}; must be the same periodic= of read_surface and of the problem"
+                f"surface file {self.file}: was read for a {kind} patch, this one is {this}; must "
+                "be the same periodic= of read_surface and of the problem"
             )
 
     def __str__(self):
@@ -238,7 +243,7 @@ class Surface:
         """
         start, stop, _ = rows.indices(self.shape[0])
         stop, (fy, fx) = max(start, stop), self._averaged
-        fine = self._levelled(fy * start, fy * stop, around or (self.periodic,) * 2)
+        fine = self._levelled(fy * start, fy * stop, around or repeats_in(self.periodic)[::-1])
         if fy == fx == 1:
             return fine
         # Average about the best plane: the known points of a block need not lie about it evenly.
@@ -276,7 +281,7 @@ class Surface:
         """
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
-        return self.heights(rows, (bool(grid.periodic),) * 2)
+        return self.heights(rows, grid.repeats[::-1])
 
     def filled_on(self, grid, rows=slice(None)):
         """Return the share of filled points in each cell; None without any."""

@@ -12,7 +12,7 @@ import numpy as np
 from app.base.errors import InputError, warn_notes
 from app.base.units import UNITS, find_unit, format_lengths
 from app.base.usage import usage
-from app.halfspace.grid import validate_symbol
+from app.halfspace.grid import validate_periodic
 from app.problems.surfaces.doubts import note_doubts
 from app.problems.surfaces.filters import check_cells, check_order
 from app.problems.surfaces.height_map import TURNS, open_heights
@@ -74,9 +74,9 @@ def read_surface(
         Cut-off wavelengths (nesting indices) of Gaussian filters [mm], which are applied last. `s_filter` removes
         shorter waves, such as noise; `l_filter` removes longer waves, such as waviness. If the spacing is not known
         before `Surface.grid`, use `Surface.filtered` instead.
-    periodic : bool
-        True if the patch repeats without end, so that filters continue across its sides; also the default of
-        `Surface.grid`.
+    periodic : bool or str
+        True if the patch repeats without end, so that filters continue across its sides, "x" or "y" if in this
+        direction only; also the default of `Surface.grid`.
     channel : str or int, optional
         Name or number, from 0, of a channel, if a text has several channels, one below the other.
     override : bool
@@ -108,7 +108,7 @@ def read_surface(
     0.01
     """
     check_order(s_filter, l_filter)
-    periodic = bool(validate_symbol(periodic))
+    periodic = validate_periodic(periodic)
     unit, height_unit, spacing_unit = (
         name and (find_unit(name) or name) for name in (unit, height_unit, spacing_unit)
     )

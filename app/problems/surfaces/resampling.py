@@ -129,13 +129,14 @@ def _edges(own, grid, rows):
 
     Return the edges in x, the edges in y of some rows, and two values that are true if x and y are periodic.
     """
-    all_edges, around = [], []
-    for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
+    all_edges, around, (in_y, in_x) = [], [], grid.repeats
+    directions = (own.nx, own.dx, grid.nx, grid.dx, in_x), (own.ny, own.dy, grid.ny, grid.dy, in_y)
+    for n, width, cells, cell, repeats in directions:
         edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # about the common middle
         if abs(edges[0]) <= ROUNDING * n:
             edges[[0, -1]] = 0, n
         all_edges.append(edges)
-        around.append(bool(grid.periodic and edges[0] == 0))
+        around.append(bool(repeats and edges[0] == 0))
     start, stop, _ = rows.indices(grid.ny)
     return all_edges[0], all_edges[1][start : max(start, stop) + 1], tuple(around)
 

@@ -36,6 +36,15 @@ def test_connected_sets_equal_those_of_flood_fill(symbol, shape):
         assert np.array_equal(np.bincount(labels[contact], minlength=len(sizes) + 1)[1:], sizes)
 
 
+def test_sets_are_connected_across_the_sides_of_one_direction():
+    corners = np.zeros((5, 6), bool)
+    corners[[0, 0, -1, -1], [0, -1, 0, -1]] = True
+    for periodic, expected in ((False, [1, 1, 1, 1]), ("x", [2, 2]), ("y", [2, 2]), (True, [4])):
+        assert sorted(label_connected_sets(corners, periodic)[1]) == expected
+    labels, _ = label_connected_sets(corners, "x")
+    assert labels[0, 0] == labels[0, -1] != labels[-1, 0]
+
+
 def test_interrupt_in_labelling_stays_keyboard_interrupt():
     """At every call of a Python function below: numpy makes other exceptions of those that come while it compares."""
     cells = np.random.default_rng(0).random((12, 12)) < 0.6

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.halfspace.fft.multiplier import Layout
+from app.halfspace.grid import repeats_in
 from app.methods.multilevel_product import MultilevelOperator
 from app.methods.symbol import StencilLevel
 
@@ -45,6 +46,8 @@ def near(n, reach, weights, periodic=False):
 SHAPES = {
     False: [(1, 1), (1, 3), (2, 2), (5, 7), (6, 8), (9, 4), (12, 13), (33, 70)],
     True: [(2, 2), (4, 2), (6, 8), (2, 30), (12, 64), (34, 70)],
+    "x": [(3, 2), (5, 8), (33, 70)],
+    "y": [(2, 3), (6, 7), (34, 71)],
 }
 
 
@@ -59,10 +62,11 @@ def test_product_is_stencil_plus_interpolation_from_the_coarse_grid(periodic, sh
     twice = np.array([1.0, 2.0, 2.0])  # stencils are given as of a sum over waves
     level = StencilLevel(np.outer(in_x * twice, in_y * twice), factors)
     operator = MultilevelOperator(shape, [level], Same, Layout(dtype=dtype), periodic=periodic)
-    from_y, from_x = (interpolation(*pair, periodic) for pair in zip(shape, factors, strict=True))
-    for rows in (np.ones(shape[0], bool), rng.random(shape[0]) < 0.5)[: 1 if periodic else 2]:
+    repeats = repeats_in(periodic)
+    from_y, from_x = (interpolation(*each) for each in zip(shape, factors, repeats, strict=True))
+    for rows in (np.ones(shape[0], bool), rng.random(shape[0]) < 0.5)[: 1 if repeats[0] else 2]:
         p = rng.standard_normal(shape) * rows[:, None]
-        expected = near(shape[0], 2, in_y, periodic) @ p @ near(shape[1], 2, in_x, periodic)
+        expected = near(shape[0], 2, in_y, repeats[0]) @ p @ near(shape[1], 2, in_x, repeats[1])
         expected += from_y @ (from_y.T @ p @ from_x) @ from_x.T
         product = np.where(rows[:, None], p, np.nan).astype(dtype)
         operator.apply(product, product, rows)

@@ -6,7 +6,7 @@ from operators import STENCIL
 from scipy.ndimage import binary_dilation, convolve
 
 from app.halfspace.chebyshev import chebyshev_steps
-from app.halfspace.grid import Grid
+from app.halfspace.grid import Grid, repeats_in
 from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
@@ -41,6 +41,25 @@ def make(contact, steps, stencil=STENCIL, periodic=False):
     extension.set_stencil(stencil)
     extension.set_contact(contact)
     return extension
+
+
+def around(field, weights, periodic):
+    """The stencil's sums, with zeros outside the patch or its continuation."""
+    in_y, in_x = repeats_in(periodic)
+    wide = np.pad(field, ((1, 1), (0, 0)), mode="wrap" if in_y else "constant")
+    wide = np.pad(wide, ((0, 0), (1, 1)), mode="wrap" if in_x else "constant")
+    return convolve(wide, weights, mode="constant")[1:-1, 1:-1]
+
+
+@pytest.mark.parametrize("periodic", ["x", "y"])
+@pytest.mark.parametrize("shape", [(6, 9), (1, 7), (8, 2)])
+def test_extension_continues_across_the_sides_of_one_direction(shape, periodic):
+    for contact in contact_sets(shape):
+        extension, r = make(contact, 3, periodic=periodic), field(shape) * contact
+        expected = r
+        for length in lengths(3):
+            expected = expected - length * ~contact * around(expected, np.array(STENCIL), periodic)
+        np.testing.assert_allclose(apply(extension.extend, r), expected, rtol=0, atol=1e-14)
 
 
 def extended(contact, steps, r, rim="constant"):

@@ -1,0 +1,100 @@
+"""Kernel of a pressure that repeats in one direction, against sums over its copies."""
+
+import numpy as np
+import pytest
+
+from app.base.errors import InputError
+from app.halfspace import one_way_kernel
+from app.halfspace.grid import Grid
+from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.kernel import UNIT
+from app.halfspace.love import love_coefficients
+from app.halfspace.material import Material
+from app.halfspace.one_way_kernel import patch_kernel
+
+COPIES = 2000
+ROUNDING = 2e-14  # of the largest coefficient; measured: 9e-15
+GRIDS = [
+    Grid(8, 16, 0.125, 0.0625, periodic="y"),
+    Grid(12, 7, 0.83, 0.125, periodic="y"),
+    Grid(5, 1, 0.6, 1.0, periodic="y"),
+    Grid(6, 2, 8.3, 0.5, periodic="y"),  # cells wider than the period
+    Grid(6, 64, 0.0083, 1 / 64, periodic="y"),
+    Grid(7, 5, 0.35, 0.2, periodic="y"),
+    Grid(17, 1, 0.03, 1.0, periodic="y"),
+]
+each_grid = pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.nx}x{grid.ny}")
+
+
+def sum_of_copies(grid):
+    """Coefficients for unit compliance: Love's of 4001 copies, and the rest by Euler and Maclaurin."""
+    period, datum = grid.ny * grid.dy, patch_kernel(UNIT, grid).datum
+    rows, total = np.arange(grid.ny), np.zeros(grid.shape)
+    for copy in range(-COPIES, COPIES + 1):
+        distances = np.abs(rows + copy * grid.ny)
+        total += love_coefficients((grid.dx, grid.dy), 1.0, distances, grid.nx)
+    end = (COPIES + 0.5) * period  # copies beyond it are a line of force from there on
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    x = (np.arange(grid.nx)[:, None] + nodes / 2) * grid.dx
+    line = 2 * np.log((end + np.hypot(end, x)) / datum) @ weights / 2
+    slope = end / np.hypot(end, x) ** 3 @ weights / 2
+    squares = (grid.dy**2 / 12 + (rows * grid.dy) ** 2 - period**2 / 12)[:, None]
+    return total + grid.cell_area / period * (squares * slope - line)
+
+
+@each_grid
+def test_coefficients_are_sums_over_copies(grid):
+    expected = sum_of_copies(grid)
+    np.testing.assert_allclose(
+        influence_quadrant(grid, UNIT), expected, rtol=0, atol=ROUNDING * expected.max()
+    )
+
+
+@each_grid
+def test_coefficients_do_not_depend_on_where_waves_take_over(grid, monkeypatch):
+    expected = influence_quadrant(grid, UNIT)
+    monkeypatch.setattr(one_way_kernel, "_NEAR", 0.4)
+    one_way_kernel._wave_integrals.cache_clear()
+    later = influence_quadrant(grid, UNIT)
+    one_way_kernel._wave_integrals.cache_clear()
+    np.testing.assert_allclose(later, expected, rtol=0, atol=ROUNDING * expected.max())
+
+
+@each_grid
+def test_exchanging_x_and_y_transposes_coefficients(grid):
+    other = Grid(grid.ny, grid.nx, grid.dy, grid.dx, periodic="x")
+    assert np.array_equal(influence_quadrant(other, UNIT), influence_quadrant(grid, UNIT).T)
+
+
+@each_grid
+def test_matrix_is_positive_and_its_bounds_hold(grid):
+    kernel, matrix = patch_kernel(UNIT, grid), dense_matrix(grid, UNIT)
+    assert matrix.min() > 0 and kernel.is_positive(grid)
+    assert np.linalg.eigvalsh(matrix).min() >= kernel.smallest_eigenvalue(grid)
+    sides = grid.ny * grid.dy, grid.nx * grid.dx
+    assert matrix.sum(axis=1).max() <= kernel.middle_displacement([2 * side for side in sides])
+    strip = kernel.middle_displacement(sides)
+    if grid.nx % 2:
+        assert matrix.sum(axis=1).max() == pytest.approx(strip, rel=1e-13)
+
+
+def test_rows_of_the_period_and_parts_of_it_have_equal_coefficients():
+    """Windows have parts of the period, and coarse grids other cells."""
+    grid = GRIDS[1]
+    kernel = patch_kernel(UNIT, grid)
+    part = Grid(grid.nx, 3, grid.dx, grid.dy)
+    assert np.array_equal(influence_quadrant(part, kernel), influence_quadrant(grid, kernel)[:3])
+    around = kernel.unit_coefficients(grid, np.arange(grid.ny, 2 * grid.ny), np.arange(grid.nx))
+    assert np.array_equal(around, influence_quadrant(grid, kernel))
+    joined = influence_quadrant(Grid(6, 7, 2 * grid.dx, grid.dy, periodic="y"), kernel)
+    centre = influence_quadrant(grid, kernel)
+    # Displacements far away depend little on the size of a cell under the same load.
+    assert joined[0, 5] / 2 == pytest.approx(centre[0, 10], rel=1e-2)
+
+
+def test_coated_bodies_are_refused():
+    layer = Material.layer(1.0, 0.3, 1.0)
+    with pytest.raises(
+        InputError, match=r"periodic: 'y' \(-periodic y\); must be True or False with a coating"
+    ):
+        patch_kernel(layer.kernel, GRIDS[0])
