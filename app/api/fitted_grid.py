@@ -104,7 +104,7 @@ def _probe(problem, loading):
     """
     shape = problem.shape_on(problem.grid)
     if not np.isfinite(shape).any():
-        raise InputError("fit_grid: contact is impossible in all cells (NaN) of the patch to begin with")
+        raise InputError("fit_grid: contact is impossible in all cells (NaN) of the first patch")
     with ContactSolver(problem, options={"lcp_precision": "double"}, comm=MPI.COMM_SELF) as solver:
         contact = solver.solve(**loading).contact
     found = contact.any()

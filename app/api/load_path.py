@@ -108,7 +108,9 @@ class LoadPath:
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
         check_equal_on_ranks(comm, len(self.rows), "path")
         if len(self.rows) > len(self.numbers):
-            raise InputError(f"path: {len(self.rows)} steps are finished already, of {len(self.numbers)}")
+            raise InputError(
+                f"path: {len(self.rows)} steps are finished, but the path has only {len(self.numbers)}"
+            )
 
     def __getstate__(self):
         return self.__dict__ | {"_solver": None, "_problem": None, "_steps": None}
@@ -141,7 +143,7 @@ class LoadPath:
             history.add(self.numbers[step])
         for step in steps:
             if self._solver.problem is not self._problem:
-                raise InputError("path: its solver has been given another problem; make a path of that")
+                raise InputError("path: the solver has another problem now; make a new path")
             solution = self._solve_step(history, self.numbers[step])
             self.rows[step:] = [self._row(step, solution)]
             yield solution

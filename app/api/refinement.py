@@ -192,7 +192,7 @@ def check(problem, until, most_cells, quantities, loading):
         )
     if not problem.refinable:
         raise InputError(
-            f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "
+            f"problem {problem.name}: its undeformed distance is known on one grid only; "
             "refining needs a function, a generated surface or a measured one that is resampled() (-surface_resample)"
         )
 

@@ -235,7 +235,9 @@ class Solution(ContactFields):
             If the problem has no hardness.
         """
         if self.plastic is None:
-            raise InputError("residual_surface: the problem has no hardness, so nothing is permanent")
+            raise InputError(
+                "residual_surface: the problem has no hardness, so there is no permanent indentation"
+            )
         return ResidualSurface(self._all_rows(self.plastic_depth))
 
     @property
@@ -325,9 +327,9 @@ class Solution(ContactFields):
         selected = {}
         for name, value in attributes.items():
             if name in taken:
-                raise InputError(f"{what}: {name} is there already; take another name")
+                raise InputError(f"{what}: {name} exists already; choose another name")
             if not name or name == "." or "/" in name:
-                raise InputError(f"{what}: {name!r} cannot be a name in it")
+                raise InputError(f"{what}: {name!r} is not allowed as a name")
             try:
                 array = real_numbers(name, value) if np.ma.is_masked(value) else np.asarray(value)
             except ValueError:  # a list of lists of several lengths

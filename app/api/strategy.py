@@ -158,7 +158,7 @@ class Strategy:
         `largest`, must be in range.
         """
         if not (loading.approach_is_known or self.finds_approach):
-            raise InputError(f"-lcp_type {self._settings.type}: works by approach only, not by load")
+            raise InputError(f"-lcp_type {self._settings.type}: needs a prescribed approach, not a load")
         if self._settings.single:
             pressure = loading.largest_pressure(self._distances[-1], self._hierarchy.target.grid, largest)
             check_single("pressures", pressure, "N/mm2")

@@ -44,7 +44,8 @@ def njit(makes_arrays=False, **options):
     """Compile by ``numba.njit``, with the cache, without counting references.
 
     Counting the references to each row took half of the time on small grids. Counting is not necessary, because the
-    caller holds the arrays during the call. A function that makes or returns an array must count: set `makes_arrays`.
+    caller holds the arrays during the call. Functions that make or return arrays must count references; for them, set
+    `makes_arrays`.
 
     A function is compiled once for calls from Python, and once for calls from other loops, which need no wrapper for
     Python. The wrapper takes a tenth of the time to compile, and most functions are called in only one of these ways.

@@ -258,7 +258,7 @@ def check_cells(grid):
     most = np.iinfo(PETSc.IntType).max
     if grid.n > most:
         raise InputError(
-            f"grid {grid.nx},{grid.ny}: this PETSc can number {most} cells; one with integers of 64 bits more "
+            f"grid {grid.nx},{grid.ny}: this PETSc can number at most {most} cells; use a PETSc with 64-bit integers "
             "(docs/install.md)"
         )
 

@@ -20,8 +20,8 @@ OPTIONS = [
         Option(f"{kind}_path", series, None, f"first:last:n[:log], numbers, or several of both, a,b,c [{unit}]")
         for kind, unit in KINDS.items()
     ),
-    Option("path_csv", word, None, "path: table of the steps (default: beside -output)"),
-    Option("path_fields", flag, False, "path: a result file for every step, beside -output"),
+    Option("path_csv", word, None, "path: table of the steps (default: next to -output)"),
+    Option("path_fields", flag, False, "path: a result file for every step, next to -output"),
     Option("resume", flag, False, "path: go on after the steps that an interrupted run has finished"),
 ]  # fmt: skip
 _OUTPUT_OPTIONS = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # do not change rows
@@ -42,13 +42,9 @@ class PathRequest:
         self.kind, self.numbers, self.inputs = kind, tuple(options[f"{kind}_path"]), inputs
         self.fields, self.resume = options["path_fields"], options["resume"]
         if self.fields and not output:
-            raise InputError(
-                "-path_fields: the files of the steps lie beside that of -output, which is missing"
-            )
+            raise InputError("-path_fields: needs -output, next to which the files of the steps are written")
         if self.resume and not (output or csv):
-            raise InputError(
-                "-resume: what is finished is kept beside -output or -path_csv; neither is given"
-            )
+            raise InputError("-resume: needs -output or -path_csv, next to which finished steps are stored")
         csv = csv or (output and Path(output).with_suffix(".csv"))
         self.output, self.csv = output and Path(output), csv and Path(csv)
         self.journal = csv and self.csv.with_suffix(".path.jsonl")
@@ -159,11 +155,11 @@ class _Checkpoint:
             self.rows.append(row)
         if request.resume and "1" not in outcomes:
             note(
-                f"-resume: nothing to go on from: {self._file} has no steps, or was removed when the path was "
+                f"-resume: nothing to continue: {self._file} has no steps, or was removed when the path was "
                 f"finished; step 1 of {count} comes first"
             )
         if steps := sum(key.isdigit() for key in discarded):
-            advice = "; -resume goes on after them" if discarded.get("path") == self._inputs else ""
+            advice = "; -resume continues after them" if discarded.get("path") == self._inputs else ""
             warn(
                 f"{self._file}: the first finished step replaces {steps} steps of an interrupted run{advice}"
             )
@@ -182,7 +178,7 @@ class _Checkpoint:
             yield
         except BaseException:
             if self._journal and (finished := len(self._journal.outcomes) - 1) > 0:
-                note(f"{finished} of {steps} steps are kept in {self._file}; -resume goes on after them")
+                note(f"{finished} of {steps} steps are stored in {self._file}; -resume continues after them")
             raise
 
     @contextmanager

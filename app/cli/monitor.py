@@ -23,7 +23,7 @@ class Progress(Listener):
         self._bar = None
 
     def begin(self, settings):
-        """Read the tolerance and -lcp_monitor, whose lines replace the bar."""
+        """Read the tolerance, and whether -lcp_monitor replaces the bar."""
         self._rtol, self._shown = settings.rtol, not settings.monitor
 
     def start(self, state, level):

@@ -262,7 +262,7 @@ def _check_yaml(content, where):
     while nodes:
         node = nodes.pop()
         if (count := count + 1) > _MAX_YAML_NODES:
-            raise InputError(f"{where}: stands for more than {_MAX_YAML_NODES} nodes")
+            raise InputError(f"{where}: expands to more than {_MAX_YAML_NODES} nodes")
         if not isinstance(node, yaml.ScalarNode):
             nodes += [one for part in node.value for one in (part if isinstance(part, tuple) else (part,))]
 

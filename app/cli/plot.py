@@ -65,7 +65,7 @@ def _read(file, arguments):
         set_units(source, arguments)
         return make_surface(source, level="plane")
     if arguments.spacing:
-        raise InputError(f"--spacing: of measured surfaces; {file} is none, or its --unit is missing")
+        raise InputError(f"--spacing: only for measured surfaces; {file} is none, or its --unit is missing")
     return load_curves.read_csv(file) if suffix == ".csv" else read_result(file)
 
 
@@ -82,7 +82,7 @@ def _pictures(file, data, arguments):
         for name, figure in pictures_of(data, only or PICTURES):
             yield name, figure
         if figure is None:
-            raise InputError(f"--only {', '.join(only)}: result file {file} has nothing of it to draw")
+            raise InputError(f"--only {', '.join(only)}: result file {file} has nothing to draw for it")
     elif is_sweep or columns:
         figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
         if figure is None:
@@ -113,7 +113,7 @@ def _arguments(argv):
     column = (
         "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
     )
-    folder = "folder to write to; default: beside the file, of its name"
+    folder = "folder to write to; default: next to the file, with its name"
     only = "this picture of results; may be repeated"
     dots = "pixels per inch, 20 to 1200; default: 200"
     add("files", type=Path, nargs="+", metavar="FILE", help=files)

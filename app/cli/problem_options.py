@@ -91,7 +91,7 @@ class Request:
             arguments = kind.removesuffix("_path"), options, parsed, inputs
             self.loading, self.path = {}, call_collectively(comm, load_path.PathRequest, *arguments)
             if self.refine_until:
-                raise InputError(f"-refine_until: of one loading only, not of -{kind}")
+                raise InputError(f"-refine_until: needs a single loading, not -{kind}")
         self.refine_max, self.quantities = None, ()
         if self.refine_until:
             names = {"area": "contact_area"}
@@ -109,7 +109,7 @@ class Request:
         if "method" in self.options:
             name = self.options["method"] or "NAME"
             file = f"{name.removesuffix('.opts')}.opts"
-            raise InputError(f"-method {name}: a method is an option file; needed: -options_file {file}")
+            raise InputError(f"-method {name}: a method is an option file; use -options_file {file}")
         known, unknown = _split_unknown(parsed.explicit_names(), own.names)
         if misspelt := [name for name in unknown if find_similar_name(name, known)]:
             raise InputError(describe_unknown_options(misspelt, known))

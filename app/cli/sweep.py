@@ -69,7 +69,7 @@ def main(argv):
         streams.print_output(line)
     statuses = [row["exit_status"] for row in rows]
     solved = statuses.count(0)
-    advice = "; interrupted: --resume goes on after them" if interrupted and rows else ""
+    advice = "; interrupted: --resume continues after them" if interrupted and rows else ""
     streams.print_output(
         f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{advice}"
     )

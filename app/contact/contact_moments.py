@@ -31,8 +31,8 @@ _NOWHERE = ContactMoments(*[float("nan")] * 7)
 def measure_moments(state):
     """Return the `ContactMoments` of a `ContactState`. Collective.
 
-    The semi-axes of the ellipse are twice the roots of the principal second moments of the contact area, divided by the
-    area. The second moments of each cell about its own centre are included.
+    The semi-axes of the ellipse are 2 sqrt(m / area), with the principal second moments m of the contact area. The
+    second moments of each cell about its own centre are included.
     """
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.symbol:

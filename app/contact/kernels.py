@@ -100,9 +100,9 @@ def _gap_row(b, depth, u, mask, overlapping):
 
 @njit_reassoc
 def sum_gaps(b, depth, u, mask, overlapping):
-    """Return the sums of squared gaps and gaps, and number of cells.
+    """Return sum of squared gaps, sum of gaps, and number of cells.
 
-    The sums are over the cells of `mask`, and the cells of `overlapping` with a gap h + u <= 0.
+    The cells are those of `mask`, and those of `overlapping` with a gap h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):

@@ -47,7 +47,7 @@ class PeriodicState(ContactState):
         """Reach a load [N] by adding a constant to high pressures. Collective.
 
         High pressures are those above twice the mean change of pressure on C. If less than half of C has such
-        pressures, p and u are scaled instead. Otherwise u is computed. Near full contact a constant hardly changes u,
+        pressures, p and u are scaled instead; otherwise u is recomputed. Near full contact a constant hardly changes u,
         but a factor does. If cells may reach the hardness, `ContactState.set_load` is called instead.
         """
         cells = max(self.cells_in_contact(), 1)

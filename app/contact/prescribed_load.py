@@ -134,7 +134,7 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the error of load^(2/3) at a depth, divided by its target.
+            """Return the relative error of load^(2/3) at a depth.
 
             For a sphere this error is linear in the depth.
             """

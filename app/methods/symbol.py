@@ -50,7 +50,7 @@ class StencilLevel(NamedTuple):
 
 
 def coarsening_factors(near):
-    """Return the number of finest cells per coarse cell in y, x.
+    """Return the size of a coarse cell in y and x, in finest cells.
 
     The coarse cells are those of the grid below the levels `near`, a sequence of StencilLevels.
     """

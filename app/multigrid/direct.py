@@ -24,7 +24,7 @@ def can_start_on(hierarchy, number):
 
 
 def starts_directly(hierarchy, number):
-    """Return whether a nested iteration from a level starts with `DirectSolver`."""
+    """Return whether a level, if it is the first, is solved directly."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 

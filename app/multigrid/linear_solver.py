@@ -89,7 +89,7 @@ class LinearSolver:
         ksp.setErrorIfNotConverged(False)  # the outcome has the reason
 
     def set_contact(self):
-        """Set the contact set to that in the operator's mask. Collective."""
+        """Use the contact set in the operator's mask from now on. Collective."""
         if self._interrupted:
             self._interrupted = False
             self.ksp.destroy()

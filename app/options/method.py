@@ -122,7 +122,7 @@ _REFUSED = {  # end of the name of an option of PETSc -> strategies that it spoi
     "ksp_knoll": (_INEXACT, _CHANGES),
     "ksp_monitor_solution": (_INEXACT, _CHANGES),
     "ksp_converged_rate": (("tao",), "PETSc crashes: TAO keeps no residuals of its linear solvers"),
-    "ksp_monitor_error": (_STRATEGIES, "needs a DM of PETSc's, there is none"),
+    "ksp_monitor_error": (_STRATEGIES, "needs a PETSc DM, and the program has none"),
 }
 _NEED_CONTACT = (
     "mg",
@@ -310,7 +310,7 @@ def _check_solvers(strategy, texts):
         if name.endswith("ksp_view_diagonal_scale"):
             scale = name.replace("_view", "")
             if is_off(texts.get(scale, "off")):
-                raise InputError(f"-{name}: there is none to be viewed; allowed with -{scale}")
+                raise InputError(f"-{name}: nothing to view; allowed with -{scale}")
         if name.endswith("ksp_type") and text == "chebyshev" and not has_bounds:
             raise InputError(
                 f"-{name} chebyshev: PETSc estimates its bounds before there is a contact set; needed: "
@@ -322,4 +322,6 @@ def _check_solvers(strategy, texts):
                 f"-{name} {text}: works on contact sets, {strategy} on submatrices; allowed with -lcp_type active_set"
             )
         if name.endswith("pc_type") and text in _NEED_ENTRIES:
-            raise InputError(f"-{name} {text}: needs the entries of the matrix, which are never stored")
+            raise InputError(
+                f"-{name} {text}: needs the entries of the matrix, which the program does not store"
+            )

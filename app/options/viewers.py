@@ -37,9 +37,9 @@ def check_viewer(name, text):
         )
     if _DRAWABLE.fullmatch(name):
         if not re.fullmatch(f"{_AS_TEXT}|{_DRAWN}", text, re.IGNORECASE):
-            raise InputError(f"-{name} {text}: must be nothing, ascii:FILE or draw")
+            raise InputError(f"-{name} {text}: must be empty, ascii:FILE or draw")
     elif _TEXT_ONLY.fullmatch(name) and not re.fullmatch(_AS_TEXT, text, re.IGNORECASE):
-        raise InputError(f"-{name} {text}: must be nothing or ascii:FILE")
+        raise InputError(f"-{name} {text}: must be empty or ascii:FILE")
     if kind not in ("draw", "socket"):
         check_output(name, text, file)
 

@@ -110,7 +110,7 @@ def _study_cell(name, value):
 
 _HEAD = f"""# A full multigrid method for elastic contact: tables and figures from real runs
 
-The numbers of {PAPER["source"]} beside those of this program, each from a run of its own. In brackets: work units.
+The numbers of {PAPER["source"]} next to those of this program, each from a run of its own. In brackets: work units.
 A difference is called noticeable from {NOTICEABLE_ITERATIONS} iterations, or {NOTICEABLE_FRACTION:.0%}, on.
 """
 _CHECKS_NOTE = (

@@ -345,7 +345,7 @@ def read_csv(path):
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"table {path}: cannot be read: {error}") from None
     if not rows or None in rows[0] or any(None in row.values() for row in rows):
-        raise InputError(f"table {path}: needed: a line of names and lines of as many values")
+        raise InputError(f"table {path}: must have a line of names and lines of as many values")
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     if "exit_status" not in columns:
         if not {"load", "approach"} <= columns.keys():

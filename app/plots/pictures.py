@@ -203,7 +203,7 @@ def show(draw, name):
     with interactive():
         figure = with_style(draw)()
     if figure is None:
-        raise InputError(f"plot {name!r}: there is nothing of it to draw")
+        raise InputError(f"plot {name!r}: the result has nothing to draw for it")
     with_style(figure.draw_without_rendering)()  # ticks are made in this style
     panels = {axes.get_subplotspec(): axes for axes in reversed(figure.axes)}
     panels = list(reversed(panels.values()))

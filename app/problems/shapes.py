@@ -116,7 +116,7 @@ class Paraboloid(Shape):
         if min(curvatures) <= 1e-12 * max(map(abs, (*k1, *k2))):
             one, other = (format_distinct(curvature, 0, 4) for curvature in curvatures)
             raise InputError(
-                f"the bodies' relative curvatures are {one} and {other} per mm; must be positive both "
+                f"the bodies' relative curvatures are {one} and {other} per mm; must both be positive "
                 "(0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
             )
         bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn) + 0.0)

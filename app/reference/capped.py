@@ -255,7 +255,7 @@ class CappedWestergaard(Westergaard):
     def approach(self):
         """Approach [mm], with displacements relative to their mean.
 
-        If p = H everywhere, it is the smallest possible approach.
+        If p = H everywhere, the smallest possible approach is returned.
         """
         return self.amplitude - self.mean_gap + self.mean_plastic_depth
 

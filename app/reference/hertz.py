@@ -35,7 +35,7 @@ def axis_ratio(rx, ry):
     """
     log_radii = math.log(rx) - math.log(ry)
     if abs(log_radii) > MAX_LOG_RATIO:
-        raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must be less unlike")
+        raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must have a ratio closer to 1")
 
     def excess(log_k):
         k2 = math.exp(2 * log_k)

@@ -123,13 +123,13 @@ CASES = {
     "path of negative loads": ([*HERTZ, "-load_path", "1,-2"], "load -2: the bodies do not stick together"),
     "resumes nothing": ([*HERTZ, "-resume"], "-resume: has no effect here; it is: path: go on after the steps"),
     "diameter of no punch": ([*HERTZ, "-punch_diameter", "3"], "-punch_diameter: has no effect here; it is: diam"),
-    "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "of one loading only"),
+    "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "needs a single loading"),
     "refines a file": (
         with_file(
             *("gap.npy", np.ones((8, 8)), "-problem", "file", "-gap_file", "FILE", "-domain", "0,1,0,1"),
             *("-approach", "2", "-contact_modulus", "1", "-refine_until", "0.1"),
         ),
-        "there is no finer one",
+        "known on one grid only",
     ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
     "hardness zero": ([*HERTZ, "-hardness", "0"], "-hardness 0: must be a positive number; inf: elastic [N/mm2]"),

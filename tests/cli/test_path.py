@@ -43,7 +43,7 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_pa
     in_the_way.mkdir()
     stopped = cli_here(*PATH, "-path_fields", "-output", broken)
     assert stopped.returncode == 2
-    assert "note: 2 of 4 steps are kept in " in stopped.stderr
+    assert "note: 2 of 4 steps are stored in " in stopped.stderr
     assert not broken.exists()
     first, kept = tmp_path / "broken_0001.h5", tmp_path / "kept.h5"
     first.rename(kept)
@@ -68,7 +68,7 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_pa
     assert one.path.keys() == other.path.keys() == table(whole.with_suffix(".csv")).keys()
     assert one.path["load"] == pytest.approx(steps)
     nothing = cli_here(*PATH, "-path_csv", tmp_path / "other.csv", "-resume")
-    assert nothing.returncode == 0 and "note: -resume: nothing to go on from" in nothing.stderr
+    assert nothing.returncode == 0 and "note: -resume: nothing to continue" in nothing.stderr
     assert one.attributes["load"] == pytest.approx(80000)
     assert one.attributes["contact_patches"] == 1
 
@@ -101,7 +101,7 @@ def test_resume_after_a_full_disk_keeps_all_steps(cli_here, tmp_path, monkeypatc
         patch.setattr(os, "posix_fallocate", refuse)
         full = cli_here(*words)
     assert full.returncode == 2 and "No space left on device" in full.stderr
-    assert f"note: 4 of 4 steps are kept in {tmp_path / 'path.path.jsonl'}; -resume goes on" in full.stderr
+    assert f"note: 4 of 4 steps are stored in {tmp_path / 'path.path.jsonl'}; -resume goes on" in full.stderr
     found = (tmp_path / "path.csv").read_bytes()
     done = cli_here(*words, "-resume")
     assert done.returncode == 0 and "kept" not in done.stderr

@@ -124,7 +124,7 @@ def test_interrupted_sweep_is_completed_by_resume(tmp_path):
     process = subprocess.Popen(command, cwd=ROOT, env=dict(os.environ), stdout=subprocess.PIPE, text=True)
     wait_for(lambda: journal.is_file() and len(journal_keys(journal)) == 1)
     process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=20)[0].endswith("interrupted: --resume goes on after them\n")
+    assert process.communicate(timeout=20)[0].endswith("interrupted: --resume continues after them\n")
     assert process.returncode == 130
     with output.open() as file:
         assert [row["approach"] for row in csv.DictReader(file)] == ["0.1"]

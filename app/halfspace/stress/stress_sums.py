@@ -117,7 +117,7 @@ class FreeStress:
         self.extent = nx * grid.dx, ny * grid.dy
 
     def _corners(self, x, y, depth):
-        """Return parts of corners at offsets x and y, (6, y.size, x.size); see `_corner`."""
+        """Return the stress due to corners, (6, y.size, x.size); see `_corner`."""
         corners = np.empty((6, y.size, x.size))
         fill_corners(x, y, depth, self.nu, corners)
         return corners

@@ -264,7 +264,7 @@ def check_depths(depths):
     """Return valid depths as a list, else raise InputError."""
     depths = [_checked(depth) for depth in np.atleast_1d(depths)]
     if not depths:
-        raise InputError("depths: one at least is needed")
+        raise InputError("depths: must be at least one")
     return depths
 
 

@@ -50,7 +50,7 @@ def test_a_result_file_may_have_more_fields(tmp_path):
         if name in RUN_ATTRIBUTES:
             continue
         for value in (wear, 3):
-            with pytest.raises(InputError, match=f"{name} is there already; take another name"):
+            with pytest.raises(InputError, match=f"{name} exists already; choose another name"):
                 found.save(tmp_path / "other.h5", **{name: value})
     columns = {"load": [1.0, 2.0], "approach": [1.0]}
     for steps, message in (
@@ -168,9 +168,9 @@ def test_the_gap_waits_for_a_solve_in_another_thread():
     ("message", "call"),
     [
         ("numbers, texts, and arrays", lambda: solve(BALL, approach=0.001).save("x.h5", wear=[[1, 2], [3]])),
-        ("'' cannot be a name", lambda: solve(BALL, approach=0.001).save("x.h5", **{"": 1})),
+        ("'' is not allowed as a name", lambda: solve(BALL, approach=0.001).save("x.h5", **{"": 1})),
         (
-            "'.' cannot be a name",
+            "'.' is not allowed as a name",
             lambda: solve(BALL, approach=0.001).save("x.h5", **{".": np.zeros(GRID.shape)}),
         ),
     ],

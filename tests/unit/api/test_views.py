@@ -94,7 +94,7 @@ def test_pictures_are_named_in_the_error(hertz_results, surface):
     for shown in hertz_results["solution"], surface:
         with pytest.raises(InputError, match="ax: is str; must be axes of matplotlib"):
             shown.plot(ax="pressure")
-    with pytest.raises(InputError, match="nothing of it"):
+    with pytest.raises(InputError, match="nothing to draw"):
         hertz_results["solution"].plot("path")
 
 

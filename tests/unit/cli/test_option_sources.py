@@ -180,7 +180,7 @@ ALIASES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}
         ),
         ("a.yml", "a: &a\n  b: *a\n", "option file a.yml"),
         ("a.yml", "$$other: !include a.yml\n", "includes itself"),
-        ("a.yml", ALIASES, "option file a.yml: stands for more than 10000 nodes"),
+        ("a.yml", ALIASES, "option file a.yml: expands to more than 10000 nodes"),
     ],
     ids=lambda text: repr(text)[:60],
 )

@@ -146,7 +146,7 @@ def test_errors_are_found_before_anything_is_drawn(path, result, tmp_path, capsy
     for last, only, message in (
         (bad, [], "bad.csv: nothing to draw"),
         (lacking, [], "attribute hertz_rx is missing"),
-        (path, ["--only", "path"], "has nothing of it to draw"),
+        (path, ["--only", "path"], "has nothing to draw for it"),
     ):
         assert main([str(good), str(last), "-o", str(out), *only]) == 2
         assert message in capsys.readouterr().err and not out.exists()

@@ -305,7 +305,7 @@ def test_a_missing_method_of_a_python_class_is_named():
 
 @pytest.mark.parametrize("method", [None, "norm", "mg_v11", SNESVI, TAO])
 def test_monitors_of_errors_are_refused(method):
-    with pytest.raises(InputError, match=r"^-ksp_monitor_error: needs a DM of PETSc's, there is none$"):
+    with pytest.raises(InputError, match=r"^-ksp_monitor_error: needs a PETSc DM, and the program has none$"):
         ContactSolver(PROBLEM, method, {"ksp_monitor_error": ""})
 
 

@@ -32,7 +32,7 @@ def test_relative_paraboloid_is_the_sum_of_both_bodies(radii1, radii2, angle):
     ("radii", "message"),
     [
         (((20, np.inf), (30, np.inf), 0), "line contact, see -problem cylinder"),
-        (((20, -10), (30, np.inf), 0), "positive both"),
+        (((20, -10), (30, np.inf), 0), "both be positive"),
         (((0, 1), (1, 1), 0), "radii of body 1"),
     ],
 )

@@ -55,7 +55,7 @@ def test_sphere_is_the_limit_of_the_ellipse():
 
 
 def test_radii_of_too_great_a_ratio_are_refused():
-    with pytest.raises(InputError, match="rx 1e-100, ry 1e\\+100: must be less unlike"):
+    with pytest.raises(InputError, match="rx 1e-100, ry 1e\\+100: must have a ratio closer to 1"):
         _ = EllipticHertz.from_approach(1e-100, 1e100, 1.0, 1.0).a
     assert EllipticHertz.from_approach(1e-60, 1e60, 1.0, 1.0).a > 0
 
