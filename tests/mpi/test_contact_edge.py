@@ -1,4 +1,4 @@
-"""Edge extension and block means on several ranks against one."""
+"""Edge extension, block means and trend of the residual on several ranks against one."""
 
 from itertools import product
 
@@ -8,6 +8,7 @@ from operators import STENCIL
 
 from app.methods.free.block_average import BlockAverage
 from app.methods.free.contact_edge import EdgeExtension
+from app.methods.free.residual_trend import ResidualTrend
 from app.parallel.slabs import Slabs
 
 SHAPES = [
@@ -75,3 +76,16 @@ def test_block_means_on_ranks_are_those_on_one(comm, shape, block, cells):
     products = alone.apply_transpose(r, expected), here.apply_transpose(r[slabs.rows].copy(), results)
     assert products[0] == pytest.approx(products[1], abs=1e-5)
     np.testing.assert_allclose(results, expected[slabs.rows], rtol=0, atol=1e-6)
+
+
+@pytest.mark.mpi(2, 3, 4)
+@pytest.mark.parametrize("shape", [*SHAPES, (70, 40)])
+def test_trend_of_the_residual_on_ranks_is_that_on_one(comm, shape):
+    rng = np.random.default_rng(9)
+    slabs, contact = Slabs(shape[0], comm.size, comm.rank), rng.random(shape) < 0.3
+    r, expected, results = rng.normal(size=shape) * contact, np.zeros(shape), np.zeros(shape)
+    ResidualTrend(r, contact, Slabs(shape[0]), None).add(1.0, contact, expected)
+    rows = slabs.rows
+    here = ResidualTrend(r[rows].copy(), contact[rows].copy(), slabs, comm)
+    here.add(1.0, contact[rows].copy(), results[rows])
+    np.testing.assert_allclose(results[rows], expected[rows], rtol=0, atol=1e-6)

@@ -30,6 +30,7 @@ Terms:
   applies. Extending the residual over some cells around C approximates this complement.
 - *Forcing term.* Factor by which the residual of a contact set is reduced, as in inexact Newton methods.
 - *Predictor.* Estimate of u for a zero residual on C, by the same extension. Cells without a gap for this u enter C.
+  With plastic cells the estimate includes the trend of the residual over the patch (`residual_trend`).
 - *Tension.* The negative part of p, removed by step 4.a of Sec. 4.1.
 - *Rehearsal.* Steps 4 to 6 of Sec. 4.1 with the updated u, before the *verification product* in double precision on all
   cells.

@@ -81,7 +81,7 @@ class BlockAverage:
     def local_means(self, q):
         """Return this rank's part of the block means of q."""
         blocks = np.zeros(self._shape)
-        _sum_blocks(q, self._contact, *self._places, blocks)
+        sum_blocks(q, self._contact, *self._places, blocks)
         return blocks
 
     def extend(self, r, out):
@@ -105,7 +105,7 @@ class BlockAverage:
         sums = sum_over(self._comm, np.append(blocks, product))
         blocks = sums[:-1].reshape(self._shape) * self._weights
         _smooth(blocks, self._work)
-        _add_blocks(blocks, self._contact, *self._places, b)
+        add_blocks(blocks, self._contact, *self._places, b)
         return float(sums[-1]) + self._cells**2 * float(np.vdot(self._means, blocks))
 
 
@@ -132,7 +132,7 @@ def _add_row_to_blocks(row, cells, blocks):
 
 
 @njit()
-def _sum_blocks(field, contact, cells, first, row, blocks):
+def sum_blocks(field, contact, cells, first, row, blocks):
     """Add a field's block means on contact to `blocks`.
 
     In the means, cells outside contact count as zero.
@@ -217,7 +217,8 @@ def _extend(r, contact, blocks, cells, first, row, out):
 
 
 @njit()
-def _add_blocks(blocks, contact, cells, first, row, b):
+def add_blocks(blocks, contact, cells, first, row, b):
+    """Add block values to b in contact cells."""
     for k in _block_rows(first, len(b), cells):
         _spread(blocks[k], cells, row)
         for j in _rows_in_block(k, cells, first, len(b)):

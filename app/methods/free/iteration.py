@@ -6,7 +6,8 @@ The steps are those of `app.contact.active_set.active_set`, with six differences
 - *Updated displacement.* u is updated by A times the changes of p, by multilevel products
   (`app.methods.multilevel_operators`), which are nearly A.
 - *Defect correction.* u is recomputed by FFT when the residual reaches the error of the multilevel products.
-- *Predictor.* Far from the solution, cells enter C by the displacement that is predicted for a zero residual.
+- *Predictor.* Far from the solution, and with plastic cells, cells enter C by the displacement that is predicted for
+  a zero residual.
 - *Verification.* The target grid is accepted by a product in double precision. That product is
   expensive, so a rehearsal comes first: the same steps and test with the updated displacement.
 - *Coarse grids* are left early: when the residual is small, almost no pressure is negative, and a load is nearly met.
@@ -174,8 +175,17 @@ class _ContactSets:
             if not released:
                 solver.check_multilevel(state, self._max_multilevel_error(allowed))
         self.loading.update(state)
-        expected = solver.predict(state, self.stop.predictor) if solved.norm > allowed else None
-        return _Exchanged(state.activate_penetrating(expected), computed=computed)
+        return _Exchanged(self._activate(solved), computed=computed)
+
+    def _activate(self, solved):
+        """Add cells to the contact set, by the displacement that is predicted for a zero residual.
+
+        There is no prediction if the residual was small enough. With plastic cells there is one, because cells that
+        reached the hardness have lost pressure since: the residual is large again.
+        """
+        state = self.state
+        small = solved.norm <= solved.allowed and not state.plastic_cells()
+        return state.activate_penetrating(None if small else self.solver.predict(state, self.stop.predictor))
 
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.
@@ -232,7 +242,7 @@ class _ContactSets:
         if tension > MAX_RELEASED_SHARE:
             solver.release(state, tension)
             loading.update(state)
-            return _Exchanged(state.activate_penetrating())
+            return _Exchanged(self._activate(solved))
         solver.update_displacement(state)
         met = loading.update(state) <= MAX_COARSE_LOAD_MISS * solved.allowed / np.sqrt(self._cells)
         if met:

@@ -5,6 +5,7 @@ from petsc4py import PETSc
 from app.contact import kernels
 from app.contact.state import Displacement
 from app.halfspace.operator import apply_logged
+from app.methods.free.residual_trend import ResidualTrend
 from app.methods.free.tracking_cg import TrackingCG, add
 from app.methods.multilevel_operators import multilevel_influence
 from app.multigrid.linear_solver import LinearSolver
@@ -133,19 +134,21 @@ class TrackingSolver(LinearSolver):
     def predict(self, state, factor):
         """Predict the displacement outside contact once the system is solved [mm].
 
-        The preconditioner's method ``extend`` continues the residual of the last solve past the contact edge. The
-        result is the predicted change of u times `factor`, in a work array. It is None if `factor` is 0 or the
+        The preconditioner's method ``extend`` continues the residual of the last solve past the contact edge. If there
+        are plastic cells, the trend of the residual displaces cells far from C, too. The result is the trend plus
+        `factor` times the rest of the predicted change of u, in a work array. It is None if `factor` is 0 or the
         preconditioner has no ``extend``.
         """
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
         if not factor or extend is None:
             return None
-        expected, mean = self._cg.product, 0.0
-        if state.bounds.capped and state.plastic_cells():
-            mean = state.on_contact().mean
-        kernels.defect(state.distance.b, state.depth + mean, state.u, state.contact, factor, expected)
+        expected, trend = self._cg.product, None
+        kernels.defect(state.distance.b, state.depth, state.u, state.contact, factor, expected)
+        if state.plastic_cells():
+            trend = ResidualTrend(expected, state.contact, state.operator.slabs, state.comm)
+            trend.add(-1.0, state.contact, expected)
         extend(expected)
-        if mean:
-            expected -= factor * mean
+        if trend is not None:
+            trend.add(1 / factor, state.admissible, expected)
         return expected
