@@ -144,9 +144,9 @@ class CappedBounds(PressureBounds):
         np.copyto(p, self.upper, where=plastic)
         return p.sum() if plastic.any() else total
 
-    def count_cells(self, p, contact, factor=1.0):
-        """Count cells with factor p >= H, and all cells in contact."""
-        return capped_kernels.count_cells(p, self.upper, self.admissible, contact, factor)
+    def count_plastic(self, p, factor=1.0):
+        """Count the cells with factor p >= H."""
+        return capped_kernels.count_plastic(p, self.upper, self.admissible, factor)
 
     def not_plastic(self, p):
         """Return a mask of the admissible cells with p < H."""

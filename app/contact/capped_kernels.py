@@ -38,7 +38,9 @@ def _release_row(p, upper, contact, released):
 @njit_reassoc
 def _change_row(p, upper, contact, change):
     for i in range(p.size):
-        change[i] += min(max(p[i], 0.0), upper[i]) - p[i] if contact[i] else 0.0
+        above = p[i] - upper[i]
+        change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
+        change[i] -= above if contact[i] & (above > 0) else 0.0
 
 
 @njit()
@@ -116,7 +118,8 @@ def _violations_row(p, upper, contact):
     total, outside = 0.0, 0.0
     for i in range(p.size):
         total += p[i]
-        outside += max(-p[i], p[i] - upper[i], 0.0) if contact[i] else 0.0
+        violation = abs(p[i] - min(max(p[i], 0.0), upper[i]))
+        outside += violation if contact[i] else 0.0
     return total, outside
 
 
@@ -130,22 +133,20 @@ def violations(p, upper, contact):
 
 
 @njit_reassoc
-def _count_row(p, upper, admissible, contact, factor):
-    plastic, touching = 0, 0
+def _count_row(p, upper, admissible, factor):
+    plastic = 0
     for i in range(p.size):
-        full = admissible[i] & (factor * p[i] >= upper[i])
-        plastic += full
-        touching += full | contact[i]
-    return plastic, touching
+        plastic += admissible[i] & (factor * p[i] >= upper[i])
+    return plastic
 
 
 @njit()
-def count_cells(p, upper, admissible, contact, factor):
-    """Count cells with factor p >= H, and all cells in contact."""
-    counts = 0, 0
+def count_plastic(p, upper, admissible, factor):
+    """Count the admissible cells with factor p >= H."""
+    cells = 0
     for j in range(p.shape[0]):
-        counts = add_tuples(counts, _count_row(p[j], upper[j], admissible[j], contact[j], factor))
-    return counts
+        cells += _count_row(p[j], upper[j], admissible[j], factor)
+    return cells
 
 
 @njit_reassoc

@@ -23,6 +23,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
+from app.contact.bounds import PressureBounds
 from app.halfspace.operator import wrap_vec
 from app.parallel.reductions import minimum_over, sum_over
 
@@ -121,6 +122,7 @@ class ContactState:
     """
 
     _fewest_changed, _stagnating, _has_released = np.inf, 0, False
+    _counted_at = None  # state of `pressure` when plastic cells were last counted
 
     def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
@@ -187,17 +189,32 @@ class ContactState:
 
         The cells in contact are the cells of C and the plastic cells.
         """
-        return self.contact | self.bounds.plastic(self.p) if self.bounds.capped else self.contact
+        return self.contact | self.bounds.plastic(self.p) if self._local_plastic_cells() else self.contact
 
     def not_plastic(self):
         """Return a mask of the admissible cells with p < H."""
-        return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible
+        return self.bounds.not_plastic(self.p) if self._local_plastic_cells() else self.admissible
 
-    def plastic_cells(self, factor=1.0):
-        """Return the number of cells with factor times p >= H. Collective."""
+    def _local_plastic_cells(self):
+        """Return the number of plastic cells of this rank.
+
+        They are counted again only if p has changed.
+        """
         if not self.bounds.capped:
             return 0
-        return int(self.sum([self.bounds.count_cells(self.p, self.contact, factor)[0]])[0])
+        if self._counted_at != (key := self.pressure.stateGet()):
+            self._counted_at, self._plastic_cells = key, None
+            self._local_plastic = self.bounds.count_plastic(self.p)
+        return self._local_plastic
+
+    def plastic_cells(self):
+        """Return the number of plastic cells. Collective."""
+        local = self._local_plastic_cells()
+        if not self.bounds.capped:
+            return 0
+        if self._plastic_cells is None:
+            self._plastic_cells = int(self.sum([local])[0])
+        return self._plastic_cells
 
     def elastic_cells(self):
         """Count the cells of C. Collective."""
@@ -205,9 +222,7 @@ class ContactState:
 
     def cells_in_contact(self):
         """Return the number of cells in contact: of C, and plastic. Collective."""
-        bounds, contact = self.bounds, self.contact
-        cells = bounds.count_cells(self.p, contact)[1] if bounds.capped else np.count_nonzero(contact)
-        return int(self.sum([cells])[0])
+        return int(self.sum([np.count_nonzero(self.in_contact())])[0])
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of the cells in C. Collective.
@@ -347,10 +362,12 @@ class ContactState:
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)
+        plastic = self._local_plastic_cells() if pressure is None else self.bounds.capped
         p = self._p if pressure is None else pressure
         fields = self.u, p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
-        sums = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)
+        bounds = self.bounds if plastic else PressureBounds
+        sums = bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)
         update = Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)
@@ -370,8 +387,9 @@ class ContactState:
 
         If a cell reached the hardness, a constant is added to p on C instead, and u is computed.
         """
-        if not (self.bounds.capped and self.plastic_cells(max(load / present_load, 1.0))):
-            return self.scale(load / present_load)
+        factor = load / present_load
+        if not (self.bounds.capped and self.sum([self.bounds.count_plastic(self.p, max(factor, 1.0))])[0]):
+            return self.scale(factor)
         self.reach_load(load)
         return self.compute_displacement(exact=True)
 
