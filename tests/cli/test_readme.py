@@ -84,3 +84,10 @@ def test_version_is_the_same_everywhere():
     }
     found = {name: re.search(pattern, text_of(name), re.MULTILINE)[1] for name, pattern in places.items()}
     assert found == dict.fromkeys(places, __version__)
+
+
+def test_python_of_the_page_on_layers():
+    names = run_blocks(code_blocks(text_of("docs/layers.md")))
+    on_coating, on_substrate = names["on_coating"], names["on_substrate"]
+    assert abs(on_coating - on_substrate)[0].max() > 100 * abs(on_coating - on_substrate)[2].max()
+    assert names["maxima"].coating.von_mises > 0
