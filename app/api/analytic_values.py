@@ -14,21 +14,10 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 
 
 def analytic_values(problem, measures, approach, load=None):
-    """Return the values of the analytic solution, named ``analytic_NAME``.
+    """Return the values of the problem's analytic solution, named ``analytic_NAME``.
 
-    Parameters
-    ----------
-    problem : Problem
-    measures : ContactMeasures
-    approach : float
-        Approach of the analytic solution [mm], unless a load is given.
-    load : float, optional
-        Load of the analytic solution [N].
-
-    Returns
-    -------
-    dict
-        Empty if there is no analytic solution or no load, or if there are plastic cells.
+    They are those at the approach [mm], or under the load [N] if given. The dict is empty if there is no analytic
+    solution or no load, or if there are plastic cells.
     """
     if not measures.load > 0 or measures.plastic_area:
         return {}
@@ -45,21 +34,11 @@ def analytic_values(problem, measures, approach, load=None):
 
 
 def theories(problem, mean_pressure, rms_slope):
-    """Return the contact fractions that theories of rough surfaces predict.
+    """Return the contact fractions that rough-surface `THEORIES` predict.
 
-    Parameters
-    ----------
-    problem : Problem
-    mean_pressure : float
-        Load over the area of the patch [N/mm2].
-    rms_slope : float
-        Root mean square slope of the undeformed distance.
-
-    Returns
-    -------
-    dict
-        Empty unless the bodies are nominally flat, rough and not indented yet. Also empty if the hardness is an array,
-        or a body is coated.
+    `mean_pressure` is the load over the area of the patch [N/mm2], `rms_slope` that of the undeformed distance. The
+    dict is empty unless the bodies are nominally flat, rough, not indented yet and not coated, and the hardness is no
+    array.
     """
     if problem.material.coatings:
         return {}

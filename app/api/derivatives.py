@@ -55,20 +55,9 @@ def find_elastic_cells(solution):
 def contact_system(hierarchy, distance, cells, rtol):
     """Yield a solver of ``A y = g`` on some cells. Collective.
 
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-    distance : UndeformedDistance
-        Undeformed distance on the target grid.
-    cells : ndarray of bool, shape (local rows, nx)
-    rtol : float
-        Relative tolerance of the residual's norm.
-
-    Yields
-    ------
-    function
-        The function ``solve(g)`` returns y, which is 0 on other cells. If the linear solver does not converge, y is
-        NaN.
+    The function ``solve(g)`` returns y, which is 0 on cells other than `cells` (local rows), and NaN if the linear
+    solver does not converge. `distance` is the undeformed distance on the target grid, `rtol` the relative tolerance of
+    the residual's norm.
     """
     operator = hierarchy.target
     state = contact_state(operator, distance)
@@ -92,19 +81,10 @@ def contact_system(hierarchy, distance, cells, rtol):
 
 
 def conductances(material, width):
-    """Return a contact's electrical [S] and thermal [W/K] conductance.
+    """Return a contact's electrical [S] and thermal [W/K] conductance, by name.
 
-    Parameters
-    ----------
-    material : Material
-        Its resistivities [ohm m] and thermal conductivities [W/(m K)] may be None.
-    width : float
-        Unloading stiffness over E* [mm].
-
-    Returns
-    -------
-    dict of str to float
-        ``electrical_conductance`` and ``thermal_conductance``, if the material has the constants.
+    Only those are returned for which the material has the constants, resistivities [ohm m] or thermal conductivities
+    [W/(m K)]. `width` is the unloading stiffness over E* [mm].
     """
     result = {}
     if material.resistivity is not None:

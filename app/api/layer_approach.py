@@ -34,18 +34,10 @@ def add_uniform_displacement(solution, compliance):
 def search_load(solve, approach, touching, tolerance, stiffness):
     """Search the load that gives an approach; return the Solution.
 
-    Collective if `solve` is. Makes secant steps of log(approach) over log(load) within a bracket.
-
-    Parameters
-    ----------
-    solve : callable
-        ``solve(load)`` returns a Solution for a load [N].
-    approach : float
-        Prescribed approach, above `touching`, the approach of first touch [mm].
-    tolerance : float
-        Largest error of the approach [mm].
-    stiffness : float
-        Area of the patch over c, an upper bound of the load over the approach beyond first touch [N/mm].
+    Collective if ``solve(load)`` is, which returns a Solution for a load [N]. Makes secant steps of log(approach) over
+    log(load) within a bracket. `approach` is above `touching`, the approach of first touch [mm]; `tolerance` is its
+    largest error. `stiffness`, the area of the patch over c, bounds the load over the approach beyond first touch
+    [N/mm].
     """
     target, low, high, spent = approach - touching, 0.0, stiffness * (approach - touching), []
     load, exponent, before = high / 2, _FIRST_EXPONENT, None

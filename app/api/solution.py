@@ -361,15 +361,13 @@ class Solution(ContactFields):
             If the file cannot be written, or the name of an attribute is taken.
         """
         from app.io.result import Result
-        from app.io.write import ByRows, write_result
+        from app.io.write import write_result
 
         check_equal_on_ranks(self.comm, list(attributes), f"result file {path}: names of attributes")
         h, u, depth = self.undeformed_distance, self.displacement, self.plastic_depth
         fields = {
             "pressure": self.pressure,
-            "gap": ByRows(
-                u.shape, u.dtype, lambda rows: h[rows] + u[rows] + (0.0 if depth is None else depth[rows])
-            ),
+            "gap": h + u if depth is None else h + u + depth,
             "displacement": u,
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),

@@ -302,13 +302,7 @@ STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fr
 
 
 def make_strategy(hierarchy, settings):
-    """Make the strategy that the settings choose. Collective.
-
-    Raises
-    ------
-    InputError
-        If PETSc refuses the options.
-    """
+    """Make the strategy that the settings choose. Collective; InputError if PETSc refuses the options."""
 
     def make():
         try:

@@ -23,13 +23,7 @@ _MAX_ROWS = 12  # of a table
 
 
 def as_result(solution):
-    """Return a solution as a `Result`, to be drawn.
-
-    Raises
-    ------
-    InputError
-        If the solution has the rows of one rank only.
-    """
+    """Return a solution as a `Result`, to be drawn; InputError if it has the rows of one rank only."""
     if isinstance(solution, Result):
         return solution
     if solution.pressure.shape != solution.grid.shape:

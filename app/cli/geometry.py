@@ -45,20 +45,9 @@ _SHAPES = {  # -problem -> function that makes the shape from the options
 def make_problem(options, texts, comm):
     """Make the problem that the options define.
 
-    Parameters
-    ----------
-    options : OptionReader
-        Reader of the problem's options and the loading, which determines the default patch.
-    texts : mapping of str to str
-        All options, for a user-defined problem.
-    comm : mpi4py.MPI.Comm
-        Ranks that share the grid; this rank checks its rows only.
-
-    Returns
-    -------
-    problem : app.problems.problem.Problem
-    own : OptionReader
-        Reader of the options of a user-defined problem (``-problem python``); empty for other problems.
+    `options` reads the problem's options and the loading, which determines the default patch. `texts` are all options,
+    for a user-defined problem. The ranks of `comm` share the grid; each checks its rows only. Return the problem, and a
+    reader of the options of a user-defined problem (``-problem python``), which is empty for other problems.
     """
     name, material, periodic = options["problem"], _make_material(options), _read_symbol(options)
     shape = None if name == "python" else _make_shape(name, options, material)

@@ -63,17 +63,10 @@ class ParsedOptions:
     def select_alternative(self, alternatives, needed=""):
         """Return the one of exclusive options that applies; remove the others.
 
-        `alternatives` are names of options. An alternative may also be a tuple of names, which are then allowed
-        together. The alternative on the command line applies. If there is none, that of the last option file with an
-        alternative applies.
-
-        Return None if no alternative is given. But if one must be given, `needed` names the alternatives for the error
-        message.
-
-        Raises
-        ------
-        InputError
-            If the source that applies has several alternatives, or if one is needed and none is given.
+        `alternatives` are names of options, or tuples of names that are allowed together. The alternative on the
+        command line applies. If there is none, that of the last option file with an alternative applies. Return None if
+        no alternative is given; but if one must be given, `needed` names the alternatives for the error message. Raises
+        InputError if the source that applies has several alternatives.
         """
         members = {one: (one,) if isinstance(one, str) else one for one in alternatives}
         present = [one for one in alternatives if self.texts.keys() & members[one]]

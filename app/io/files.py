@@ -20,23 +20,11 @@ _MAX_TEMPORARY_AGE = 86400  # s; older temporary files are left by killed runs
 
 
 def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
-    """Return the absolute path of a file to write.
+    """Return the absolute path of a file to write, of the target if `path` is a link.
 
-    Parameters
-    ----------
-    path : str or Path
-        Name of the file. An existing file will be replaced. If it is a link, the path of its target is returned.
-    inputs : iterable of str or Path
-        Files that must not be replaced; missing files are ignored.
-    what : str
-        Name of the file in messages.
-    suffixes : sequence of str
-
-    Raises
-    ------
-    InputError
-        If the suffix is wrong. If the path is not a regular file, is an input, or is another user's file in a sticky
-        folder. If the folder is missing or read-only, or the name is too long for it.
+    An existing file will be replaced. Raises InputError, with `what` as name of the file, unless the path ends in one
+    of the `suffixes`, is a regular file or free, and can be written; or if it is one of the `inputs`, or another user's
+    file in a sticky folder. Missing inputs are ignored.
     """
     try:
         name, path = str(path), Path(path)

@@ -1,8 +1,7 @@
 """Parallel and atomic writing of a result file."""
 
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import h5py
 import numpy as np
@@ -17,21 +16,6 @@ _CELLS_PER_WRITE = 1 << 20
 _METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets
 
 
-@dataclass(frozen=True)
-class ByRows:
-    """Field whose rows are computed when written.
-
-    The function ``values(slice of rows)`` returns these rows, an ndarray.
-    """
-
-    shape: tuple
-    dtype: np.dtype
-    values: Callable
-
-    def __getitem__(self, rows):
-        return self.values(rows)
-
-
 def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=None):
     """Write a result file atomically.
 
@@ -44,28 +28,19 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     comm : mpi4py.MPI.Comm
         Ranks that share the fields. They write by MPI-IO, or in turn if h5py has no MPI.
     slabs : app.parallel.slabs.Slabs
-        Distribution of the rows; ranks may have none.
-    fields : mapping of str to array_like or ByRows, shape (slabs.local, nx)
+    fields : mapping of str to array_like, shape (slabs.local, nx)
         This rank's rows of all `FIELDS` and of additional fields.
     x, y : array_like, shapes (nx,) and (ny,), [mm]
-        Cell centres of the whole grid.
     attributes : mapping
         All of `app.io.result.ATTRIBUTES`, and additional values of type bool, int, float, str or numeric array.
-    history : mapping of str to array_like, shape (k,)
-        All of `HISTORY` and additional numeric columns; empty without iterations.
-    steps : mapping of str to array_like, shape (steps,), optional
-        Numeric columns of a load path.
+    history, steps : mapping of str to array_like, shape (k,)
+        Numeric columns: all of `HISTORY` and more, and those of a load path.
 
-    Raises
-    ------
-    InputError
-        If `path` is not allowed, or the type of an attribute, a column of `steps` or a field.
-    OSError
-        If writing fails.
+    Raises InputError for a wrong path or type, OSError if writing fails.
     """
     path = call_collectively(comm, check_output_path, path, only_root=True)
     plan = call_collectively(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
-    rows = {name: _as_rows(fields[name]) for name in plan["types"]}
+    rows = {name: np.asarray(fields[name]) for name in plan["types"]}
     temporary = comm.bcast(make_temporary_name(path) if comm.rank == 0 else None)
     try:
         # In MPI-IO an error of one rank in metadata or in opening the file deadlocks the others. So rank 0 writes
@@ -104,7 +79,7 @@ def _plan(fields, x, y, attributes, history, steps):
                 f"steps: column {name}: shape {column.shape}, type {column.dtype}; needed: a number for each step"
             )
     known = FIELDS | PLASTIC_FIELDS
-    types = {name: np.dtype(known.get(name) or _as_rows(values).dtype) for name, values in fields.items()}
+    types = {name: np.dtype(known.get(name) or np.asarray(values).dtype) for name, values in fields.items()}
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
             raise InputError(f"field {name}: {dtype} is not numeric")
@@ -116,10 +91,6 @@ def _plan(fields, x, y, attributes, history, steps):
         "history": {name: np.asarray(values, HISTORY.get(name)) for name, values in history.items()},
         "path": steps,
     }
-
-
-def _as_rows(field):
-    return field if isinstance(field, ByRows) else np.asarray(field)
 
 
 def _lay_out(path, plan):

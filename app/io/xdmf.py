@@ -17,23 +17,10 @@ from app.io.result import AXES, FIELDS, check_is_result, make_grid, open_result,
 
 
 def write_xdmf(results, path=None):
-    """Write an XDMF file that refers to result files.
+    """Write an XDMF file that refers to result files; return its path.
 
-    Parameters
-    ----------
-    results : sequence of str or Path
-        Result files in one folder, in the order of time.
-    path : str or Path, optional
-        Name of the XDMF file; default: that of the first result, with suffix ``.xdmf``.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If a file is no result file, or lies in another folder than the XDMF file.
+    `results` are files in one folder, in the order of time. The default `path` is that of the first result, with suffix
+    ``.xdmf``. Raises InputError if a file is no result file, or lies in another folder than the XDMF file.
     """
     results = [Path(result) for result in results]
     path = results[0].with_suffix(".xdmf") if path is None else Path(path)

@@ -259,16 +259,8 @@ def _note_ignored(names, replaceable):
 def drop_unused(settings, unused, known):
     """Return settings without those replaceable options that were not used.
 
-    Raises InputError if any other option was not used.
-
-    Parameters
-    ----------
-    settings : Settings
-        Settings whose `replaceable` names may be dropped.
-    unused : iterable of str
-        Names of the options that no solver has read.
-    known : iterable of str
-        Further names that the message may suggest.
+    Raises InputError if any other option of `unused`, the names that no solver has read, was not used. The message may
+    suggest the names in `known`, too.
     """
     if mistakes := set(unused).difference(settings.replaceable):
         ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}

@@ -260,10 +260,7 @@ def describe_unknown_options(names, known, what="unknown"):
 def number(text, kind=float, allowed="a number"):
     """Convert a text to a number of type `kind`.
 
-    Raises
-    ------
-    ValueError
-        If the text is not a number or contains underscores. The message is `allowed`.
+    ValueError with the message `allowed` if the text is not a number or contains underscores.
     """
     try:
         if "_" in text:

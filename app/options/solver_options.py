@@ -126,17 +126,10 @@ class SolverOptions:
 
 @contextmanager
 def temporary_options(prefix, defaults, forced):
-    """Set options of PETSc's database for a ``with`` block.
+    """Set options of PETSc's database, with a prefix, for a ``with`` block.
 
-    Parameters
-    ----------
-    prefix : str
-        Text before all names in the database.
-    defaults : mapping of str to str
-        Options that are set only if the user has not set them.
-    forced : mapping of str to str or None
-        Options that are set in any case; the value None removes an option. An option of the user that is replaced
-        counts as used, so that PETSc does not report it.
+    The `defaults` are set only if the user has not set them. The `forced` ones are set in any case; the value None
+    removes an option. An option of the user that is replaced counts as used, so that PETSc does not report it.
     """
     database = PETSc.Options()
     set_by_user = _names(database)
@@ -159,13 +152,7 @@ def temporary_options(prefix, defaults, forced):
 
 
 def read_option_file(path, flag="-options_file"):
-    """Return a file's options, as PETSc reads them.
-
-    Raises
-    ------
-    InputError
-        If PETSc does not accept the file.
-    """
+    """Return a file's options, as PETSc reads them; InputError if it does not accept the file."""
     database = PETSc.Options().create()
     try:
         database.insertString(f'{flag} "{path}"')

@@ -34,13 +34,8 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
     description : str
         Text before the progress bar.
 
-    Returns
-    -------
-    list of dict or None
-        Outcome of each run (see `perform`), with the path of a kept file as `result`. None for a run that was not done
-        because of an interrupt.
-    bool
-        True after an interrupt (Ctrl-C).
+    Return the outcome of each run (see `perform`), with the path of a kept file as `result`, None for a run that was
+    not done because of an interrupt (Ctrl-C); and whether there was one.
     """
     keys = [run.key(ranks) for run in runs]
     files = {key: folder / f"{key}.h5" for key in keys}

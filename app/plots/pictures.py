@@ -117,18 +117,9 @@ def _panel_figure(name, result, reference):
 
 
 def plot(result, name="summary", axes=None):
-    """Draw a picture of a result, or one panel on given axes.
+    """Draw a picture of a result, or one panel on given axes; return a `Drawing`.
 
-    Parameters
-    ----------
-    result : Result
-    name : str
-        A name in `PICTURES` or `PANELS`. If axes are given, a name in `PANELS`.
-    axes : matplotlib axes, optional
-
-    Returns
-    -------
-    Drawing
+    `name` is in `PICTURES` or `PANELS`; if axes are given, in `PANELS`.
     """
     allowed = [*PANELS] if axes is not None else dict.fromkeys((*PICTURES, *PANELS))
     if name not in allowed:

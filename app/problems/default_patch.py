@@ -14,26 +14,11 @@ END_MARGIN = (
 
 
 def default_patch(shape, contact_modulus, approach=None, load=None, hardness=None):
-    """Return a patch around a smooth shape's contact.
+    """Return a patch (x0, x1, y0, y1) around a smooth shape's contact [mm].
 
-    The patch (x0, x1, y0, y1) [mm] has its centre at the origin.
-
-    Parameters
-    ----------
-    shape : app.problems.shapes.Shape
-    contact_modulus : float
-        E* [N/mm2].
-    approach : float, optional
-        Approach of the bodies [mm]; give this or the load. A flat punch needs neither.
-    load : float, optional
-        Total force [N].
-    hardness : float, optional
-        Upper bound of the pressure [N/mm2]: the patch has room for a contact that is all plastic.
-
-    Raises
-    ------
-    InputError
-        If no analytic solution of the shape is known, or there is no contact.
+    Its centre is the origin. Give the approach [mm] or the load [N]; a flat punch needs neither. With a hardness
+    [N/mm2] the patch has room for a contact that is all plastic. Raises InputError if no analytic solution of the shape
+    is known, or there is no contact.
     """
     if isinstance(shape, FlatPunch):
         return _centred(END_MARGIN * shape.diameter / 2, END_MARGIN * shape.diameter / 2)

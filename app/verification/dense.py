@@ -26,23 +26,11 @@ _OPEN, _ELASTIC, _PLASTIC = 0, 1, 2
 
 
 def solve_by_lemke(matrix, h, hardness=None):
-    """Solve a linear complementarity problem by Lemke's pivoting, without rounding.
+    """Return the solution p of a linear complementarity problem by Lemke's pivoting.
 
-    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``. With a hardness H the problem is ``h + A p + w >= 0``, and
-    ``H - p >= 0, w >= 0, w (H - p) = 0``, where w is the plastic depth.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        Positive semidefinite.
-    h : ndarray, shape (n,)
-    hardness : ndarray, shape (n,), optional
-        Largest pressure, infinite without a limit.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The pressure p, rounded once, at the end.
+    The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``, with a positive semidefinite matrix A (n, n) and h (n,).
+    With a hardness H (n,), infinite without a limit, it is ``h + A p + w >= 0``, and ``H - p >= 0, w >= 0, w (H - p) =
+    0``, where w is the plastic depth. The pressure is rounded once, at the end.
     """
     n = len(h)
     if hardness is not None:
@@ -169,13 +157,8 @@ class DenseProblem:
     def under(self, load, approach):
         """Return pressure [N/mm2] and approach [mm] under a load [N].
 
-        The parameter `approach` is the first guess of the approach [mm]. If several approaches have this load, the
-        smallest one is returned.
-
-        Raises
-        ------
-        ValueError
-            If the load exceeds the largest one by more than rounding.
+        `approach` is the first guess. If several approaches have this load, the smallest one is returned. Raises
+        ValueError if the load exceeds the largest one by more than rounding.
         """
         sum_p, most = np.longdouble(load) / self.grid.cell_area, self._upper.sum()
         full = self._full() if self._singular else None
