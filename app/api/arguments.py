@@ -16,9 +16,7 @@ from app.options.solver_options import SolverOptions, options_with_prefix
 from app.options.viewers import check_viewers
 from app.problems.problem import Problem
 
-MIN_LOVE_THICKNESS = (
-    1e-3  # thickness of a layer over the side of the patch; the sums over images are long below
-)
+MIN_LOVE_THICKNESS = 1e-3  # of a layer over the side of the patch; the sums over images are long below
 INCOMPRESSIBLE_POISSON = 0.495  # ratio above which cells wider than a layer are refused
 MAX_LAYER_CELL = 3.0  # largest cell of an incompressible layer, over its thickness
 _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")

@@ -208,9 +208,7 @@ class Derivatives:
         """
         operator = self.hierarchy.target
         if fixed != "load":
-            raise InputError(
-                f"sensitivity: full contact has no derivatives at a fixed {fixed.replace('_', ' ')}"
-            )
+            raise InputError(f"sensitivity: full contact has none at a fixed {fixed.replace('_', ' ')}")
         if g is None:
             return np.full(operator.local_shape, 1 / operator.grid.n)
         y = np.array(g, dtype=float)

@@ -61,9 +61,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, 
         raise InputError("fit_grid: exactly one of approach [mm] and load [N] is needed")
     loading = {"approach": approach} if load is None else {"load": load}
     if load is not None and not load > 0:
-        raise InputError(
-            f"fit_grid: load {load!r}: must be positive, there is no contact to fit the patch to"
-        )
+        raise InputError(f"fit_grid: load {load!r}: must be positive, for a contact to fit to")
     if patch is None:
         known = isinstance(gap, Shape)
         bounds = {**loading, "hardness": hardness}

@@ -9,9 +9,7 @@ from dataclasses import replace
 from math import log
 
 _MAX_SOLVES = 40
-_FIRST_EXPONENT = (
-    0.5  # of the approach as a function of the load, as for a sphere on a thin compressible layer
-)
+_FIRST_EXPONENT = 0.5  # of the approach over the load, as for a sphere on a thin compressible layer
 _SUMS = "iterations", "inner_iterations", "work_units", "operator_applications", "solve_seconds"
 
 

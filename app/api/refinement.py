@@ -179,17 +179,13 @@ def check(problem, until, most_cells, quantities, loading):
     if not (isinstance(most_cells, Real) and most_cells > 0):
         raise InputError(f"refine most_cells {most_cells!r}: must be a positive number")
     if isinstance(quantities, str) or not quantities or not set(quantities) <= set(ESTIMATED):
-        raise InputError(
-            f"quantities= (-refine_for) {quantities!r}: must be names from {', '.join(ESTIMATED)}"
-        )
+        raise InputError(f"quantities= (-refine_for) {quantities!r}: must be among {', '.join(ESTIMATED)}")
     exact = {"mean_pressure": "load"}
     prescribed = {exact.get(kind, kind) for kind, number in loading.items() if number is not None}
     if set(quantities) <= prescribed:
         raise InputError(f"quantities= (-refine_for) {', '.join(quantities)}: prescribed, so it has no error")
     if np.ndim(problem.hardness):
-        raise InputError(
-            f"problem {problem.name}: its hardness is known on its own grid only; must be one number"
-        )
+        raise InputError(f"problem {problem.name}: a hardness known on its grid only; must be a number")
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on one grid only; "

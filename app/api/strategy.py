@@ -227,9 +227,7 @@ class Fast(Inexact):
         self._cache = WindowCache(hierarchy, self.solver)
         operator = hierarchy.levels[hierarchy.finest_unwindowed]
         if operator.active:
-            self._cache.solver(
-                hierarchy.finest_unwindowed, operator
-            )  # raises at options that are not allowed
+            self._cache.solver(hierarchy.finest_unwindowed, operator)  # raises for wrong options
 
     def _make_solver(self):
         hierarchy = self._hierarchy

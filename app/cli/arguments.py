@@ -64,9 +64,7 @@ def check_folder(folder):
 
 def add_picture_options(add):
     """Add --title, --style and --format by a parser's method ``add_argument``."""
-    add(
-        "--title", metavar="TEXT", help="heading of the pictures; default: that of the result, or its problem"
-    )
+    add("--title", metavar="TEXT", help="heading of pictures; default: that of the result, or its problem")
     look = "paper: 8.5 cm wide, letters of 8 pt, panels in one column, no heading; default: screen"
     add("--style", choices=("screen", "paper"), default="screen", help=look)
     add("--format", choices=("png", "pdf", "svg"), help="default: png; for paper both pdf and svg")

@@ -187,9 +187,7 @@ def _read_file(flag, path, parents, sources, files):
 
     path = os.path.expandvars(path)
     if len(files) >= MAX_FILES:
-        raise InputError(
-            f"option file {path}: more than {MAX_FILES} files are included; allowed: {MAX_FILES}"
-        )
+        raise InputError(f"option file {path}: at most {MAX_FILES} files may be included")
     content = _read_content(path, parents)
     identity, count = str(Path(path.removesuffix(":yaml")).resolve()), len(sources)
     files.append(identity)

@@ -67,9 +67,7 @@ def check_shared_folder(comm, path):
 
     def check():
         if not temporary.exists():
-            raise ValueError(
-                f"result file {path}: {temporary.parent} is not the folder that rank 0 has; share it"
-            )
+            raise ValueError(f"result file {path}: {temporary.parent} is not the folder of rank 0; share it")
 
     temporary = call_collectively(comm, create, only_root=True)
     try:

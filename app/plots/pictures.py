@@ -137,9 +137,7 @@ def plot(result, name="summary", axes=None):
 def check_axes(axes):
     """Raise InputError unless these are axes of matplotlib."""
     if not isinstance(axes, Axes):
-        raise InputError(
-            f"ax: is {type(axes).__name__}; must be axes of matplotlib, as from pyplot.subplots()"
-        )
+        raise InputError(f"ax: is {type(axes).__name__}; must be axes of pyplot.subplots()")
 
 
 def on_axes(axes):

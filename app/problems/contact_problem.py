@@ -124,9 +124,7 @@ class ContactProblem(Problem):
         if periodic is not None and not (periodic is True and self.grid.symbol):
             object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
         if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
-            raise InputError(
-                f"surfaces: is an array of shape {self.surfaces.shape}; must be a sequence, [array]"
-            )
+            raise InputError(f"surfaces: is an array of shape {self.surfaces.shape}; must be [array]")
         try:
             surfaces = () if self.surfaces is None else tuple(self.surfaces)
         except TypeError:

@@ -8,9 +8,7 @@ from app.problems.shapes import Cylinder, FlatPunch, Paraboloid, Plane
 
 MARGIN = 1.5  # half side of the patch over the semi-axis of the contact
 LINE_MARGIN = 2.0  # the same for the half-width of a line contact, which is wider at the ends
-END_MARGIN = (
-    8 / 7
-)  # side over a known length; the ends are edges of cells if there are a multiple of 16 cells
+END_MARGIN = 8 / 7  # side over a known length; the ends are edges of cells with a multiple of 16 cells
 
 
 def default_patch(shape, contact_modulus, approach=None, load=None, hardness=None):

@@ -85,7 +85,7 @@ def _check_finite(height):
     height = real_numbers("heights", height, "an array of real numbers")
     if not np.isfinite(height).all():
         raise InputError(
-            "heights must be finite; cut missing points out, or read_surface(..., missing='fill')"
+            "heights must be finite; cut out missing points, or read_surface(..., missing='fill')"
         )
     return height
 

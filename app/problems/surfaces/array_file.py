@@ -175,7 +175,7 @@ def _only_name(names, heights):
         return "heights"
     if len(names) != 1:
         raise ValueError(
-            f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(names) or 'none'}"
+            f"name one of its 2-D datasets as FILE:/DATASET; there are {', '.join(names) or 'none'}"
         )
     return names[0]
 

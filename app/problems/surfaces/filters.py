@@ -29,9 +29,7 @@ def check_order(s_filter, l_filter):
     """
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
-            raise InputError(
-                f"surface {name}_filter {index!r}: must be a positive number, its wavelength [mm]"
-            )
+            raise InputError(f"surface {name}_filter {index!r}: must be a positive wavelength [mm]")
     if s_filter and l_filter and s_filter >= l_filter:
         raise InputError(
             f"surface s_filter {format_exact(s_filter)} and l_filter {format_exact(l_filter)}: leave no waves "

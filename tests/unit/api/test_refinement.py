@@ -198,7 +198,7 @@ def test_wrong_limits_are_refused_in_one_line(message, call):
 def test_a_problem_with_a_hardness_is_refined_if_it_is_one_number():
     refined = refine(replace(hertz(16), hardness=1000.0), until=0.1, load=9e4)
     assert refined.reached and refined.solution.max_pressure == 1000.0 and refined.solution.plastic.any()
-    with pytest.raises(InputError, match="its hardness is known on its own grid only; must be one number"):
+    with pytest.raises(InputError, match="a hardness known on its grid only; must be a number"):
         refine(replace(hertz(16), hardness=np.full((16, 16), 1000.0)), until=0.1, load=9e4)
 
 
