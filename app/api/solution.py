@@ -1,13 +1,14 @@
 """Solutions: fields, numbers and history, on all ranks."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, make_dataclass, replace
 
 import numpy as np
 
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.contact.certificate import Certificate
+from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
-from app.contact.measures import PLASTIC_NUMBERS
+from app.contact.measures import PLASTIC_NUMBERS, ContactMeasures
 from app.halfspace.grid import Grid
 from app.io.contact_fields import ATTRIBUTE_NAMES, ContactFields
 from app.parallel.communicator import Traffic
@@ -26,8 +27,15 @@ _MAX_ATTRIBUTE_BYTES = 65_000  # HDF5 stores no larger ones, texts excepted
 _COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are not numbers of a Solution
 
 
+_Numbers = make_dataclass(  # their names are listed once, where they are computed
+    "_Numbers",
+    [pair for kind in (ContactMeasures, ContactMoments, GridErrors) for pair in kind.__annotations__.items()],
+    frozen=True,
+)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(ContactFields):
+class Solution(_Numbers, ContactFields):
     """Solution of a contact problem; the last iterate if not ``converged``.
 
     Arrays have the rows of this rank, shape (rows, nx). `gather` collects all rows on one rank. A solution with all
@@ -117,7 +125,6 @@ class Solution(ContactFields):
     converged: bool
     message: str
     prescribed: str
-    load: float
     approach: float
     indentation: float
     residual: float
@@ -126,31 +133,7 @@ class Solution(ContactFields):
     work_units: float
     operator_applications: float
     discretisation_error: float
-    load_error: float
-    approach_error: float
-    max_pressure_error: float
-    contact_area_error: float
     fallbacks: int
-    max_pressure: float
-    contact_cells: int
-    contact_fraction: float
-    contact_fraction_corrected: float
-    plastic_area: float
-    plastic_fraction: float
-    plastic_volume: float
-    mean_plastic_depth: float
-    perimeter: float
-    contact_area: float
-    mean_contact_pressure: float
-    mean_pressure: float
-    mean_gap: float
-    pressure_centre_x: float
-    pressure_centre_y: float
-    moment_x: float
-    moment_y: float
-    semi_axis_major: float
-    semi_axis_minor: float
-    major_axis_angle: float
     rms_height: float
     rms_slope: float
     rtol: float

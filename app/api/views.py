@@ -129,6 +129,12 @@ def _format_columns(columns, names):
     return {labels[name]: _four_digits(columns[name]) for name in names}
 
 
+def _pressure_picture(solution):
+    """Return the figure of the pressure; None if this rank has a part of the rows."""
+    whole = solution.pressure.shape == solution.grid.shape
+    return figures.pressure_figure(as_result(solution)) if whole else None
+
+
 def solution_html(solution):
     """Return HTML with a solution's numbers, notes and pressure."""
     grid = solution.grid
@@ -168,11 +174,12 @@ def refinement_html(refined):
     table |= _format_columns(columns, names)
     largest = [max(row[f"{name}_error"] for name in names) for row in refined.rows]
     table["largest error"] = [f"{100 * error:.2g}%" for error in largest]
-    whole = solution.pressure.shape == solution.grid.shape
-    figure = figures.pressure_figure(as_result(solution)) if whole else None
     state = "reached" if refined.reached else "NOT reached"
     return _as_html(
-        f"Refinement, {len(refined.rows)} grids, {state}", _rows_table(table), figure, solution.notes
+        f"Refinement, {len(refined.rows)} grids, {state}",
+        _rows_table(table),
+        _pressure_picture(solution),
+        solution.notes,
     )
 
 

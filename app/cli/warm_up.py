@@ -9,7 +9,7 @@ METHODS = "fast", "primal", "norm", "fmg_v11"  # method files that together use 
 _LARGE = 640  # cells in x and y of a grid that is large enough for the products of large grids
 
 
-def compile_loops(methods=METHODS):
+def compile_loops():
     """Compile all loops, by solving a problem with each method. Collective."""
     from app.api.solver import solve
     from app.halfspace.grid import Grid
@@ -20,7 +20,7 @@ def compile_loops(methods=METHODS):
     material = Material.from_contact_modulus(1e5)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for method in methods:
+        for method in METHODS:
             n = _LARGE if method == "fast" else 256
             grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
             periodic = method == "primal"

@@ -64,16 +64,16 @@ def _evaluate_table1(outcomes):
     return nest({case: _cycles(outcome) for case, outcome in outcomes.items()})
 
 
-def plan_methods(problem, prefix, norm, limits, sizes=(32, 64, 128, 256), **options):
+def plan_methods(problem, prefix, norm, limits, **options):
     """Return runs of a problem with the three cycles, on several grids.
 
     The names of the method files are `prefix` and the name of the cycle, such as v11. If `norm` is true, NORM runs,
-    too. The grids are those of `sizes` within `limits`.
+    too.
     """
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
     return {
         (str(n), name): solver_run(problem, method, n, **options)
-        for n in limits.sizes(*sizes)
+        for n in limits.sizes(32, 64, 128, 256)
         for name, method in methods.items()
     }
 

@@ -48,6 +48,12 @@ def check_size(label, values, first_row=0):
         )
 
 
+def check_shape(label, shape, grid):
+    """Raise InputError unless an array has the shape of a grid."""
+    if shape != grid.shape:
+        raise InputError(f"{label}: has shape {shape}; the grid needs (ny, nx) = {grid.shape}")
+
+
 def check_hardness(hardness, grid, label="hardness"):
     """Return a checked hardness: None, a number, or an array.
 
@@ -56,8 +62,8 @@ def check_hardness(hardness, grid, label="hardness"):
     if hardness is None:
         return None
     values = real_numbers(label, hardness, "a positive number, or an array of them [N/mm2]")
-    if values.ndim and values.shape != grid.shape:
-        raise InputError(f"{label}: has shape {values.shape}; the grid needs (ny, nx) = {grid.shape}")
+    if values.ndim:
+        check_shape(label, values.shape, grid)
     allowed = (values >= 1 / LARGEST) & ((values <= LARGEST) | (values == np.inf))
     if not allowed.all():
         where = np.argwhere(~allowed)[0].tolist()

@@ -10,7 +10,7 @@ from app.base.units import format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
-from app.problems.arrays import check_hardness, check_size, is_measured, real_numbers
+from app.problems.arrays import check_hardness, check_shape, check_size, is_measured, real_numbers
 from app.problems.problem import Problem
 from app.problems.residual_surface import ResidualSurface
 from app.problems.shapes import Plane
@@ -27,13 +27,9 @@ class _SampledOrFunction:
 
     def check_grid(self, grid):
         """Raise if an array misfits the grid or has too large values."""
-        if not self.sampled:
-            return
-        if self._values.shape != grid.shape:
-            raise InputError(
-                f"{self._label}: has shape {self._values.shape}; the grid needs (ny, nx) = {grid.shape}"
-            )
-        check_size(self._label, self._values)
+        if self.sampled:
+            check_shape(self._label, self._values.shape, grid)
+            check_size(self._label, self._values)
 
     def shape_on(self, grid, rows=slice(None)):
         """Return the distance or heights in some rows; see `Problem.shape_on`."""

@@ -1,7 +1,7 @@
 """Fields of the cells from files: undeformed distance, hardness."""
 
 from app.base.errors import InputError
-from app.problems.arrays import check_hardness, check_size
+from app.problems.arrays import check_hardness, check_shape, check_size
 from app.problems.surfaces.array_file import StoredArray, read_array
 from app.problems.surfaces.points import detect_list
 from app.problems.surfaces.text_heads import read_gwyddion_head
@@ -29,11 +29,7 @@ class FieldFile(StoredArray):
 
     def check_grid(self, grid):
         """Raise if a grid's shape is not the array's."""
-        if self.shape != grid.shape:
-            raise InputError(
-                f"{self.label} {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
-                f"needs (ny, nx) = {grid.shape}"
-            )
+        check_shape(f"{self.label} {self.file}", self.shape, grid)
 
 
 class HardnessFile(FieldFile):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.base.errors import InputError
+from app.problems.arrays import check_shape
 
 
 class ResidualSurface:
@@ -29,10 +29,7 @@ class ResidualSurface:
 
     def check_grid(self, grid):
         """Raise if a grid's shape is not the indentation's."""
-        if self.depth.shape != grid.shape:
-            raise InputError(
-                f"residual surface: has shape {self.depth.shape}; the grid needs (ny, nx) = {grid.shape}"
-            )
+        check_shape("residual surface", self.depth.shape, grid)
 
     def heights_on(self, grid, rows=slice(None)):
         """Return the heights in some rows [mm].

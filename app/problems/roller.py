@@ -7,7 +7,7 @@ import numpy as np
 
 from app.base.errors import InputError, format_exact
 from app.problems.arrays import real_numbers
-from app.problems.shapes import Shape, check_strip
+from app.problems.shapes import Shape, check_length
 from app.reference.base import require_positive
 from app.reference.line import LineContact
 
@@ -125,15 +125,8 @@ class Roller(Shape):
         return x**2 / (2 * self.radius) + self.drop(y)
 
     def check_grid(self, grid):
-        """Raise if a grid is unsuitable for a roller.
-
-        A grid must not be one cell wide, unless periodic, and must have cells under the roller.
-        """
-        check_strip(grid)
-        if not (np.abs(grid.y()) <= self.half_length).any():
-            raise InputError(
-                f"length of the roller {format_exact(self.length)}: no cell centre of the patch lies under it"
-            )
+        """Raise if a grid is unsuitable, see `check_length`."""
+        check_length(grid, "roller", self.length, self.half_length)
 
     def describe(self):
         """Return sizes and crown by name, for result files."""

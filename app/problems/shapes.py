@@ -181,15 +181,8 @@ class Cylinder(Shape):
         return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
 
     def check_grid(self, grid):
-        """Raise if a grid is unsuitable for a cylinder.
-
-        A grid must not be one cell wide, unless periodic, and must have cells under the cylinder.
-        """
-        check_strip(grid)
-        if not (np.abs(grid.y()) <= self.length / 2).any():
-            raise InputError(
-                f"length of the cylinder {format_exact(self.length)}: no cell centre of the patch lies under it"
-            )
+        """Raise if a grid is unsuitable, see `check_length`."""
+        check_length(grid, "cylinder", self.length, self.length / 2)
 
 
 @dataclass(frozen=True)
@@ -246,6 +239,18 @@ class FlatPunch(Shape):
     @property
     def _solution(self):
         return reference.FlatCircularPunch, self.diameter / 2
+
+
+def check_length(grid, name, length, half_length):
+    """Raise InputError for a grid that is unsuitable for a body along y.
+
+    A grid must not be one cell wide, unless periodic, and must have cells under the body.
+    """
+    check_strip(grid)
+    if not (np.abs(grid.y()) <= half_length).any():
+        raise InputError(
+            f"length of the {name} {format_exact(length)}: no cell centre of the patch lies under it"
+        )
 
 
 def check_strip(grid):

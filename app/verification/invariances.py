@@ -23,9 +23,9 @@ def bumps(x, y):
     return waves + 0.02 * (x - 0.3) ** 2 + 0.03 * (y + 0.2) ** 2
 
 
-def _problem(periodic, grid=_GRID, gap=None, material=UNIT):
+def _problem(periodic, grid=_GRID, gap=None):
     gap = bumps(*np.meshgrid(_GRID.x(), _GRID.y())) if gap is None else gap
-    return ContactProblem(grid, material, gap, periodic=periodic)
+    return ContactProblem(grid, UNIT, gap, periodic=periodic)
 
 
 def _each(change):

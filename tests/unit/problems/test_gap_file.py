@@ -44,7 +44,7 @@ def test_a_gap_is_in_mm(tmp_path, unit):
 
 def test_a_gap_of_another_shape_is_refused(tmp_path):
     np.save(tmp_path / "gap.npy", np.ones((8, 9)))
-    with pytest.raises(ValueError, match=re.escape("-grid 8,9 needs (ny, nx) = (9, 8)")):
+    with pytest.raises(ValueError, match=re.escape("the grid needs (ny, nx) = (9, 8)")):
         ContactProblem(Grid(8, 9, 1.0, 1.0), Material.combined(1.0, 0.3), GapFile(tmp_path / "gap.npy"))
 
 
