@@ -246,11 +246,7 @@ class LoadPath:
         if self._rank:
             return
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        try:
-            write_table(path, rows)
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{path}: cannot be written: {reason}") from None
+        write_table(path, rows)
 
 
 class _LoadHistory:

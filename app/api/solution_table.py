@@ -5,7 +5,6 @@ from numbers import Real
 import numpy as np
 
 from app.base import views
-from app.base.errors import InputError, format_message
 from app.base.quantities import QUANTITIES, unit_of
 from app.io.frames import to_dataframe
 
@@ -71,10 +70,7 @@ class SolutionTable:
         """
         from app.io.table import write_table
 
-        try:
-            write_table(path, self.rows)
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be written: {format_message(error)}") from None
+        write_table(path, self.rows)
 
     def __repr__(self):
         from app.io.table import format_text

@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import signal
-from contextlib import contextmanager
 from functools import wraps
 
 from app import __version__
@@ -74,17 +73,6 @@ def picture_kinds(arguments):
     """Return the suffixes of the picture files that these options ask for."""
     kinds = ("pdf", "svg") if arguments.style == "paper" else ("png",)
     return (arguments.format,) if arguments.format else kinds
-
-
-@contextmanager
-def report_write_errors(output):
-    """Turn an OSError of a ``with`` block into an InputError about -o."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(
-            f"-o {output}: cannot be written: {error.strerror or format_message(error)}"
-        ) from None
 
 
 def command(main):

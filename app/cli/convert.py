@@ -21,7 +21,7 @@ from pathlib import Path
 from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
-from app.cli.arguments import Parser, argument_type, command, report_write_errors
+from app.cli.arguments import Parser, argument_type, command
 from app.options.option_table import cells, integer, pair_of_reals, subset
 from app.problems.surfaces.array_file import UnknownFormat
 from app.problems.surfaces.formats import ARRAYS, TEXTS, detect_format, split_suffix
@@ -63,7 +63,7 @@ def main(argv):
     replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
-    from app.io.files import check_output_path, hash_file
+    from app.io.files import check_output_path, hash_file, report_write_errors
     from app.problems.surfaces.doubts import note_doubts
     from app.problems.surfaces.reading import make_surface
 
@@ -77,7 +77,7 @@ def main(argv):
     set_units(source, arguments, arguments.height_unit, arguments.override)
     source.orient = ()  # the file has turned heights
     surface = make_surface(source)  # checks the heights
-    with report_write_errors(arguments.output):
+    with report_write_errors(f"-o {arguments.output}"):
         _write(arguments.output, source, {**origin, "source": file.name, "sha256": hash_file(file)})
     streams.print_output(f"{arguments.output}: {surface.understood()}")
     for note in note_doubts(surface, surface.grid()):

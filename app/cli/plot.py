@@ -21,8 +21,8 @@ from app.cli.arguments import (
     check_folder,
     command,
     picture_kinds,
-    report_write_errors,
 )
+from app.io.files import report_write_errors
 from app.io.result import has_heights, read_result
 from app.options.option_table import integer, pair_of_reals
 from app.plots import heights, load_curves, style, sweeps
@@ -172,7 +172,7 @@ def _draw_all(arguments):
 def main(argv):
     """Run the command and return its exit status."""
     arguments = _arguments(argv)
-    with report_write_errors(arguments.output), style.use_style(arguments.style):
+    with report_write_errors(f"-o {arguments.output}"), style.use_style(arguments.style):
         drawn = _draw_all(arguments)
     streams.print_output("\n".join(map(str, drawn)))
     return 0

@@ -22,8 +22,8 @@ from app.base.errors import InputError
 from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, format_quantity, round_to_cell
 from app.cli import streams, subsurface
-from app.cli.arguments import Parser, command, report_write_errors
-from app.io.files import check_output_path, write_text
+from app.cli.arguments import Parser, command
+from app.io.files import check_output_path, report_write_errors, write_text
 from app.io.result import read_result
 from app.plots import figures, style, sweeps
 from app.plots.pictures import PICTURES, pictures_of
@@ -288,7 +288,7 @@ def main(argv):
     if arguments.title:
         result.attributes["title"] = arguments.title
     text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
-    with report_write_errors(output):
+    with report_write_errors(f"-o {output}"):
         write_text(output, text)
     streams.print_output(str(output))
     return 0

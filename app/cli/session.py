@@ -225,6 +225,8 @@ def write_logs(petsc_options):
     from mpi4py import MPI
     from petsc4py import PETSc
 
+    from app.io.files import report_write_errors
+
     comm, logs = MPI.COMM_WORLD, {}  # file in memory -> name and mode
 
     def redirect(match):
@@ -238,11 +240,8 @@ def write_logs(petsc_options):
             content = Path(memory).read_bytes()
             for other, (shown, _) in logs.items():
                 content = content.replace(other.encode(), shown.encode())
-            try:
-                with Path(name).open(mode) as log:
-                    log.write(content)
-            except OSError as error:
-                raise InputError(f"{name}: cannot be written: {error.strerror}") from None
+            with report_write_errors(name), Path(name).open(mode) as log:
+                log.write(content)
 
     for name, pattern in patterns.items():
         text = re.sub(pattern, redirect, petsc_options[name]) if comm.rank == 0 else ""

@@ -23,10 +23,9 @@ from app.cli.arguments import (
     command,
     count,
     picture_kinds,
-    report_write_errors,
 )
 from app.halfspace.stress.subsurface import COMPONENTS, max_shear, von_mises
-from app.io.files import atomic_hdf5, check_output_path
+from app.io.files import atomic_hdf5, check_output_path, report_write_errors
 from app.io.result import read_result
 from app.options.option_table import half, integer, pair_of_reals, real
 from app.plots import figures, style
@@ -196,7 +195,7 @@ def main(argv):
             check_output_path(name, [arguments.result], "-o", (name.suffix,))
     stresses = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
-    with report_write_errors(arguments.output), style.use_style(arguments.style):
+    with report_write_errors(f"-o {arguments.output}"), style.use_style(arguments.style):
         arguments.output.mkdir(exist_ok=True)
         write(names[0], result, stresses, planes)
         figure = draw(result, stresses)

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 import h5py
 import numpy as np
 
-from app.base.errors import InputError, format_message
+from app.base.errors import InputError
 from app.base.quantities import unit_of
-from app.io.files import atomic_file, check_output_path
+from app.io.files import atomic_file, check_output_path, report_write_errors
 from app.io.result import FIELDS, PLASTIC_FIELDS, UNITS
 from app.io.write import reserve
 
@@ -34,33 +34,25 @@ class FieldStack:
     """An open file of fields."""
 
     def __init__(self, file, path, target):
-        self._file, self._path, self._target = file, path, target
+        self._file, self._path, self._name = file, path, f"output {target}"
 
     def write(self, row, fields):
         """Write the fields of a row; missing fields become NaN."""
         for name in _TYPES.keys() & self._file.keys():
             missing = 0 if _TYPES[name] is np.uint8 else np.nan
-            try:
+            with report_write_errors(self._name):
                 self._file[name][row] = missing if fields is None or fields[name] is None else fields[name]
-            except OSError as error:
-                raise _unwritable(self._target, error) from None
 
     def write_table(self, columns):
         """Write the columns of the table."""
         size = sum(np.asarray(column).nbytes + _BYTES_PER_COLUMN for column in columns.values())
-        try:
+        with report_write_errors(self._name):
             reserve(self._path, self._path.stat().st_size + size, "r+b")
-        except OSError as error:
-            raise _unwritable(self._target, error) from None
         table = self._file.create_group("table", track_order=True)
         for name, column in columns.items():
             is_text = np.asarray(column).dtype.kind in "UO"
             table[name] = np.asarray(column, h5py.string_dtype()) if is_text else column
             table[name].attrs["unit"] = unit_of(name)
-
-
-def _unwritable(path, error):
-    return InputError(f"output {path}: cannot be written: {format_message(error)}")
 
 
 @contextmanager
@@ -90,7 +82,8 @@ def open_field_stack(path, names, rows, grid):
             in_block = True
             yield FieldStack(file, temporary, path)
             in_block = False
-    except OSError as error:
+    except OSError:
         if in_block:  # an error of the caller
             raise
-        raise _unwritable(path, error) from None
+        with report_write_errors(f"output {path}"):
+            raise

@@ -11,7 +11,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from app.base.errors import InputError, call_collectively
+from app.base.errors import InputError, call_collectively, format_message
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _SAMPLES, _SAMPLE_BYTES = 64, 1 << 16  # of a large file, for its hash
@@ -122,6 +122,16 @@ def atomic_file(path):
     except BaseException:
         remove(temporary)
         raise
+
+
+@contextmanager
+def report_write_errors(name):
+    """Turn an OSError of a ``with`` block into an InputError about the file `name`."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or format_message(error)
+        raise InputError(f"{name}: cannot be written: {reason}") from None
 
 
 def write_text(path, text):

@@ -11,7 +11,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.io.files import atomic_hdf5, write_text
+from app.base.errors import InputError
+from app.io.files import atomic_hdf5, report_write_errors, write_text
 
 
 def format_markdown(rows, columns=None, formats=None):
@@ -51,18 +52,19 @@ def format_csv(rows, columns=None):
 def write_table(path, rows, columns=None):
     """Write a table atomically, in the suffix's format.
 
-    The suffix is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; ValueError for any other. An HDF5 file has a
+    The suffix is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; InputError for any other. An HDF5 file has a
     dataset for each key: int64, float64 with NaN for empty cells, or strings.
     """
     path = Path(path)
     formatters = {".md": format_markdown, ".txt": format_text, ".csv": format_csv}
     suffix = path.suffix.lower()
     if suffix in formatters:
-        write_text(path, formatters[suffix](rows, columns))
+        with report_write_errors(path):
+            write_text(path, formatters[suffix](rows, columns))
         return
     if suffix not in (".h5", ".hdf5"):
-        raise ValueError(f"table {path}: the name must end in one of {', '.join(formatters)}, .h5, .hdf5")
-    with atomic_hdf5(path) as file:
+        raise InputError(f"table {path}: the name must end in one of {', '.join(formatters)}, .h5, .hdf5")
+    with report_write_errors(path), atomic_hdf5(path) as file:
         for key in columns or _list_keys(rows):
             file[key] = _to_array([row.get(key) for row in rows])
 

@@ -5,6 +5,7 @@ import json
 from contextlib import suppress
 
 from app.base.errors import InputError
+from app.io.files import report_write_errors
 
 
 class Journal:
@@ -17,10 +18,8 @@ class Journal:
 
     def __init__(self, path, resume=False):
         self._path = path
-        try:
+        with report_write_errors(path):
             self._file = path.open("a+", encoding="utf-8", errors="replace")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -40,15 +39,13 @@ class Journal:
 
     def add(self, key, outcome):
         """Write an outcome to disk; raise InputError on failure."""
-        try:
+        with report_write_errors(self._path):
             if self._truncate:
                 self._file.truncate(0)
                 self._truncate = False
             json.dump({"key": key, **outcome}, self._file, default=lambda value: value.tolist())  # of numpy
             self._file.write("\n")
             self._file.flush()
-        except OSError as error:
-            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
         self.outcomes[key] = outcome
 
     def close(self):
