@@ -27,6 +27,7 @@ from app.cli.arguments import (
 from app.halfspace.stress.subsurface import COMPONENTS, max_shear, von_mises
 from app.io.files import atomic_hdf5, check_output_path, report_write_errors
 from app.io.result import read_result
+from app.io.write import create_axes, create_field
 from app.options.option_table import half, integer, pair_of_reals, real
 from app.plots import figures, style
 from app.plots.stress import MIN_STRESS_VARIATION, stress_figure
@@ -54,10 +55,7 @@ def write(path, result, stresses, planes):
     """
     with atomic_hdf5(path) as file:
         at = stresses.at
-        for name, values in (("x", result.x), ("y", result.y), ("depth", stresses.depths)):
-            file[name] = values
-            file[name].attrs["unit"] = "mm"
-            file[name].make_scale(name)
+        create_axes(file, {"x": result.x, "y": result.y, "depth": stresses.depths})
         file.attrs.update(poisson_ratio=stresses.poisson_ratio, x=at.x, y=at.y)
         for attribute, name, maximum in _maxima(stresses):
             file.attrs[attribute] = getattr(maximum, name)
@@ -76,10 +74,7 @@ def write(path, result, stresses, planes):
             fields = {f"sigma_{name}": part for name, part in zip(COMPONENTS, values, strict=True)}
             fields |= {"von_mises": von_mises(values), "max_shear": max_shear(values)}
             for name, field in fields.items():
-                dataset = file.create_dataset(f"{group}/{name}", data=field)
-                dataset.attrs["unit"] = "N/mm2"
-                for dimension, axis in zip(dataset.dims, axes, strict=True):
-                    dimension.attach_scale(file[axis])
+                create_field(file, f"{group}/{name}", axes, "N/mm2", data=field)
 
 
 def _maxima(stresses):

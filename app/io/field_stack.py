@@ -13,7 +13,7 @@ from app.base.errors import InputError
 from app.base.quantities import unit_of
 from app.io.files import atomic_file, check_output_path, report_write_errors
 from app.io.result import FIELDS, PLASTIC_FIELDS, UNITS
-from app.io.write import reserve
+from app.io.write import create_axes, create_field, reserve
 
 _TYPES = FIELDS | PLASTIC_FIELDS
 _BYTES_PER_COLUMN = 4096  # more than HDF5 needs for the metadata of a dataset
@@ -67,15 +67,10 @@ def open_field_stack(path, names, rows, grid):
     in_block = False
     try:
         with atomic_file(path) as temporary, h5py.File(temporary, "w") as file:
-            for name, centres in (("x", grid.x()), ("y", grid.y())):
-                file[name] = centres
-                file[name].make_scale(name)
-                file[name].attrs["unit"] = UNITS[name]
+            create_axes(file, {"x": grid.x(), "y": grid.y()})
+            shape = rows, *grid.shape
             for name in names:
-                file.create_dataset(name, (rows, *grid.shape), _TYPES[name], dcpl=early)
-                file[name].attrs["unit"] = UNITS[name]
-                for dimension, axis in zip(list(file[name].dims)[1:], ("y", "x"), strict=True):
-                    dimension.attach_scale(file[axis])
+                create_field(file, name, "yx", UNITS[name], shape=shape, dtype=_TYPES[name], dcpl=early)
             file.flush()
             size = sum(rows * grid.n * np.dtype(_TYPES[name]).itemsize for name in names)
             reserve(temporary, temporary.stat().st_size + size, "r+b")

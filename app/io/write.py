@@ -122,16 +122,26 @@ def _lay_out(path, plan):
         for name, column in plan["path"].items():
             file[f"path/{name}"] = column.astype(np.uint8) if column.dtype == bool else column
             file[f"path/{name}"].attrs["unit"] = unit_of(name)
-        for name, axis in plan["axes"].items():
-            file[name] = axis
-            file[name].make_scale(name)
+        create_axes(file, plan["axes"])
         for name, dtype in plan["types"].items():
-            file.create_dataset(name, shape, dtype, dcpl=early)
-            for dimension, axis in zip(file[name].dims, ("y", "x"), strict=True):
-                dimension.attach_scale(file[axis])
-        for name in (*plan["axes"], *plan["types"]):
-            file[name].attrs["unit"] = UNITS.get(name, "1")
+            create_field(file, name, "yx", UNITS.get(name, "1"), shape=shape, dtype=dtype, dcpl=early)
     reserve(path, path.stat().st_size, "r+b")
+
+
+def create_axes(file, axes):
+    """Create the dimension scales `axes` [mm] of an HDF5 file, by name."""
+    for name, values in axes.items():
+        file[name] = values
+        file[name].attrs["unit"] = "mm"
+        file[name].make_scale(name)
+
+
+def create_field(file, name, axes, unit, **dataset):
+    """Create a dataset with a unit, and with `axes` as scales of its last dimensions."""
+    field = file.create_dataset(name, **dataset)
+    field.attrs["unit"] = unit
+    for dimension, axis in zip(list(field.dims)[-len(axes) :], axes, strict=True):
+        dimension.attach_scale(file[axis])
 
 
 def reserve(path, size, mode):
