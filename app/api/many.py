@@ -285,9 +285,8 @@ class _ReusedSolver:
             return
         self.close()
         # Set-up does not need the shape. Errors of shapes concern one problem, those of set-up all of them.
-        self._solver = ContactSolver(
-            ContactProblem(problem.grid, problem.material, Plane()), *self._arguments
-        )
+        plane = ContactProblem(problem.grid, problem.material, Plane())
+        self._solver = ContactSolver(plane, *self._arguments)
         self._solver.quiet = True
 
     def solve(self, job):

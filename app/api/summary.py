@@ -29,9 +29,8 @@ def summary(facts, grid, output=None):
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
     )
     if facts.get("periodic"):
-        lines.append(
-            f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:z.8g} mm"
-        )
+        pressure, gap = facts["mean_pressure"], facts["mean_gap"]
+        lines.append(f"mean pressure {pressure:.8g} N/mm2, mean gap {gap:z.8g} mm")
     if "body1_radii" in facts:
         lines.append(
             f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "

@@ -50,9 +50,8 @@ def plot_solution(solution, name=None, axes=None):
 
 def _path_figure(path):
     columns = {name: np.asarray(column, float) for name, column in path.table.items()}
-    return load_curves.path_figure(
-        [load_curves.make_path(columns, "")], f"{len(path.rows)} steps of a load path"
-    )
+    heading = f"{len(path.rows)} steps of a load path"
+    return load_curves.path_figure([load_curves.make_path(columns, "")], heading)
 
 
 def plot_path(path):

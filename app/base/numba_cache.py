@@ -178,13 +178,6 @@ def release_lock_after(compile_, cache):
     return compile_and_unlock
 
 
-def cache_folder_of(function):
-    """Return the folder of a function's cache, None if none is writable."""
-    with suppress(RuntimeError):  # numba finds no folder for its cache
-        return Path(FunctionCache(function).cache_path)
-    return None
-
-
 def check_compiler():
     """Raise if numba does not compile; some loops need compiled arithmetic."""
     if numba.config.DISABLE_JIT:

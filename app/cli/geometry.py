@@ -159,9 +159,7 @@ def _make_roller(options, material):
     elif crown == "log":
         load = options["roller_design_load"] or (options["load"] if options.given("load") else None)
         if not load:
-            raise InputError(
-                "-roller_design_load is missing: crown log: load with nearly uniform pressure [N]"
-            )
+            raise InputError("-roller_design_load is missing: load with nearly uniform pressure [N]")
         numbers |= {"design_load": load, "contact_modulus": material.contact_modulus}
     return Roller(
         options["roller_radius"], options["roller_length"], crown, options["roller_end_chamfer"], **numbers

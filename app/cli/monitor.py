@@ -48,6 +48,5 @@ class Progress(Listener):
         residual = max(self._rtol, min(1.0, entry["residual"]))  # in this order NaN becomes 1
         self._bar.n = round(100 * math.log(residual) / math.log(self._rtol))
         self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)
-        self._bar.set_postfix_str(
-            f"residual {entry['residual']:.1e}, {entry['contact_cells']} cells in contact"
-        )
+        cells = f"{entry['contact_cells']} cells in contact"
+        self._bar.set_postfix_str(f"residual {entry['residual']:.1e}, {cells}")

@@ -127,9 +127,8 @@ def _arguments(argv):
     add("--dpi", type=argument_type(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
     first = arguments.files[0]
-    arguments.output = arguments.output or (
-        first.parent if arguments.files[1:] else first.parent / first.stem
-    )
+    default = first.parent if arguments.files[1:] else first.parent / first.stem
+    arguments.output = arguments.output or default
     check_folder(arguments.output)
     arguments.names = _choose_names(arguments.files)
     return arguments

@@ -275,9 +275,7 @@ def main(argv):
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
     subsurface.add_body(parser.add_argument)
-    parser.add_argument(
-        "--title", metavar="TEXT", help="heading; default: the title or problem of the result"
-    )
+    parser.add_argument("--title", metavar="TEXT", help="heading; default: that of the result")
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
     arguments = parser.parse_args(argv)
     if arguments.no_stress and (arguments.poisson is not None or arguments.body):

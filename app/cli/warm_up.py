@@ -23,10 +23,8 @@ def compile_loops():
         for method in METHODS:
             n = _LARGE if method == "fast" else 256
             grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
-            periodic = method == "primal"
-            solve(
-                ContactProblem(grid, material, Paraboloid(9, 7), periodic=periodic), load=5000, method=method
-            )
+            problem = ContactProblem(grid, material, Paraboloid(9, 7), periodic=method == "primal")
+            solve(problem, load=5000, method=method)
 
 
 def main(_):

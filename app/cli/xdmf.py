@@ -18,7 +18,7 @@ def main(argv):
     parser = Parser(prog="python -m app.xdmf", description="Tell ParaView what is in result files.")
     parser.add_argument("results", type=Path, nargs="+", metavar="RESULT.h5", help="in the order of time")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="F.xdmf", help="default: named after the first result"
+        "-o", "--output", type=Path, metavar="F.xdmf", help="default: that of the first result"
     )
     arguments = parser.parse_args(argv)
     streams.print_output(str(write_xdmf(arguments.results, arguments.output)))

@@ -149,9 +149,8 @@ def atomic_hdf5(path):
     import h5py
 
     with atomic_file(path) as temporary:
-        with h5py.File(
-            temporary, "w", driver="core", backing_store=False, block_size=_HDF5_BLOCK_BYTES
-        ) as file:
+        in_memory = {"driver": "core", "backing_store": False, "block_size": _HDF5_BLOCK_BYTES}
+        with h5py.File(temporary, "w", **in_memory) as file:
             yield file
             file.flush()
             image = file.id.get_file_image()

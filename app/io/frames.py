@@ -53,7 +53,6 @@ def to_xarray(result):
         for name, field in fields.items()
     }
     axes = {name: (name, getattr(result, name), {"units": "mm"}) for name in "xy"}
-    facts = {
-        name: int(value) if isinstance(value, bool) else value for name, value in result.attributes.items()
-    }
+    facts = result.attributes
+    facts = facts | {name: int(value) for name, value in facts.items() if isinstance(value, bool)}
     return xarray.Dataset(variables, axes, facts)

@@ -87,9 +87,8 @@ def _tabulate(kind, rows, columns, formats, escapes=None):
     # Keep texts that look like numbers.
     texts = [k for k in range(len(columns)) if any(isinstance(row[k], str) for row in cells)]
     floats = [(formats or {}).get(key, ".6g") for key in columns]
-    return (
-        tabulate(cells, map(escape, columns), kind, floats, numalign="right", disable_numparse=texts) + "\n"
-    )
+    table = tabulate(cells, map(escape, columns), kind, floats, numalign="right", disable_numparse=texts)
+    return f"{table}\n"
 
 
 def _to_array(values):

@@ -142,9 +142,8 @@ def find_method_file(name):
 
 def list_methods():
     """Return the names of all method files, sorted."""
-    return sorted(
-        path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
-    )
+    files = FILES.glob("*.opts")
+    return sorted(path.stem for path in files if path.read_text("utf-8").startswith("# Method:"))
 
 
 def read_method_file(name):
@@ -192,9 +191,8 @@ def make_settings(method=None, options=None, periodic=False):
     replaceable, ignored = _find_replaceable(files, typed), []
     for name, needed in sorted(_find_useless(texts).items()):
         if name not in replaceable:
-            raise InputError(
-                f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needed}"
-            )
+            option = f"-{name} {texts[name]}".rstrip()
+            raise InputError(f"{option}: has no effect here; allowed with {needed}")
         del texts[name]
         ignored.append(name)
     reader = OptionReader(METHOD_OPTIONS, texts)
@@ -251,9 +249,8 @@ def _note_ignored(names, replaceable):
     """Return warnings on method files whose options have no effect."""
     files = dict.fromkeys(filter(None, (replaceable[name] for name in names)))
     listed = {file: ", ".join(f"-{name}" for name in names if replaceable[name] == file) for file in files}
-    return tuple(
-        f"{file}: later options leave these without effect: {options}" for file, options in listed.items()
-    )
+    text = "later options leave these without effect"
+    return tuple(f"{file}: {text}: {options}" for file, options in listed.items())
 
 
 def drop_unused(settings, unused, known):
@@ -296,9 +293,8 @@ def _check_solvers(strategy, texts):
         for end, (spoilt, reason) in _REFUSED.items():
             if name.endswith(end) and strategy in spoilt and not is_off(text):
                 others = " or ".join(other for other in _STRATEGIES if other not in spoilt)
-                raise InputError(
-                    f"-{name}: {reason}" + (f"; allowed with -lcp_type {others}" if others else "")
-                )
+                allowed = f"; allowed with -lcp_type {others}" if others else ""
+                raise InputError(f"-{name}: {reason}{allowed}")
         if name.endswith("ksp_view_diagonal_scale"):
             scale = name.replace("_view", "")
             if is_off(texts.get(scale, "off")):

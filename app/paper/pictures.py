@@ -43,9 +43,8 @@ def _figure2(outcomes):
     figure = new_figure(10.0, 4.4)
     left, right = figure.subplots(1, 2)
     half = 16.5
-    image = left.imshow(
-        whole, cmap=LENGTH_MAP, origin="lower", norm=LogNorm(), extent=(-half, half, -half, half)
-    )
+    ends = -half, half, -half, half
+    image = left.imshow(whole, cmap=LENGTH_MAP, origin="lower", norm=LogNorm(), extent=ends)
     left.set(xlabel="jx − ix  [cells]", ylabel="jy − iy  [cells]")
     figure.get_layout_engine().set(wspace=0.08)
     figure.colorbar(image, ax=left, shrink=0.9).set_label("G A  [mm]")
@@ -149,9 +148,8 @@ def _contact_panel(axes, fields, which):
     edges_x, edges_y = np.append(x - dx / 2, x[-1] + dx / 2), np.append(y - dy / 2, y[-1] + dy / 2)
     colours = ListedColormap(["white", BLUE, GREY])
     # Thin lines between the cells, so that cells can be counted.
-    axes.pcolormesh(
-        edges_x, edges_y, shown, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="0.85", linewidth=0.3
-    )
+    style = {"cmap": colours, "vmin": -0.5, "vmax": 2.5, "edgecolors": "0.85", "linewidth": 0.3}
+    axes.pcolormesh(edges_x, edges_y, shown, **style)
     axes.set_aspect("equal")
     for spine in axes.spines.values():
         spine.set_visible(True)
@@ -214,9 +212,8 @@ def _height_map(axes, n, surface, limit):
     grid = Grid.from_domain(n, n, PUNCH_DOMAIN)
     height = surface.height(grid.x(), grid.y())
     x0, x1, y0, y1 = PUNCH_DOMAIN
-    image = axes.imshow(
-        height, cmap=LENGTH_MAP, origin="lower", extent=(x0, x1, y0, y1), vmin=-limit, vmax=limit
-    )
+    scale = {"cmap": LENGTH_MAP, "vmin": -limit, "vmax": limit}
+    image = axes.imshow(height, origin="lower", extent=(x0, x1, y0, y1), **scale)
     axes.set(xlabel="x  [mm]", ylabel="y  [mm]")
     return height, image
 
@@ -245,9 +242,8 @@ def _figure12(outcomes):
     axes = panels[1, 1]
     axes.plot(plot.height, plot.quantile, ".", color=BLUE, markersize=3, rasterized=True)
     line = np.array([plot.quantile[0], plot.quantile[-1]])
-    axes.plot(
-        heights[0.8].mean() + line * heights[0.8].std(), line, color=ORANGE, linestyle="--", label="Gaussian"
-    )
+    gaussian = heights[0.8].mean() + line * heights[0.8].std()
+    axes.plot(gaussian, line, color=ORANGE, linestyle="--", label="Gaussian")
     probabilities = [0.001, 0.02, 0.16, 0.5, 0.84, 0.98, 0.999]
     axes.set_box_aspect(10 / 12)
     axes.set_yticks(ndtri(probabilities), [f"{p:g}" for p in probabilities])

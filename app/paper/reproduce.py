@@ -131,9 +131,8 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     for name, data in ("tables", tables), ("report", rest):
         write_text(folder / f"{name}.json", json.dumps(data, indent=1) + "\n")
     numbers = {name: data for name, data in tables.items() if name != "source"}
-    numbers = {
-        name: {size: row for size, row in data.items() if size != "what"} for name, data in numbers.items()
-    }
+    for name, data in numbers.items():
+        numbers[name] = {size: row for size, row in data.items() if size != "what"}
     pictures = {name: f"{name}.png" for name in ITEMS if (folder / f"{name}.png").is_file()}
     facts = [f"version {__version__}", today]
     if any(entry["quick"] for entry in made.values()):

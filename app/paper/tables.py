@@ -15,7 +15,7 @@ CYCLES = ("V11", "V10", "V01")
 HEADINGS = {"V11": "V(1,1)", "V10": "V(1,0)", "V01": "V(0,1)", "norm_cg": "active set + CG"}
 # Options to solve the first contact set's system only: one active set iteration whose KSP repeats the cycle. The
 # relative tolerance of the KSP is the test over the unknowns of that system.
-_C0_SYSTEM = {
+_FIRST = {
     "lcp_max_it": 1, "ksp_type": "richardson", "ksp_norm_type": "unpreconditioned", "ksp_rtol": 1e-6,
     "ksp_atol": 0, "ksp_max_it": 100, "pc_type": "mg",
 }  # fmt: skip
@@ -45,7 +45,7 @@ def counts(outcome, work="work_units"):
 def _plan_table1(limits):
     return {
         (str(n), omega): traced(
-            "hertz", None, n, trace.collect_cycles, **_C0_SYSTEM, mg_levels_pc_sor_omega=omega
+            "hertz", None, n, trace.collect_cycles, mg_levels_pc_sor_omega=omega, **_FIRST
         )
         for n in limits.sizes(64, 128)
         for omega in OMEGAS

@@ -107,6 +107,5 @@ def make_rows(runs, outcomes):
     names = [name for name in ("exit_status", "step", *OUTCOME, "result") if name not in unknown]
     names = sorted(dict.fromkeys(names), key=lambda name: (name not in names[:2], name not in prescribed))
     columns = {name: f"result_{name}" if name in labels else name for name in names}
-    return [
-        {**run.labels, **{column: step.get(name) for name, column in columns.items()}} for run, step in steps
-    ]
+    numbers = [{column: step.get(name) for name, column in columns.items()} for _, step in steps]
+    return [run.labels | row for (run, _), row in zip(steps, numbers, strict=True)]

@@ -74,9 +74,7 @@ class Run:
     """Call of a program: its options, option files and table labels."""
 
     files: tuple[str, ...] = ()  # option files
-    options: Mapping[str, str] = field(
-        default_factory=dict
-    )  # name without dash -> text, empty without a value
+    options: Mapping[str, str] = field(default_factory=dict)  # name -> text, empty without a value
     labels: Mapping[str, object] = field(default_factory=dict)  # columns that identify the run in a table
     module: str = "app.solve"  # for ``python -m``; has an option -output
     collect: Callable = collect_result  # path of the output -> mapping of JSON types

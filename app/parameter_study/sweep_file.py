@@ -62,18 +62,16 @@ def _combine(content):
         values = _read_values(name, values, seen)
         axes.append(_option_axis({name: values}, len(values) > 1))
     for group in _check_list(content.get("zip") or [], "zip"):
-        lists = {
-            name: _read_values(name, values, seen) for name, values in _check_mapping(group, "zip").items()
-        }
+        _check_mapping(group, "zip")
+        lists = {name: _read_values(name, values, seen) for name, values in group.items()}
         if len({len(values) for values in lists.values()}) != 1:
             lengths = ", ".join(f"{name} {len(values)}" for name, values in lists.items()) or "nothing"
             raise InputError(f"zip: lists of a group must be equally long; these have: {lengths}")
         axes.append(_option_axis(lists, True))
     if not seen and not files:
         raise InputError("neither option_files nor options are given")
-    excluded = [
-        _read_exclusion(entry, seen) for entry in _check_list(content.get("exclude") or [], "exclude")
-    ]
+    entries = _check_list(content.get("exclude") or [], "exclude")
+    excluded = [_read_exclusion(entry, seen) for entry in entries]
     if (count := math.prod(map(len, axes))) > MAX_RUNS:
         raise InputError(f"{count} combinations; at most {MAX_RUNS} are allowed")
     runs = [_merge(combination) for combination in itertools.product(*axes)]

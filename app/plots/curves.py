@@ -136,9 +136,8 @@ def spectrum_figure(result):
         if last > 2 * first:
             span = np.array([first, last])
             height = 3 * np.interp(first, q, density) * (span / first) ** power
-            axes.plot(
-                span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
-            )
+            slope = f"slope {power:.2g}".replace("-", "−")
+            axes.plot(span, height, color=GREEN, linestyle=DASHED, label=slope)
     axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 

@@ -229,9 +229,8 @@ def _draw_plastic(axes, paths, x, y, scale, theory=()):
         values = path.select(x, y)
         if values is not None:
             style = series_style(number) | {"markerfacecolor": "white", "linestyle": DOTTED}
-            lines += axes.plot(
-                values[0] * scale(path), values[1], **style, label=f"{path.name} plastic".strip()
-            )
+            label = f"{path.name} plastic".strip()
+            lines += axes.plot(values[0] * scale(path), values[1], **style, label=label)
     if lines:
         axes.legend(handles=[*lines, *theory[:1]], loc="lower right")
 

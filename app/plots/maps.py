@@ -98,9 +98,8 @@ class Canvas:
         if self.lies:
             pixels, across, up = np.swapaxes(pixels, 0, 1), "y", "x"
             x0, x1, right, y0, y1, top = y0, y1, top, x0, x1, right
-        image = axes.imshow(
-            pixels, origin="lower", extent=(x0, right, y0, top), interpolation="nearest", **options
-        )
+        options |= {"origin": "lower", "interpolation": "nearest"}
+        image = axes.imshow(pixels, extent=(x0, right, y0, top), **options)
         axes.set(
             xlim=(x0, x1),
             ylim=(y0, y1),
@@ -176,9 +175,8 @@ class Canvas:
         """
         plastic = self.result.plastic == 1
         masks = (self.result.contact == 1) & ~plastic, plastic
-        (elastic, b), (overlapping, _) = (
-            block_mean(mask[self.view].astype(float), MAX_PIXELS) for mask in masks
-        )
+        shown = (mask[self.view].astype(float) for mask in masks)
+        (elastic, b), (overlapping, _) = (block_mean(part, MAX_PIXELS) for part in shown)
         total = elastic + overlapping
         share = np.divide(overlapping, total, out=np.zeros_like(total), where=total > 0)[..., None]
         self._draw_image(axes, np.dstack([(1 - share) * to_rgb(BLUE) + share * to_rgb(ORANGE), total]), b)
@@ -216,9 +214,7 @@ class Canvas:
             limit = 1.5 * float(np.quantile(pressure[pressure > 0], 0.99))
             if limit < highest:
                 highest, extend = limit, "max"
-        label = (
-            f"pressure p  [N/mm²]   maximum {format_number(maximum)}" if maximum else "pressure p  [N/mm²]"
-        )
+        label = "pressure p  [N/mm²]" + (f"   maximum {format_number(maximum)}" if maximum else "")
         shown = pressure[self.view]
         self.draw_field(axes, shown, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
         if reference is not None:
@@ -254,9 +250,8 @@ class Canvas:
         if self.result.plastic_depth is None:
             raise InputError("plot 'plastic_depth': the result has no hardness")
         depth = self.result.plastic_depth[self.view]
-        self.draw_length(
-            axes, np.where(depth > 0, depth, np.nan), LENGTH_MAP + "_r", "permanent indentation  [{}]"
-        )
+        depth = np.where(depth > 0, depth, np.nan)
+        self.draw_length(axes, depth, LENGTH_MAP + "_r", "permanent indentation  [{}]")
         self._draw_patch(axes)
 
     def draw_gap(self, axes):

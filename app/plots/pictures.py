@@ -47,9 +47,10 @@ def analytic_reference(result):
         or values.get("residual_depth")
     ):
         return None
-    if (
+    old = (
         "contact_modulus" not in values and {"shear_modulus", "poisson_ratio"} <= values.keys()
-    ):  # version < 0.3
+    )  # version < 0.3
+    if old:
         values = values | {"contact_modulus": values["shear_modulus"] / (1 - values["poisson_ratio"])}
     needed = ("hertz_rx", "hertz_ry", "contact_modulus")
     missing = [name for name in needed if name not in values]

@@ -199,9 +199,8 @@ def _draw(axes, x, y, groups, names):
         if values.min() > 0 and values.max() >= 4 * values.min():
             set_log_axes(axes, direction)
     if names:
-        labels = [
-            f"…{name[1 - _MAX_TICK_LABEL :]}" if len(name) > _MAX_TICK_LABEL else name for name in names
-        ]
+        most = _MAX_TICK_LABEL
+        labels = [f"…{name[1 - most :]}" if len(name) > most else name for name in names]
         labels = [label or "left out" for label in labels]
         axes.set_xticks(range(len(names)), labels, rotation=30, ha="right", rotation_mode="anchor")
         axes.set_xlim(-0.5, len(names) - 0.5)

@@ -84,9 +84,7 @@ class NormalPlot:
 def _check_finite(height):
     height = real_numbers("heights", height, "an array of real numbers")
     if not np.isfinite(height).all():
-        raise InputError(
-            "heights must be finite; cut out missing points, or read_surface(..., missing='fill')"
-        )
+        raise InputError("heights must be finite; cut out NaN, or read_surface(..., missing='fill')")
     return height
 
 

@@ -126,9 +126,7 @@ def power_laws(quick):
             order_figure(f"the load, n = {n:g}", sizes, loads, 1.5),
             Figure(f"error of the load on {sizes[-1]}², n = {n:g}", loads[-1], most=0.2 / sizes[-1]),
             Figure(f"error of the contact area, n = {n:g}", areas[-1], most=4 / sizes[-1]),
-            Figure(
-                f"error of the pressure in the middle, n = {n:g}", middles[-1], most=0.5 / np.sqrt(sizes[-1])
-            ),
+            Figure(f"error of the middle pressure, n = {n:g}", middles[-1], most=0.5 / np.sqrt(sizes[-1])),
         ]
     return figures
 
@@ -183,9 +181,8 @@ def bisinusoidal(quick):
     n, figures = 128 if quick else 512, []
 
     def at(share, n=n):
-        c = Bisinusoidal(
-            _AMPLITUDE, _LENGTH, E_STAR, share * np.sqrt(2) * np.pi * E_STAR * _AMPLITUDE / _LENGTH
-        )
+        needed = np.sqrt(2) * np.pi * E_STAR * _AMPLITUDE / _LENGTH
+        c = Bisinusoidal(_AMPLITUDE, _LENGTH, E_STAR, share * needed)
         return c, solved(_waves(c, n, n, "spectral"), mean_pressure=c.mean_pressure)
 
     for share in (0.003,) if quick else (0.001, 0.003):

@@ -276,7 +276,6 @@ class DenseProblem:
                 return np.clip(p, 0, self._upper)
             patience = _PATIENCE if wrong.sum() < fewest else patience - 1
             fewest = min(fewest, wrong.sum())
-            sets = (
-                new if patience > 0 else np.where(np.arange(h.size) == np.flatnonzero(wrong)[-1], new, sets)
-            )
+            last = np.arange(h.size) == np.flatnonzero(wrong)[-1]
+            sets = new if patience > 0 else np.where(last, new, sets)
         raise ArithmeticError("rounding keeps pivoting from its end")

@@ -164,9 +164,8 @@ def draw_sharpness(results):
 
     Return the figure, or None if no result has such errors.
     """
-    shown = [
-        figure for r in results for figure in r.figures if figure.points and "over its bound" in figure.what
-    ]
+    drawn = (figure for result in results for figure in result.figures if figure.points)
+    shown = [figure for figure in drawn if "over its bound" in figure.what]
     if not shown:
         return None
     figure = new_figure(7.2, 6.2)
@@ -180,8 +179,6 @@ def draw_sharpness(results):
             panel.loglog(bounds, true, marker, color=colour, ms=4, alpha=0.5, mew=0, label=label)
     ends = panel.get_xlim()
     panel.plot(ends, ends, color=GREY, lw=1.5, zorder=0)
-    panel.set(
-        xlim=ends, xlabel="proved bound of the relative error", ylabel="true relative error, energy norm"
-    )
+    panel.set(xlim=ends, xlabel="proved bound of the relative error", ylabel="true relative error (energy)")
     panel.legend(loc="upper left")
     return figure

@@ -94,12 +94,9 @@ def compare(answers):
         cases = {name.rpartition("|")[0] for name in one if name.startswith(f"{way}|")}
         if not cases:
             continue
-        off = max(
-            difference(other[f"{c}|pressure"], one[f"{c}|pressure"]) for c in cases for other in several
-        )
-        cells = max(
-            int((other[f"{c}|contact"] != one[f"{c}|contact"]).sum()) for c in cases for other in several
-        )
+        pairs = [(other, case) for case in cases for other in several]
+        off = max(difference(other[f"{c}|pressure"], one[f"{c}|pressure"]) for other, c in pairs)
+        cells = max(int((other[f"{c}|contact"] != one[f"{c}|contact"]).sum()) for other, c in pairs)
         solved_all = all(of[f"{c}|facts"][0] for c in cases for of in answers.values())
         its = max(abs(other[f"{c}|facts"][1] - one[f"{c}|facts"][1]) for c in cases for other in several)
         figures += [

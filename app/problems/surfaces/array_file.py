@@ -188,9 +188,8 @@ def _read_text(path, skip, channel, heights):
         while piece := file.read(PIECE):
             content += piece
             check_fits(len(content) * TEXT_MEMORY, advice)
-    choosing = (
-        "; choose one by app.convert --channel, or channel= of read_surface" if heights else ": leave one"
-    )
+    ways = "; choose one by app.convert --channel, or channel= of read_surface"
+    choosing = ways if heights else ": leave one"
     lines = select_channel(_decode(bytes(content)).splitlines(), channel, choosing)
     esri, skip = read_esri_head(lines, skip) if heights else ({}, skip)
     comments = [line for j, line in enumerate(lines) if j < skip or is_comment(line)]
@@ -206,7 +205,6 @@ def _decode(content):
         non_ascii = len(content) - len(content.translate(None, bytes(range(128, 256))))
         control = len(content) - len(content.translate(None, CONTROL_BYTES))
         if utf16 or control or non_ascii > MAX_NON_ASCII * len(content) + 8:
-            raise UnknownText(
-                "it is no text; formats: .npy, .npz, .h5, .hdf5, and text", is_text=False
-            ) from None
+            formats = ".npy, .npz, .h5, .hdf5, and text"
+            raise UnknownText(f"it is no text; formats: {formats}", is_text=False) from None
         return content.decode("latin-1")

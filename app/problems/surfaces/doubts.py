@@ -18,9 +18,8 @@ def note_doubtful_units(surface, grid):
         what = "is flatter than most surfaces"
     else:
         return []
-    return [
-        f"surface file {surface.file}: {what}; are the units right? It was read as {surface.understood(grid)}"
-    ]
+    doubt = f"surface file {surface.file}: {what}; are the units right?"
+    return [f"{doubt} It was read as {surface.understood(grid)}"]
 
 
 def note_spike(surface):

@@ -73,6 +73,5 @@ def detect_format(path, skip=0):
         return by_name
     with Path(path).open("rb") as file:
         content = file.read(64)
-    return next(
-        (known for known in FORMATS if known.beginning and content.startswith(known.beginning)), by_name
-    )
+    marked = (known for known in FORMATS if known.beginning)
+    return next((known for known in marked if content.startswith(known.beginning)), by_name)

@@ -280,9 +280,8 @@ def _begins_with_coordinates(rows):
     steps = [first, *islice((row for row in steps if np.isfinite(row).sum() >= MIN_COORDINATES - 2), 2)]
     if len(steps) < 3 or not np.isfinite(first).all():
         return False
-    low, high, mean = (
-        np.array([of(row[np.isfinite(row)]) for row in steps]) for of in (np.min, np.max, np.mean)
-    )
+    steps = [row[np.isfinite(row)] for row in steps]
+    low, high, mean = (np.array([of(row) for row in steps]) for of in (np.min, np.max, np.mean))
     spread, largest = high - low, np.maximum(high, -low)
     if not largest[0] > 0 or spread[0] > MAX_COORDINATE_SPREAD * largest[0]:
         return False

@@ -71,9 +71,7 @@ class Surface:
     _level: dict  # polynomial that is subtracted, see `Moments.fit`
     _tilt: dict  # slopes of the best plane that remains
     _filled: tuple  # rows and columns of the filled points in the crop
-    _fillings: dict = field(
-        default_factory=dict
-    )  # heights of these points [mm], by whether x and y wrap around
+    _fillings: dict = field(default_factory=dict)  # their heights [mm], by whether x and y wrap around
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
@@ -185,9 +183,7 @@ class Surface:
         holes = f", {self.missing_points} of {nx * ny} points {fate}" if self.missing_points else ""
         shape = f", skewness {self.skewness:.2g}, kurtosis {self.kurtosis:.2g}" if self.rms_level > 0 else ""
         filters = (("S", self.s_filter), ("L", self.l_filter))
-        filtered = "".join(
-            f", {name}-filtered at {format_lengths(index)}" for name, index in filters if index
-        )
+        filtered = "".join(f", {name}-filtered at {format_lengths(size)}" for name, size in filters if size)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {format_lengths(*self.cell(grid))}, patch of "
             f"{format_lengths(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "

@@ -55,9 +55,8 @@ class Moments:
         for start in range(0, ny, self._run):
             z = rows(start, min(start + self._run, ny))
             self._add(z, x, y[start : start + self._run], start)
-            for sums, steps in zip(
-                self._steps, (np.diff(z), np.diff(np.vstack([last, z]), axis=0)), strict=True
-            ):
+            in_x, in_y = np.diff(z), np.diff(np.vstack([last, z]), axis=0)
+            for sums, steps in zip(self._steps, (in_x, in_y), strict=True):
                 steps = steps[np.isfinite(steps)]
                 sums += steps.size, steps.sum(), steps @ steps
             last = z[-1:]

@@ -42,9 +42,8 @@ def select_channel(lines, wanted, advice):
     >>> select_channel(["# Kanal: Z", "1 2", "# Kanal: Phase", "# Einheiten: deg", "3 4"], "Phase", "")
     ['', '', '# Kanal: Phase', '# Einheiten: deg', '3 4']
     """
-    heads = [
-        (j, entry) for j, line in enumerate(lines) if is_comment(line) and (entry := _gwyddion_entry(line))
-    ]
+    comments = [(j, line) for j, line in enumerate(lines) if is_comment(line)]
+    heads = [(j, entry) for j, line in comments if (entry := _gwyddion_entry(line))]
     starts, end = [0], 0
     for j, _ in heads:
         if any(map(is_row, lines[end:j])):

@@ -85,9 +85,8 @@ def read_table(lines, skip=0, heights=False):
     if heights:
         texts = [_NO_DATA.sub("nan", text) if "data" in text.lower() else text for text in texts]
     _check_head(numbers, texts, heights)
-    texts = _unquote(
-        [_FORTRAN_EXPONENT.sub("e", text) if "d" in text or "D" in text else text for text in texts]
-    )
+    texts = [_FORTRAN_EXPONENT.sub("e", text) if "d" in text.lower() else text for text in texts]
+    texts = _unquote(texts)
     separator, decimal_commas = _find_layout(texts)
     if separator and separator != "\t":
         texts = [text.rstrip() for text in texts]
