@@ -146,7 +146,8 @@ def refine(
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
                 if solution.converged and not reached:
-                    short = f"refined to {grid.nx} x {grid.ny} cells, with errors above {format_exact(until)}"
+                    cells = f"{grid.nx} x {grid.ny} cells"
+                    short = f"refined to {cells}, not to errors below {format_exact(until)}"
                     solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
                     solution = solver.with_stiffness(solution)

@@ -126,7 +126,9 @@ def power_laws(quick):
             order_figure(f"the load, n = {n:g}", sizes, loads, 1.5),
             Figure(f"error of the load on {sizes[-1]}², n = {n:g}", loads[-1], most=0.2 / sizes[-1]),
             Figure(f"error of the contact area, n = {n:g}", areas[-1], most=4 / sizes[-1]),
-            Figure(f"error of the middle pressure, n = {n:g}", middles[-1], most=0.5 / np.sqrt(sizes[-1])),
+            Figure(
+                f"error of the pressure in the middle, n = {n:g}", middles[-1], most=0.5 / sizes[-1] ** 0.5
+            ),
         ]
     return figures
 
