@@ -213,9 +213,9 @@ def test_only_the_errors_of_chosen_quantities_count():
 @pytest.mark.parametrize(
     ("quantities", "said"),
     [
-        ("load", "must be names"),
-        ((), "must be names"),
-        (("area",), "must be names"),
+        ("load", "must be among"),
+        ((), "must be among"),
+        (("area",), "must be among"),
         (("load",), "prescribed"),
     ],
 )
