@@ -30,8 +30,8 @@ _COUNTED = {"contact_patches", "largest_patch"}  # attributes of a file that are
 _Numbers = make_dataclass(  # their names are listed once, where they are computed
     "_Numbers",
     [pair for kind in (ContactMeasures, ContactMoments, GridErrors) for pair in kind.__annotations__.items()],
-    frozen=True,
-)
+    frozen=True, eq=False, repr=False,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)

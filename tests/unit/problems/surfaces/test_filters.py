@@ -191,10 +191,10 @@ def test_nesting_indices_out_of_range_are_refused(saved, filters, message):
 @pytest.mark.parametrize(
     ("how", "message"),
     [
-        ({"s_filter": 0}, "s_filter 0: must be a positive number"),
-        ({"l_filter": np.nan}, "l_filter nan: must be a positive number"),
-        ({"s_filter": "5 um"}, "s_filter '5 um': must be a positive number"),
-        ({"s_filter": (1, 2)}, r"s_filter \(1, 2\): must be a positive number"),
+        ({"s_filter": 0}, "s_filter 0: must be a positive wavelength"),
+        ({"l_filter": np.nan}, "l_filter nan: must be a positive wavelength"),
+        ({"s_filter": "5 um"}, "s_filter '5 um': must be a positive wavelength"),
+        ({"s_filter": (1, 2)}, r"s_filter \(1, 2\): must be a positive wavelength"),
         ({"s_filter": 0.01}, "spacing= of read_surface is missing"),
         ({"s_filter": 0.01, "spacing": (1e-3, 1e-3), "crop": (3, 4, 5, 6)}, "one cell: nothing to filter"),
     ],
