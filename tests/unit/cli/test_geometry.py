@@ -172,7 +172,9 @@ def test_more_cells_than_petsc_can_number_are_refused(grid):
 def test_huge_sparse_gap_file_is_refused(sparse, name, small_machine):
     with pytest.raises(ValueError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
         made(problem="file", gap_file=sparse(name, 40_000))
-    with pytest.raises(InputError, match=r"grid 1000000,1000000: this PETSc can number at most 2147483647 cells"):
+    with pytest.raises(
+        InputError, match=r"grid 1000000,1000000: this PETSc can number at most 2147483647 cells"
+    ):
         made(problem="file", gap_file=sparse(name, 1_000_000))
 
 
