@@ -101,7 +101,9 @@ def test_resume_after_a_full_disk_keeps_all_steps(cli_here, tmp_path, monkeypatc
         patch.setattr(os, "posix_fallocate", refuse)
         full = cli_here(*words)
     assert full.returncode == 2 and "No space left on device" in full.stderr
-    assert f"note: 4 of 4 steps are stored in {tmp_path / 'path.path.jsonl'}; -resume goes on" in full.stderr
+    assert (
+        f"note: 4 of 4 steps are stored in {tmp_path / 'path.path.jsonl'}; -resume continues" in full.stderr
+    )
     found = (tmp_path / "path.csv").read_bytes()
     done = cli_here(*words, "-resume")
     assert done.returncode == 0 and "kept" not in done.stderr
