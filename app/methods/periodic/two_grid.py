@@ -4,12 +4,16 @@ O restricts fields to the free cells, those outside the contact set. B is the in
 product with A on a coarser grid nearly solves for the long waves. Sweeps on the free cells reduce the short waves.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from petsc4py import PETSc
 
 from app.base.numba_cache import as_writable
 from app.contact import kernels
 from app.halfspace.chebyshev import chebyshev_steps
+from app.halfspace.grid import Grid
+from app.halfspace.kernel import UNIT
 from app.halfspace.operator import get_operator
 from app.methods.periodic import stencil
 from app.methods.periodic.operator import InverseOperator
@@ -31,10 +35,10 @@ DAMPED_EIGENVALUES = 0.5, 1.4  # interval of eigenvalues of the centre of B, ove
 DAMPED_FRACTION = (
     0.9  # upper end over the largest eigenvalue, if that would be amplified: on few rows of long cells
 )
-MAX_NEIGHBOUR_SUM, SCALED_NEIGHBOUR_SUM = (
-    0.97,
-    0.9,
-)  # largest sum of the weights of the eight neighbours, and the sum they are scaled to if it is larger
+LONG_WAVE_CELLS = 24.0  # length of the wave for which the weights of a layered body are right
+HALF_SPACE_WAVE_CELLS = 18.0  # the same for the weights of a half-space
+MAX_WEIGHT_FACTOR = 2.0  # largest factor on these weights
+SAMPLE_CELLS = 16  # largest number of cells, along an axis, of the grid for the weights of a half-space
 MIN_PRESWEPT_EIGENVALUE = 1.7  # largest eigenvalue above which sweeps also come first; 4:1 cells reach it
 ROW_TOLERANCE = 1e-6  # in coarse cells: a row this near to a coarse row also fetches the next one
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
@@ -89,12 +93,13 @@ class TwoGrid:
         if operator is self.operator:
             return
         self.operator = operator
-        self.weights = _weights(operator.product.centre, operator.grid)
+        self.weights = _weights(operator.influence.kernel, operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
         (low, high), (_, x, y, diagonal) = DAMPED_EIGENVALUES, self.weights
-        # Largest eigenvalue of the sweeps, of constants and of waves that alternate in x, y or both.
+        # Extreme eigenvalues of the sweeps, of constants and of waves that alternate in x, y or both.
         waves = x + y + 2 * diagonal, x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y
         highest = 1 + 2 * float(max(waves))
+        low = max(low, 1 + 2 * float(min(waves)))  # or sweeps reverse long waves on thin layers
         if highest > low + high:
             high = DAMPED_FRACTION * highest
         self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
@@ -193,21 +198,50 @@ class TwoGrid:
             viewer.printfASCII(f"  {sweeps}{more}\n")
 
 
-def _weights(centre, grid):
+def _weights(kernel, centre, grid):
     """Return 1 / B_00, and the weights of neighbours.
 
     B_00 is the diagonal entry of B. The weights are entries of the 3 x 3 `centre` of B, divided by B_00, for the
-    neighbours in x, in y and on the diagonal. Along an axis with two cells, both neighbours are the same cell, so that
-    each counts half. If the neighbours outweigh the diagonal, as with a stiff coating, sweeps would diverge. Then the
-    weights of the neighbours are scaled.
+    neighbours in x, in y and on the diagonal. With the centre alone, long waves would have wrong eigenvalues: for a
+    stiff coating the neighbours outweigh the diagonal, and sweeps diverge; for a soft one they weigh too little, and
+    sweeps undo the work of the coarser grid. So with layers the weights are multiplied by a factor that makes the
+    eigenvalue of a long wave right relative to that of a half-space.
+    """
+    middle, *around = _centre_weights(centre, grid)
+    if not kernel.scale_free and min(grid.shape) > 2:
+        sample = Grid(
+            *(min(n, SAMPLE_CELLS) for n in (grid.nx, grid.ny)), grid.dx, grid.dy, periodic=grid.periodic
+        )
+        diagonal, *others = _half_space_weights(sample)
+        here, there = (-2 * (x + y + 2 * xy) for x, y, xy in (around, others))
+        q = 2 * np.pi / (LONG_WAVE_CELLS * np.sqrt(grid.dx * grid.dy))
+        softer = middle * float(kernel.wave_compliance(np.array([q]))[0]) / diagonal
+        wanted = 1 - (1 - there) * HALF_SPACE_WAVE_CELLS / LONG_WAVE_CELLS / softer
+        if here > 0 and wanted > 0:
+            factor = min(wanted / here, MAX_WEIGHT_FACTOR)
+            around = [factor * value for value in around]
+    return 1.0 / middle, *map(np.float32, around)
+
+
+def _centre_weights(centre, grid):
+    """Return B_00 and the three weights, not scaled.
+
+    Along an axis with two cells, both neighbours are the same cell, so that each counts half.
     """
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
-    around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
     middle = float(centre[1, 1]) or 1.0  # B of a single cell is zero
-    total = 2 * (around[0] + around[1] + 2 * around[2]) / -middle
-    if total > MAX_NEIGHBOUR_SUM and min(grid.shape) > 2:
-        around = tuple(SCALED_NEIGHBOUR_SUM / total * value for value in around)
-    return 1.0 / middle, *(np.float32(value / middle) for value in around)
+    around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
+    return middle, *(value / middle for value in around)
+
+
+@lru_cache(maxsize=16)
+def _half_space_weights(grid):
+    """Return `_centre_weights` for a half-space with compliance 1."""
+    x, y = np.arange(grid.nx), np.arange(grid.ny)
+    values = UNIT.eigenvalues(grid, np.minimum(x, grid.nx - x), np.minimum(y, grid.ny - y))
+    values[0, 0] = np.inf
+    inverse = np.fft.ifft2(1 / values).real.T
+    return _centre_weights(inverse[np.ix_((-1, 0, 1), (-1, 0, 1))], grid)
 
 
 class _LongWaves:

@@ -23,8 +23,8 @@ def make():
     """Make solvers for grids with a share of contact."""
     solvers = []
 
-    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
-        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
+    def solver(grid, share=0.3, seed=1, dtype=np.float32, kernel=STEEL, **options):
+        hierarchy = Hierarchy(grid, kernel, MPI.COMM_SELF, dtype=dtype)
         texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
         with SolverOptions("", texts).inserted():
             solvers.append(PrimalSolver(hierarchy))

@@ -5,6 +5,7 @@ import pytest
 from operators import random_field
 
 from app.halfspace.grid import Grid
+from app.halfspace.material import Material
 from app.methods.periodic.two_grid import TwoGrid
 
 SINGLE = 2e-6
@@ -36,23 +37,30 @@ def applied(solver, field):
     return z
 
 
-@each_grid
-@pytest.mark.parametrize("share", [0.0, 0.03, 0.3, 0.5, 0.97])
-def test_preconditioner_is_positive_with_eigenvalues_near_one(make, grid, share):
-    solver = make(grid, share)
-    free, inverse = solver.inverse.mask, solver.inverse
-    assert (applied(solver, random_field(grid, 5))[~free] == 0).all()
+def matrices(solver):
+    """M and B on the free cells."""
+    grid, free = solver.operator.grid, solver.inverse.mask
     units = np.eye(grid.n).reshape(-1, *grid.shape)[free.reshape(-1)]
     m, b = np.empty((2, len(units), len(units)))
     pressure = np.empty(grid.shape)
     for unit, of_m, of_b in zip(units, m, b, strict=True):
         of_m[...] = applied(solver, unit)[free]
-        inverse.exact_pressure(unit, pressure)
+        solver.inverse.exact_pressure(unit, pressure)
         of_b[...] = pressure[free]
+    return m, b
+
+
+@each_grid
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.3, 0.5, 0.97])
+def test_preconditioner_is_positive_with_eigenvalues_near_one(make, grid, share):
+    solver = make(grid, share)
+    free = solver.inverse.mask
+    assert (applied(solver, random_field(grid, 5))[~free] == 0).all()
+    m, b = matrices(solver)
     assert np.linalg.eigvalsh(m + m.T).min() > 0
     values = np.linalg.eigvals(b @ m)
     values = values[abs(values) > 1e-9]  # B does not see the constant
-    assert len(values) >= len(units) - (share == 0)
+    assert len(values) >= len(m) - (share == 0)
     long = max(grid.dx / grid.dy, grid.dy / grid.dx) > 4  # the coarser grid does not have all waves
     assert (
         values.real.min() > (0.08 if long else 0.35)
@@ -62,6 +70,25 @@ def test_preconditioner_is_positive_with_eigenvalues_near_one(make, grid, share)
     free.flat[np.flatnonzero(free)[::2]] = False  # another contact set
     solver.set_contact()
     assert (applied(solver, random_field(grid, 6))[~free] == 0).all()
+
+
+@pytest.mark.parametrize("grid", [patch(24, 20), patch(20, 12, 3.0, "love")], ids=str)
+@pytest.mark.parametrize(
+    "young, nu", [((1.0, np.inf), 0.3), ((1.0, np.inf), 0.45), ((1.0, 20.0), 0.1), ((5.0, 1.0), 0.3)]
+)
+@pytest.mark.parametrize("cells", [0.3, 1.0, 4.0])
+def test_preconditioner_of_layers_is_positive(make, grid, young, nu, cells):
+    """On thin layers, also for long waves."""
+    kernel = Material.coated(young, (nu, 0.3), cells * grid.dx).kernel
+    for share in (0.03, 0.5):
+        m, b = matrices(make(grid, share, kernel=kernel))
+        assert np.linalg.eigvalsh(m + m.T).min() > 0
+        first, second, last = np.sort(np.linalg.eigvals(b @ m).real)[
+            [0, 1, -2]
+        ]  # one eigenvalue at each end is of a nearly constant field
+        assert first > 0
+        assert second > 0.2
+        assert last < 2
 
 
 @each_grid
