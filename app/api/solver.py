@@ -277,7 +277,8 @@ class ContactSolver(Derivatives):
             return self._solve_loading(values, start)
         solve = lambda load: self._solve_loading(dict.fromkeys(values) | {"load": load}, start)  # noqa: E731
         tolerance = self.settings.rtol * max(approach - self.touching, distance.deviation)
-        return search_load(solve, approach, self.touching, tolerance, self.problem.grid.area / uniform)
+        numbers = self.problem.grid.area, uniform, self.settings.error_bound
+        return search_load(solve, approach, self.touching, tolerance, *numbers)
 
     def _solve_loading(self, values, start):
         started, traffic = time.perf_counter(), self.comm.traffic.copy()
