@@ -4,7 +4,9 @@
 the command writes two files. DIR/subsurface.png shows the von Mises stress on vertical sections along x and y, and
 stresses on a vertical line, all through the largest one (or through ``--at``). DIR/subsurface.h5 has the six
 components, von Mises and largest shear stress on the sections, on the line and on the planes of ``--planes`` [N/mm2],
-compression negative. Exit status 0, or 2 after an error. Runs on one rank.
+compression negative. Of a coated body, the command also prints the largest stresses in the coating, in the substrate
+and at the interface; the sections have both sides of the interface. Exit status 0, or 2 after an error. Runs on one
+rank.
 """
 
 from pathlib import Path
