@@ -21,19 +21,28 @@ REFERENCE = 0.01  # 250 kPa
 SHOWN = (0.01, 0.1, 1.0)  # loads whose distributions are kept
 
 TEXT = """\
-Surface: {surface}. Published parameters: patch of 0.1 mm, periodic; self-affine, Hurst exponent 0.8, roll-off 20 µm,
-cut-off 0.1 µm, rms slope 1; E* = 25 MPa, reference mean pressure 250 kPa (`load` 0.01). The Challenge has a
-short-ranged adhesion that is left out here. A look-alike has the same spectrum with random phases of its own: it is
-another surface of the same kind.
+Surface: {surface}. Published parameters: periodic patch of 0.1 mm; self-affine surface with Hurst exponent 0.8, roll-off
+20 µm, cut-off 0.1 µm and rms slope 1; E* = 25 MPa; reference mean pressure 250 kPa (`load` 0.01). The Challenge has
+short-ranged adhesion, which this program does not model. A look-alike is another surface with the same spectrum: its
+waves have random phases of their own.
 
-`load`: mean pressure over E* times the rms slope of the whole surface. The cut-off needs two cells per shortest wave:
-2048 x 2048 cells have 2.05. {coarse}Finer grids carry the same waves (by the
-Fourier series of the heights), so what changes with the grid is the error of the cells.
+The load is given as `load`: mean pressure / (E* rms slope of the whole surface). The shortest wave needs at least two
+cells: on 2048 x 2048 cells it is 2.05 cells long. {coarse}Finer grids have the same waves, so results on two grids
+differ only by the error due to the cell size.
 
-`contact`: share of the cells; `corrected`: less the staircase of the cells, by the perimeter (Yastrebov et al. 2017).
-`mean gap`: over the rms height of the whole surface. `patches`: of contact, hanging together by sides of cells, over
-the period, too; `largest`: share of the period. `stiffness` in the pictures: -d(load)/d(mean gap), from neighbouring
-loads. Persson's theory: contact erf(sqrt(2) load). The numbers are in {numbers} and {densities}.
+| column | meaning |
+|---|---|
+| `contact` | share of the cells in contact |
+| `corrected` | `contact`, corrected by the perimeter for the cells at the contact edge (Yastrebov et al. 2017) |
+| `Persson` | contact fraction by Persson's theory, erf(sqrt(2) `load`) |
+| `mean gap` | mean gap / rms height of the whole surface |
+| `largest pressure` | largest pressure / (E* rms slope of the whole surface) |
+| `patches` | number of contact spots: sets of contact cells connected by sides, also across the period |
+| `largest` | area of the largest contact spot, as a share of the period |
+| `applications` | operator applications of the solve |
+
+The pictures also show the stiffness, -d(load)/d(mean gap) from neighbouring loads. All numbers are in {numbers} and
+{densities}.
 """
 
 
@@ -57,7 +66,7 @@ def write_page(path, rows, densities, name):
         save_figure(distributions_figure(rows, densities), pictures["distributions"], dpi=110)
     coarse = [size for size in _sizes(rows) if SIDE / size * 2 > CUTOFF]
     left_out = (
-        f"On {' and '.join(f'{n}²' for n in coarse)} waves below two cells are left out. " if coarse else ""
+        f"On {' and '.join(f'{n}²' for n in coarse)} cells, shorter waves are left out. " if coarse else ""
     )
     text = TEXT.format(
         surface=name,
