@@ -173,7 +173,7 @@ def note_hardness(problem, contact):
     if contact.plastic_area < contact.contact_area:
         return []
     if contact.plastic_fraction < 1:
-        return ["all contact is plastic: this is one of several approaches with this load"]
+        return ["all contact is plastic: several approaches have this load"]
     return [f"all cells are plastic: {contact.load:.6g} N is the largest load, also of larger approaches"]
 
 

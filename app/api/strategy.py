@@ -14,7 +14,7 @@ from app.base.petsc import error_message, to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
-from app.contact.full_plasticity import FullPlasticity
+from app.contact.full_plasticity import CONTACT_PLASTIC, FullPlasticity, move_to_lower_end
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
@@ -91,9 +91,12 @@ class Strategy:
             If PETSc finds the chosen solvers incompatible.
         """
         try:
-            return self._run(loading, history, start)
+            state, outcome = self._run(loading, history, start)
         except PETSc.Error as error:
             raise to_input_error(error) from error.__cause__
+        if move_to_lower_end(state, loading.load):
+            outcome = outcome._replace(converged=True, reason=CONTACT_PLASTIC, residual=0.0)
+        return state, outcome
 
     def _run(self, loading, history, start):
         hierarchy, full = self._hierarchy, None

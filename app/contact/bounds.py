@@ -148,6 +148,10 @@ class CappedBounds(PressureBounds):
         """Count the cells with factor p >= H."""
         return capped_kernels.count_plastic(p, self.upper, self.admissible, factor)
 
+    def sum_at_nearest_bound(self, p):
+        """Return the sum of pressures after each is moved to its nearest bound [N/mm2]."""
+        return capped_kernels.sum_at_nearest_bound(p, self.upper, self.admissible)
+
     def not_plastic(self, p):
         """Return a mask of the admissible cells with p < H."""
         return self.admissible & (p < self.upper)

@@ -150,6 +150,23 @@ def count_plastic(p, upper, admissible, factor):
 
 
 @njit_reassoc
+def _nearest_bound_row(p, upper, admissible):
+    total = 0.0
+    for i in range(p.size):
+        total += upper[i] if admissible[i] & (2 * p[i] > upper[i]) else 0.0
+    return total
+
+
+@njit()
+def sum_at_nearest_bound(p, upper, admissible):
+    """Return the sum of H over the admissible cells with p > H / 2."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        total += _nearest_bound_row(p[j], upper[j], admissible[j])
+    return total
+
+
+@njit_reassoc
 def _room_row(p, upper, contact, up):
     cells = 0
     if up:

@@ -121,6 +121,27 @@ def test_sphere_agrees_with_rings(share):
 
 
 @pytest.mark.parametrize("method", METHODS)
+@each_patch
+def test_least_approach_if_all_contact_is_plastic(periodic, method):
+    """The lower half of the cells carries the load at the hardness; the others are far away."""
+    grid, low = (
+        Grid.from_domain(12, 10, (0, 12, 0, 10)),
+        np.add.outer(np.arange(10) // 2, np.arange(12) // 3) % 2 == 0,
+    )
+    gap = np.where(low, 0, 5) + 0.01 * np.random.default_rng(1).random(grid.shape)
+    hardness = np.where(low, 0.03, 0.02)
+    problem = ContactProblem(
+        grid, Material.from_contact_modulus(1.0), gap, periodic=periodic, hardness=hardness
+    )
+    found = solved(problem, method, load=grid.cell_area * hardness[low].sum())
+    assert found.converged
+    np.testing.assert_array_equal(found.pressure, np.where(low, hardness, 0))
+    shape_and_u = gap + found.displacement
+    assert found.approach == pytest.approx(shape_and_u[low].max(), rel=1e-13)
+    assert found.approach < shape_and_u[~low].min() - 1
+
+
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("make", [hertz, punch, self_affine, periodic_rough])
 def test_hardness_that_no_pressure_reaches_changes_nothing(make, method):
     problem = make(32)
