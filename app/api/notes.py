@@ -192,7 +192,7 @@ def note_filled_points(surface, state):
 
 
 def _touches_boundary(state, contact_cells):
-    """Return whether contact is at the patch boundary; where the patch repeats it has none."""
+    """Return whether contact is at a boundary where the patch ends."""
     in_y, in_x = state.grid.repeats
     if contact_cells:
         cells = state.in_contact()

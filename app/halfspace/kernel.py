@@ -38,7 +38,7 @@ class HalfSpaceKernel:
         self.compliance = float(compliance)
 
     def period_cells(self, grid):
-        """Return numbers of cells in y and x after which coefficients repeat; 0: never."""
+        """Return the periods of coefficients in y and x [cells]; 0: none."""
         return 0, 0
 
     @property

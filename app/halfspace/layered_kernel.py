@@ -94,7 +94,7 @@ class LayeredKernel(HalfSpaceKernel):
         return values
 
     def _alias_sums(self, grid, columns, rows, highest=np.inf):
-        """Return eigenvalues minus those of a half-space of this compliance; see `_alias_sums`."""
+        """Return the layers' part of the eigenvalues; see `_alias_sums`."""
         return 2 * np.pi * sum(_alias_sums(layer, grid, columns, rows, highest) for layer in self.layers)
 
     def coefficients(self, grid, rows, columns):

@@ -52,7 +52,7 @@ class Convolution(EvenMultiplier):
 
 
 def half_lengths(shape, periods):
-    """Return the numbers of offsets in y and x at which a kernel must be known."""
+    """Return the numbers of offsets in y and x that a kernel needs."""
     return tuple(min(n, period // 2 + 1) for n, period in zip(shape, periods, strict=True))
 
 

@@ -29,7 +29,7 @@ def starts_directly(hierarchy, number):
 
 
 def stored_matrix(operator):
-    """Return the dense A of a small grid; empty without rows.
+    """Return the dense A of a small grid; empty on ranks without rows.
 
     Raises
     ------

@@ -256,8 +256,8 @@ def _note_ignored(names, replaceable):
 def drop_unused(settings, unused, known):
     """Return settings without those replaceable options that were not used.
 
-    Raises InputError if any other option of `unused`, the names that no solver has read, was not used. The message may
-    suggest the names in `known`, too.
+    `unused` are the names that no solver has read. Raises InputError if one of them is not replaceable; the message may
+    suggest names in `known`, too.
     """
     if mistakes := set(unused).difference(settings.replaceable):
         ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}

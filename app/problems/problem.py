@@ -53,7 +53,7 @@ class Problem:
 
     @property
     def periodic(self):
-        """Direction of the period, "x" or "y", or name of the symbol if both; empty if not periodic."""
+        """Direction of the period, or name of the symbol if both."""
         return self.grid.periodic
 
     @property

@@ -35,7 +35,7 @@ _NODES, _WEIGHTS = (np.concatenate([rule[k] for rule in map(np.polynomial.legend
 
 
 class _RadialFunctions:
-    """The functions g, h and v of a layer at distances r = sinh(v) up to a radius, at any depth."""
+    """Radial functions g, h and v of a layer, at any depth."""
 
     def __init__(self, layer, radius):
         reach = asinh(radius)

@@ -178,10 +178,10 @@ class _ContactSets:
         return _Exchanged(self._activate(solved), computed=computed)
 
     def _activate(self, solved):
-        """Add cells to the contact set, by the displacement that is predicted for a zero residual.
+        """Add overlapping cells to the contact set, by a predicted displacement.
 
-        There is no prediction if the residual was small enough. With plastic cells there is one, because cells that
-        reached the hardness have lost pressure since: the residual is large again.
+        The displacement is predicted for a zero residual. If the residual was small enough, there is no prediction,
+        except with plastic cells: they have lost pressure, so the residual is large again.
         """
         state = self.state
         small = solved.norm <= solved.allowed and not state.plastic_cells()

@@ -53,7 +53,7 @@ class ResidualTrend:
 
 
 def _trend(sums, shares):
-    """Return the trend of each block from the block means of the residual, and the shares of C."""
+    """Return the trend of each block of cells, by the module's equation."""
     levels = [(sums, shares)]
     while max(sums.shape) > 1:
         sums, shares = _halve(sums), _halve(shares)

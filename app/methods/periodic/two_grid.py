@@ -224,7 +224,7 @@ def _weights(kernel, centre, grid):
 
 
 def _centre_weights(centre, grid):
-    """Return B_00 and the three weights, not scaled.
+    """Return B_00, the diagonal of B, and the weights of neighbours.
 
     Along an axis with two cells, both neighbours are the same cell, so that each counts half.
     """

@@ -114,7 +114,7 @@ class Moments:
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
     def slopes(self):
-        """Return the factors of x and y in the best plane [mm].
+        """Return the slopes of the best plane in x and y [mm].
 
         x and y go from -1 to 1 over the map.
         """
