@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from documents import ROOT, code_blocks, run_blocks
 
 from app.cli import plot
 from app.io.result import read_result
@@ -81,3 +82,69 @@ def test_the_default_method_tells_what_it_does(cli, tmp_path):
     result = read_result(tmp_path / "out.h5")
     assert f"{result.history['approach'][-1]:#.8g}" in done.stdout
     np.testing.assert_allclose(result.history["approach"][-1], result.attributes["approach"], rtol=1e-2)
+
+
+def test_a_patch_periodic_in_one_direction(cli_here, tmp_path):
+    """The line contact, its result file, pictures, report and a new solve from its gap."""
+    path, picture = tmp_path / "out.h5", tmp_path / "pictures"
+    cylinder = "-problem", "cylinder", "-cylinder_radius", 10, *STEEL, "-grid", "64,1", "-load", 100
+    domain = "-domain", "-0.25,0.25,0,1"
+    done = cli_here(*cylinder, *domain, "-periodic", "y", "-output", path)
+    assert done.returncode == 0, done.stderr
+    result = read_result(path)
+    assert (result.periodic, result.periodic_symbol, result.grid.periodic) == ("y", "", "y")
+    half_width = np.sqrt(4 * 100 * 10 / (np.pi * 1e5))
+    assert result.max_pressure == pytest.approx(2 * 100 / (np.pi * half_width), rel=2e-3)
+    picture.mkdir()
+    assert plot.main([str(path), "-o", str(picture)]) in (0, None)
+    assert (picture / "summary.png").exists()
+    again = cli_here(
+        "-problem",
+        "file",
+        "-gap_file",
+        f"{path}:/undeformed_distance",
+        *domain,
+        *STEEL,
+        "-load",
+        100,
+        "-periodic",
+        "y",
+    )
+    assert again.returncode == 0 and f"maximum pressure {result.max_pressure:.6g}"[:-1] in again.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("-periodic", "z"), "-periodic z: must be true, false, x, y"),
+        (("-periodic", "x"), "one cell wide"),
+        (("-periodic", "y", "-periodic_symbol", "love"), "-periodic_symbol: has no effect here"),
+        (("-periodic", "y", "-domain", "auto"), "a periodic patch is given by its period"),
+    ],
+)
+def test_what_one_direction_does_not_allow_is_one_line(cli_here, options, text):
+    done = cli_here(
+        "-problem",
+        "cylinder",
+        "-cylinder_radius",
+        10,
+        *STEEL,
+        "-grid",
+        "64,1",
+        "-domain",
+        "-1,1,0,1",
+        "-load",
+        1,
+        *options,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ") and text in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_example_of_the_page(capsys):
+    page = (ROOT / "docs" / "periodic.md").read_text(encoding="utf-8")
+    run_blocks(code_blocks(page))
+    pressures, approach = capsys.readouterr().out.splitlines()
+    smooth, wavy = map(float, pressures.split())
+    assert smooth == pytest.approx(1, abs=2e-3) and wavy > 1.1
+    assert float(approach) == pytest.approx(1, abs=2e-4)
