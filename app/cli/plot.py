@@ -1,12 +1,8 @@
-"""Draw results, tables and surfaces.
+"""Draw results, tables and surfaces: ``python -m app.plot FILE ... [-o DIR] [--only NAME]``.
 
-The command is ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``. Figures of a result: contact,
-pressure, deformation, sections through the maximum, distributions, spectrum (of rough surfaces), path (of a load path),
-history and summary. A table of a sweep or load path (.csv) has one figure, of the columns of --x and --y; a measured
-surface (.h5 of app.convert, .npy, text) one of its heights above their best plane. Several files have a folder DIR/NAME
-each, and their paths are drawn together in DIR/paths. The default folder has the name of the file without suffix.
-``--style paper`` draws for a column of a journal. The command prints the names of the figures. Exit status 0, or 2
-after an error. Runs on one rank.
+A result has several figures (`app.plots.pictures.PICTURES`); a table of a sweep or load path (.csv) has one, and so
+has a measured surface. Several files have a folder DIR/NAME each, and their paths are drawn together in DIR/paths. The
+command prints the names of the figures. Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 from pathlib import Path

@@ -1,9 +1,6 @@
-"""Describe a result in one web page.
+"""Describe a result in one web page: ``python -m app.report RESULT.h5 [-o report.html]``.
 
-The command is ``python -m app.report RESULT.h5 [-o report.html]``. The page has numbers with units and meanings, their
-proved accuracy, the request, notes, figures, the table of a load path, and the largest stress below the surface if
-Poisson's ratio is known (or given by ``--poisson``). The page needs no other file and no network. Default output:
-RESULT.html in the folder of the result. Exit status 0, or 2 after an error. Runs on one rank.
+The page needs no other file and no network. Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 import base64

@@ -1,12 +1,8 @@
-"""Print and draw the stress below a contact.
+"""Print and draw the stress below a contact: ``python -m app.subsurface RESULT.h5 [-o DIR]``.
 
-``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]`` prints the largest von Mises and shear stresses. With -o
-the command writes two files. DIR/subsurface.png shows the von Mises stress on vertical sections along x and y, and
-stresses on a vertical line, all through the largest one (or through ``--at``). DIR/subsurface.h5 has the six
-components, von Mises and largest shear stress on the sections, on the line and on the planes of ``--planes`` [N/mm2],
-compression negative. Of a coated body, the command also prints the largest stresses in the coating, in the substrate
-and at the interface; the sections have both sides of the interface. Exit status 0, or 2 after an error. Runs on one
-rank.
+The command prints the largest stresses. With -o it draws DIR/subsurface.png, and writes DIR/subsurface.h5: six stress
+components, von Mises and largest shear stress on sections, a line and planes [N/mm2], compression negative. Sections of
+a coated body have both sides of the interface. Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 from pathlib import Path

@@ -1,10 +1,9 @@
-"""Run app.solve for all combinations of option values.
+"""Run app.solve for all combinations of option values: ``python -m app.sweep SWEEP.yml -o out.csv``.
 
-The command is ``python -m app.sweep SWEEP.yml -o out.csv``; docs/commands.md describes sweep files and tables. Each
-combination is run as a process (under mpiexec for ``--ranks`` above 1) and becomes a row of the table. The columns
-`exit_status` and `message` say how the run ended. Finished runs are stored in ``out.runs.jsonl``; ``--resume`` skips
-them if options, their files and the program are unchanged. Exit status: 0 if all runs are solved; 3 if some are not; 2
-if all are refused, or for bad input before any run; 130 if interrupted, with a table of the finished runs.
+Each combination is run as a process (under mpiexec for ``--ranks`` above 1) and becomes a row of the table. Finished
+runs are stored in ``out.runs.jsonl``; ``--resume`` skips them if options, their files and the program are unchanged.
+Exit status: 0 if all runs are solved; 3 if some are not; 2 if all are refused, or for bad input before any run; 130 if
+interrupted, with a table of the finished runs.
 """
 
 from pathlib import Path

@@ -1,8 +1,7 @@
-"""Write an XDMF file for ParaView.
+"""Write an XDMF file for ParaView: ``python -m app.xdmf RESULT.h5 ... [-o SERIES.xdmf]``.
 
-Run ``python -m app.xdmf RESULT.h5 [MORE.h5 ...] [-o SERIES.xdmf]`` on one rank. Default output: name of the first
-result with ``.xdmf``. Several results of one folder, such as the steps of a load path, become a time series. Its times
-are the loads if these rise from result to result, otherwise 0, 1, 2, ... Exit status 0, or 2 after an error.
+Several results of one folder, such as the steps of a load path, become a time series. Its times are the loads if these
+rise from result to result, otherwise 0, 1, 2, ... Exit status 0, or 2 after an error. Runs on one rank.
 """
 
 from pathlib import Path

@@ -33,10 +33,7 @@ def shutdown_comm(comm):
 
 
 def barrier_with_timeout(comm):
-    """Return whether all ranks call this function within `TIMEOUT` seconds.
-
-    Collective.
-    """
+    """Return whether all ranks call this function within `TIMEOUT` seconds. Collective."""
     request = comm.Ibarrier()
     deadline = time.monotonic() + TIMEOUT
     while time.monotonic() < deadline:
