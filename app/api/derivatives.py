@@ -11,6 +11,10 @@ the solution for g = 1:
 - At a fixed load, the approach changes by s.q / sum(q). So dJ/d(shape) = -y + q sum(y) / sum(q).
 - At a fixed mean gap, the approach changes by mean(s). So dJ/d(shape) = -y + sum(y) / cells.
 
+A layer on a rigid base of a periodic patch is also compressed by c times the mean pressure, which A does not include.
+So at a fixed approach, y is the solution for the matrix ``A + c / cells``: -y becomes -y + q c sum(y) / (cells + c
+sum(q)).
+
 By Barber's theorem, the electrical and thermal conductance of two half-spaces in contact are proportional to the
 unloading stiffness [1]_.
 
@@ -173,13 +177,12 @@ class Derivatives:
         ------
         InputError
             If `of` is not allowed, or the number has no derivative. The approach has none without elastic contact. In
-            full contact of a periodic patch, other numbers have none at a fixed approach or mean gap.
+            full contact of a periodic patch, other numbers have none at a fixed mean gap, and at a fixed approach only
+            on a layer on a rigid base.
         """
         self._check_solution(solution)
         g, fixed = call_collectively(self.comm, _read_number, of, solution)
         check_equal_on_ranks(self.comm, (of if isinstance(of, str) else "", fixed), "sensitivity: of")
-        if fixed == "approach" and self._uniform_compliance:
-            raise InputError("sensitivity: not known at a fixed approach of a layer on a rigid base")
         cells, grid = find_elastic_cells(solution), self.hierarchy.target.grid
         count = self._sum(cells)
         if not count:
@@ -191,10 +194,13 @@ class Derivatives:
         if grid.symbol and count == grid.n:
             return self._in_full_contact(g, fixed)
         with self._system(cells, SENSITIVITY_RTOL) as solve:
-            q = solve(1.0) if fixed == "load" else None
+            uniform = self._uniform_compliance if fixed == "approach" else 0.0
+            q = solve(1.0) if fixed == "load" or uniform else None
             if g is None:
                 return q / self._sum(q)
             y = solve(g)
+        if uniform:
+            y -= q * (uniform * self._sum(y) / (grid.n + uniform * self._sum(q)))
         if fixed == "approach":
             return -y
         if fixed == "load":
@@ -206,14 +212,15 @@ class Derivatives:
 
         `g` is dJ/dp, `fixed` the fixed quantity.
         """
-        operator = self.hierarchy.target
-        if fixed != "load":
+        operator, uniform = self.hierarchy.target, self._uniform_compliance
+        if fixed != "load" and not (fixed == "approach" and uniform):
             raise InputError(f"sensitivity: full contact has none at a fixed {fixed.replace('_', ' ')}")
         if g is None:
             return np.full(operator.local_shape, 1 / operator.grid.n)
         y = np.array(g, dtype=float)
+        mean = self._sum(y) / operator.grid.n
         operator.exact_inverse.apply(y, y)
-        return -y
+        return -y - mean / uniform if fixed == "approach" else -y
 
     def _check_solution(self, solution):
         self._check_open()

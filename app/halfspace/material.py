@@ -233,7 +233,8 @@ class Material:
         """
         if self.coatings and not (resistivity is None and thermal_conductivity is None):
             raise InputError(
-                "conducting: the stiffness does not give the conductance of a coated body; it does so for half-spaces"
+                "conducting: not for coated bodies: current and pressure spread differently in a layer, so the "
+                "stiffness does not give the conductance"
             )
         copied = copy(self)
         for name, values, wanted, is_allowed in (

@@ -1,5 +1,7 @@
 """Coatings and layers on periodic patches, against theory, dense solutions and the limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import periodic_rough
@@ -94,6 +96,32 @@ def test_stiffness_includes_the_uniform_compression():
     assert solution.stiffness == pytest.approx((high - low) / (2 * step), rel=0.05)  # cells enter contact
 
 
+@pytest.mark.parametrize("approach, in_contact", [(0.01, 0.1), (0.03, 0.3), (0.5, 1.0)])
+@pytest.mark.parametrize("other", [None, (3.0, 0.2)])
+def test_sensitivities_at_a_fixed_approach_include_the_uniform_compression(approach, in_contact, other):
+    """Against differences of two solutions with the same contact cells."""
+    grid = Grid.from_domain(12, 10, (-1, 1, -0.9, 0.9), "spectral")
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap, rng = (x**2 + y**2) / 20, np.random.default_rng(3)
+    change, weights = rng.uniform(-1, 1, (2, *grid.shape))
+    material, options = (
+        Material.layer(1.0, 0.3, 0.4, other=other),
+        {"lcp_rtol": 1e-12, "lcp_precision": "double"},
+    )
+    problem, step = ContactProblem(grid, material, gap), 1e-5
+    with ContactSolver(problem, None, options) as solver:
+        solution = solver.solve(approach=approach)
+        assert solution.contact.mean() >= in_contact
+        found = [(solver.sensitivity(solution, of) * change).sum() for of in ("load", weights)]
+        low, high = (
+            (solver.update(replace(problem, gap=gap + s * change)), solver.solve(approach=approach))[1]
+            for s in (-step, step)
+        )
+    assert (low.contact == high.contact).all()
+    expected = high.load - low.load, (weights * (high.pressure - low.pressure)).sum()
+    np.testing.assert_allclose(found, np.array(expected) / (2 * step), rtol=1e-4)
+
+
 @pytest.mark.parametrize("nu, cells", [(0.3, 1), (0.49, 1), (0.5, 1), (0.5, 4)])
 def test_rough_contact_of_thin_layers_is_solved(nu, cells):
     n = 64
@@ -132,8 +160,6 @@ def test_what_layers_do_not_allow_is_refused():
             ContactSolver(problem)
     with ContactSolver(ContactProblem(grid, layer, Sphere(10), periodic=True)) as solver:
         solution = solver.solve(load=0.1)
-        with pytest.raises(InputError, match="fixed approach of a layer"):
-            solver.sensitivity(solution)
         for wrong, text in (
             ({"body": 2}, "body 2: is rigid"),
             ({"poisson_ratio": 0.3}, "no effect with a coating"),
