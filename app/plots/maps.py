@@ -246,7 +246,7 @@ class Canvas:
         self.draw_length(axes, self.result.displacement, LENGTH_MAP, "displacement u  [{}]")
 
     def draw_plastic_depth(self, axes):
-        """Draw a map of the permanent indentation, white where there is none."""
+        """Draw a map of the permanent indentation; zero is white."""
         if self.result.plastic_depth is None:
             raise InputError("plot 'plastic_depth': the result has no hardness")
         depth = self.result.plastic_depth[self.view]

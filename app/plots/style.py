@@ -244,7 +244,7 @@ def write_figure(figure, target, kind, dpi, box=None):
     """Write a figure, or a box of it [inch], to a file."""
     if box is not None:
         tight = {"bbox_inches": box, "pad_inches": 0}
-    elif column_width():  # keep the width; a second layout knows the ticks of the first
+    elif column_width():  # keep the width; the second layout uses the ticks of the first
         figure.draw_without_rendering()
         tight = {}
     else:
