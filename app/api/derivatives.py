@@ -214,7 +214,8 @@ class Derivatives:
         """
         operator, uniform = self.hierarchy.target, self._uniform_compliance
         if fixed != "load" and not (fixed == "approach" and uniform):
-            raise InputError(f"sensitivity: full contact has none at a fixed {fixed.replace('_', ' ')}")
+            what = fixed.replace("_", " ")
+            raise InputError(f"sensitivity: full contact has no derivatives at a fixed {what}")
         if g is None:
             return np.full(operator.local_shape, 1 / operator.grid.n)
         y = np.array(g, dtype=float)

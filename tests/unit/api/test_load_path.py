@@ -138,7 +138,7 @@ def test_an_interrupted_path_resumes_with_the_same_step(error):
         next(iter(path))
         solver.update(hertz(32))
         for _ in range(2):  # it is not the problem that the rows are of
-            with pytest.raises(InputError, match="make a path of that"):
+            with pytest.raises(InputError, match="make a new path"):
                 next(iter(path))
 
 

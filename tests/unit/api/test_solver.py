@@ -512,7 +512,7 @@ def test_repr_describes_a_solver():
         assert repr(solver) == "<ContactSolver: 8 x 6 cells>"
         found = solver.solve(load=5)
     assert repr(solver) == "<ContactSolver: 8 x 6 cells, closed>"
-    assert repr(stress(found, 0.3)) == "<SubsurfaceStress: below 8 x 6 cells, Poisson ratio 0.3>"
+    assert repr(stress(found, 0.3)) == "<SubsurfaceStress: below 8 x 6 cells, nu = 0.3>"
 
 
 def test_public_names_and_parameters_are_documented():
