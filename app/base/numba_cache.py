@@ -127,9 +127,9 @@ class LockedCache(FunctionCache):
         self._locked = None
 
     def load_overload(self, signature, context):
-        """Return compiled code, or lock the cache and return None.
+        """Return compiled code from the cache, or None if it has none.
 
-        After None the caller compiles the function, and then unlocks the cache.
+        If it has none, the cache is locked. The caller then compiles the function, and unlocks the cache.
         """
         global on_first_compile
         loaded = self._load(signature, context)

@@ -1,6 +1,6 @@
-"""Access from low layers to a higher layer's pictures.
+"""Access to the module that draws, from modules that may not import it.
 
-Classes of low layers have methods such as `plot`, but may not import the higher layer that draws. They call `load`,
+Some classes have a method `plot`, but may not import `app.api.views` (see docs/architecture.md). They call `load`,
 which `app` replaces by a function that imports `app.api.views`.
 """
 

@@ -71,7 +71,7 @@ class PressureBounds:
         return np.where(contact, 0.0, self.lower - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with p above the lower bound by `margin`."""
+        """Return a mask of cells with p above its lower bound by `margin`."""
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
@@ -213,7 +213,7 @@ class CappedBounds(PressureBounds):
         return np.where(contact, 0.0, bound - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells between the bounds, less `margin`."""
+        """Return a mask of cells with p inside its bounds by `margin`."""
         return self.admissible & (p > self.lower + margin) & (p < self.upper - margin)
 
     def contact(self, p, gap, margin=0.0):

@@ -125,7 +125,7 @@ def _violations_row(p, upper, contact):
 
 @njit()
 def violations(p, upper, contact):
-    """Return two sums: p, and violations of its bounds in C."""
+    """Return the sum of p, and the sum of its violations of 0 <= p <= H in C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _violations_row(p[j], upper[j], contact[j]))

@@ -76,7 +76,7 @@ class Loading:
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return `measures` with the exact prescribed number."""
+        """Replace the prescribed number, which `measures` has with rounding errors, by the exact one."""
         return measures
 
     def first_solve(self, state, solve):
@@ -93,9 +93,9 @@ class Loading:
         return solve(self, stop)
 
     def resume(self, state, load):
-        """Choose the approach to resume from the solution in `state`. Collective.
+        """Choose the approach from which to continue a solution. Collective.
 
-        `load` is the load of that solution [N].
+        The solution is in `state`; `load` is its load [N].
         """
         raise NotImplementedError
 

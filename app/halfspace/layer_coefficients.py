@@ -82,7 +82,7 @@ class LayerTables:
         return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
 
     def influence(self, r):
-        """Return g at distances r [1 / t]."""
+        """Return g(r) of the module, in 1 / t."""
         return self._excess / np.sqrt(r * r + 4) + self.rest(r)
 
     def _phi(self, r):

@@ -94,7 +94,7 @@ class LayeredKernel(HalfSpaceKernel):
         return values
 
     def _alias_sums(self, grid, columns, rows, highest=np.inf):
-        """Return the layers' part of the eigenvalues; see `_alias_sums`."""
+        """Return the part of all layers in the eigenvalues of a layered body."""
         return 2 * np.pi * sum(_alias_sums(layer, grid, columns, rows, highest) for layer in self.layers)
 
     def coefficients(self, grid, rows, columns):
@@ -147,7 +147,7 @@ class LayeredKernel(HalfSpaceKernel):
             return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
 
     def scale_sampled(self, eigenvalues, grid, columns, rows):
-        """Return eigenvalues for this kernel; see `HalfSpaceKernel.scale_sampled`."""
+        """Return the eigenvalues of a layered body; see `HalfSpaceKernel.scale_sampled`."""
         highest = 2 * np.pi * _MAX_ALIASES / max(grid.dx, grid.dy)
         return self.compliance * eigenvalues + self._alias_sums(grid, columns, rows, highest)
 

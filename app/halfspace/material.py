@@ -292,7 +292,7 @@ class Material:
 
     @property
     def kernel(self):
-        """Kernel of the bodies; see `app.halfspace.kernel`."""
+        """Kernel of the influence matrix; see `app.halfspace.kernel`."""
         if not self.coatings:
             return HalfSpaceKernel(self.compliance)
         young, poisson = (values[1] for values in (self.bodies["young"], self.bodies["poisson"]))

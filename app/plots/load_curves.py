@@ -294,7 +294,7 @@ def _select_all(paths, name):
 
 
 def _scale_axis(paths, name):
-    """Return factor and label of an axis for a column."""
+    """Return the factor and the label of an axis that shows a column."""
     return scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
 
 

@@ -199,7 +199,7 @@ class CappedWestergaard(Westergaard):
 
     @cached_property
     def _edges(self):
-        """`_Parts` with the three parts' edges and pressure."""
+        """The `_Parts` at this hardness and mean pressure."""
         target, share = self.hardness / self.full_contact_at, self.mean_pressure / self.full_contact_at
 
         def parts(c2):

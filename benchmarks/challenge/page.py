@@ -21,10 +21,10 @@ REFERENCE = 0.01  # 250 kPa
 SHOWN = (0.01, 0.1, 1.0)  # loads whose distributions are kept
 
 TEXT = """\
-Surface: {surface}. Published parameters: periodic patch of 0.1 mm; self-affine surface with Hurst exponent 0.8, roll-off
-20 µm, cut-off 0.1 µm and rms slope 1; E* = 25 MPa; reference mean pressure 250 kPa (`load` 0.01). The Challenge has
-short-ranged adhesion, which this program does not model. A look-alike is another surface with the same spectrum: its
-waves have random phases of their own.
+Surface: {surface}. Published parameters: periodic patch of 0.1 mm; self-affine surface with Hurst exponent 0.8,
+roll-off 20 µm, cut-off 0.1 µm and rms slope 1; E* = 25 MPa; reference mean pressure 250 kPa (`load` 0.01).
+The Challenge has short-ranged adhesion, which this program does not model. A look-alike is another surface with the
+same spectrum: its waves have random phases of their own.
 
 The load is given as `load`: mean pressure / (E* rms slope of the whole surface). The shortest wave needs at least two
 cells: on 2048 x 2048 cells it is 2.05 cells long. {coarse}Finer grids have the same waves, so results on two grids

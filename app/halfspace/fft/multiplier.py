@@ -101,7 +101,7 @@ class SpectrumCache(dict):
         return self.get(key, self._before.pop(key, None))
 
     def drop_unused(self):
-        """Free the spectra of the previous operator that are unused."""
+        """Free the spectra that were kept from the previous operator."""
         self._before.clear()
 
 

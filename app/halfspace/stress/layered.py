@@ -101,7 +101,7 @@ class LayeredStress(SubsurfaceStress):
         return np.concatenate([coating, [t], substrate])
 
     def _at_side(self, depths, side):
-        """Return depths; those at the interface are put on one side."""
+        """Return checked depths; those at the interface belong to `side`."""
         t = self.layer.thickness
         if side not in _SIDES:
             raise InputError(f"side {side!r}: allowed: {', '.join(_SIDES)}")

@@ -147,7 +147,7 @@ class Circulant:
             return None if r is z else product
 
     def local_terms(self, q):
-        """Return this rank's block means of q, for `precondition`.
+        """Return means of the field q over blocks of this rank's rows, for `precondition`.
 
         The result is empty on a single rank, and if no block means are used.
         """

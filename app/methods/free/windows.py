@@ -60,7 +60,7 @@ class WindowState(ContactState):
         return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
     def scale(self, factor):
-        """Multiply p, u and `scaled` by a factor."""
+        """Multiply p and u by a factor, and record it in `scaled`."""
         super().scale(factor)
         self.scaled *= factor
 
