@@ -122,7 +122,7 @@ class Strategy:
     def _in_full_contact(self, full, loading, history, state, outcome):
         """Return state and outcome of full contact, if it is a solution.
 
-        Otherwise return `state` and `outcome`.
+        Otherwise return the given `state` and `outcome`.
         """
         contact, full_state = state.contact.copy(), self._new_state()
         if full_outcome := full.solve(full_state, loading, self._stop(), history):

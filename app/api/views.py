@@ -23,7 +23,7 @@ _MAX_ROWS = 12  # of a table
 
 
 def as_result(solution):
-    """Return a solution as a `Result`, to be drawn; InputError if it has the rows of one rank only."""
+    """Return a solution as a `Result`; InputError if it has not all rows."""
     if isinstance(solution, Result):
         return solution
     if solution.pressure.shape != solution.grid.shape:
@@ -129,7 +129,7 @@ def _format_columns(columns, names):
 
 
 def _pressure_picture(solution):
-    """Return the figure of the pressure; None if this rank has a part of the rows."""
+    """Return the figure of the pressure; None if this rank has not all rows."""
     whole = solution.pressure.shape == solution.grid.shape
     return figures.pressure_figure(as_result(solution)) if whole else None
 

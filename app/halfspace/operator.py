@@ -117,7 +117,7 @@ class InfluenceOperator(MatMethods):
         return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
-        """Make `products`, names of attributes, in advance. Collective."""
+        """Make the attributes that are named in `products`. Collective."""
         for name in products:
             getattr(self, name)
 

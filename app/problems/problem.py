@@ -53,7 +53,7 @@ class Problem:
 
     @property
     def periodic(self):
-        """Direction of the period, or name of the symbol if both."""
+        """`periodic` of the grid, see `Grid`."""
         return self.grid.periodic
 
     @property

@@ -37,7 +37,7 @@ class Figure(NamedTuple):
 
     @property
     def limit(self):
-        """Limits as text; empty if there are none."""
+        """Text of the limits of the value; empty if it has none."""
         low, high = (f"{bound:.3g}" for bound in (self.least, self.most))
         if self.least == self.most:
             return low

@@ -207,7 +207,7 @@ class DenseProblem:
         return whole.reshape(self.grid.shape)
 
     def _full(self):
-        """Return full contact's pressure with minimum 0.
+        """Return the pressure of full contact whose smallest value is 0.
 
         The equation A p = mean(h) - h determines p up to a constant.
         """

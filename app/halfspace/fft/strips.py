@@ -139,7 +139,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
 
 @njit()
 def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Load rows from strips; unite transforms of pairs.
+    """Load rows from strips, and unite the transforms of each pair of rows.
 
     This function is the inverse of `_store_pairs`.
     """

@@ -172,8 +172,8 @@ def _judge(primal, p, stop, allowed):
 def _continue(verdict, primal, solver, accuracy, reached, captured):
     """Make the solver more accurate after a failed verification.
 
-    Collective. p is recomputed, or the aim is lowered. `reached` is the error estimated by the solver's residual [mm];
-    `captured` is true if the last exchange added cells to contact.
+    Collective. p is recomputed, the error at which the solver stops is lowered, or both. `reached` is the error [mm]
+    estimated by the solver's residual; `captured` is true if the last exchange added cells to contact.
     """
     primal.restore_contact()
     drifted = verdict.error > MAX_ERROR_RATIO * reached

@@ -89,7 +89,7 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def _set(self):
-        """Set attributes of KSP and PC, also after an interrupt."""
+        """Give KSP and PC their attributes, also after an interrupt has cleared them."""
         self.preconditioner.constrained = self._constrained
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 

@@ -95,7 +95,7 @@ class ResampledSurface:
         return np.where(known > ROUNDING, means, np.nan)
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled area in each cell; None without any."""
+        """Return the share of each cell's area that was filled in; None if none was."""
         own = self.own_grid(grid)
         share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
         return None if share is None else _means(_means(share, x, 1).T, y, 1).T
