@@ -44,7 +44,7 @@ class CompiledPackageFinder:
 
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        """Find a compiled package, and make its loader check it."""
+        """Find a compiled package; its loader will also check it."""
         if cls._loading or name.partition(".")[0] not in _COMPILED:
             return None
         spec = PathFinder.find_spec(name, path, target)

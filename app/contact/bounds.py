@@ -175,7 +175,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.project(p, self.upper, cells, out)
 
     def tension(self, p, contact):
-        """Return two sums: p, and violations of its bounds in C."""
+        """Return the sum of p, and the sum of its violations of the bounds in C."""
         return capped_kernels.violations(p, self.upper, contact)
 
     def excess(self, p):

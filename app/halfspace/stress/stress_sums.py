@@ -253,7 +253,7 @@ class _Mirror:
         self.edges = int(self._index.max()) + 1
 
     def edge(self, step):
-        """Return positive cell edges for side `step` [mm]."""
+        """Return the positive coordinates of edges of cells with side `step` [mm]."""
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):

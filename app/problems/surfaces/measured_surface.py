@@ -280,7 +280,7 @@ class Surface:
         return self.heights(rows, grid.repeats[::-1])
 
     def filled_on(self, grid, rows=slice(None)):
-        """Return the share of filled points in each cell; None without any."""
+        """Return the share of filled points in each cell; None if none was filled."""
         if not len(self._filled[0]):
             return None
         start, stop, _ = rows.indices(self.shape[0])
@@ -297,7 +297,7 @@ class Surface:
         return {name: value for name, value in facts.items() if value is not None}
 
     def _levelled(self, start, stop, around):
-        """Return crop rows, levelled, filled, filtered [mm].
+        """Return rows of the crop, after levelling, filling and filters [mm].
 
         The heights are those of the file's points, before averaging.
         """
