@@ -259,21 +259,24 @@ def exchange(
 
 @njit_reassoc
 def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
-    total = 0.0
+    total, free = 0.0, 0
     for i in range(b.size):
         value = p[i] - (gap(u[i], b[i], depth) - t) / compliance
+        free += admissible[i] & (value > 0) & (value < upper[i])
         value = min(max(value, 0.0), upper[i])
         total += value if admissible[i] else 0.0
-    return total
+    return total, free
 
 
 @njit()
 def local_load(b, depth, u, p, upper, admissible, t, compliance):
-    """Return the sum of pressures after all cells have approached by t.
+    """Return the sum of pressures after all cells have approached by t, and a number of cells.
 
-    Each cell has its own `compliance`: p changes by (t - e) / compliance, within the bounds.
+    Each cell has its own `compliance`: p changes by (t - e) / compliance, within the bounds. The number is that of the
+    cells between the bounds.
     """
-    total = 0.0
+    sums = 0.0, 0
     for j in range(b.shape[0]):
-        total += _local_load_row(b[j], depth, u[j], p[j], upper[j], admissible[j], t, compliance)
-    return total
+        row = _local_load_row(b[j], depth, u[j], p[j], upper[j], admissible[j], t, compliance)
+        sums = add_tuples(sums, row)
+    return sums

@@ -10,6 +10,8 @@ and the bodies approach by t plus the change of the load over the stiffness of t
 cells are elastic, and if all cells are plastic.
 """
 
+import numpy as np
+
 from app.halfspace.window import bounding_boxes
 
 _STEP_RTOL = 1e-2  # relative error of the change of the load
@@ -28,41 +30,37 @@ def step_to_load(state, load, target, stiffness=0.0):
     if stiffness:
         compliance = cells * grid.cell_area / stiffness
 
-    def error(t):
-        total = state.sum([state.bounds.local_load(*fields, t, compliance)])[0]
-        return grid.cell_area * float(total) - target
+    def model(t):
+        """Return F(t) minus the target, and its derivative."""
+        total, free = state.sum(state.bounds.local_load(*fields, t, compliance))
+        return grid.cell_area * float(total) - target, grid.cell_area * float(free) / compliance
 
-    low, at_low = 0.0, (first := error(0.0))
-    step = -at_low * compliance / (cells * grid.cell_area)
-    high, at_high = step, error(step)
-    for _ in range(_MAX_TRIALS):
-        if at_low * at_high <= 0:
-            break
-        step *= 2
-        low, at_low, high = high, at_high, high + step
-        at_high = error(high)
-    t = _zero(error, (low, at_low), (high, at_high), _STEP_RTOL * abs(target - load))
+    first, slope = model(0.0)
+    allowed = _STEP_RTOL * max(abs(target - load), abs(first))
+    t = _zero(model, first, slope, abs(first) * compliance / (cells * grid.cell_area), allowed)
     step = t if grid.symbol else t + (target - load) / punch_stiffness(state)
     return step, target + first
 
 
-def _zero(function, one, other, allowed):
-    """Find the zero of a monotone function by the Illinois method.
+def _zero(function, value, slope, width, allowed):
+    """Find the zero of an increasing function from 0, by Newton's method within a bracket.
 
-    `one` and `other` are points (t, value) with values of opposite signs. A value up to `allowed` counts as zero.
+    ``function(t)`` returns value and derivative; those at 0 are `value` and `slope`. `width` is the first step where
+    the derivative is 0. A value up to `allowed` counts as zero.
     """
-    (a, at_a), (b, at_b) = one, other
+    t, low, high, before = 0.0, -np.inf, np.inf, np.inf
     for _ in range(_MAX_TRIALS):
-        if abs(at_b) <= allowed or at_a == at_b:
+        if abs(value) <= allowed:
             break
-        c = b - at_b * (b - a) / (at_b - at_a)
-        at_c = function(c)
-        if at_c * at_b <= 0:
-            a, at_a = b, at_b
-        else:
-            at_a /= 2
-        b, at_b = c, at_c
-    return b
+        low, high = (t, high) if value < 0 else (low, t)
+        following = t - value / slope if slope > 0 else np.nan
+        slow, before = abs(value) > 0.5 * before, abs(value)
+        if slow or not low < following < high:
+            width *= 2
+            following = (low + high) / 2 if high - low < np.inf else t - np.copysign(width, value)
+        t = following
+        value, slope = function(t)
+    return t
 
 
 def punch_stiffness(state):

@@ -32,8 +32,10 @@ def lift(transfer, coarse, state):
     p, bounds, closable = state.values, state.bounds, state.admissible
     if bounds.capped:
         transfer.copy(coarse.p, p)
-        plastic = state.admissible & ~state.contact & (p > 0) & (state.gap() < 0)
-        closable = closable & ~plastic
+        plastic = state.admissible & ~state.contact & (p > 0)
+        if plastic.any():
+            plastic &= state.gap() < 0
+            closable = closable & ~plastic
     transfer.interpolate(coarse.u, p)  # 1. p stores T until 3.
     _close_gaps(state.distance.b, state.depth, state.u, closable, state.contact, p)  # 2.
     circulant_inverse(state.operator).apply(p, p)  # 3.
