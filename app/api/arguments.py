@@ -29,16 +29,9 @@ def check_type(name, value, kind, what):
 
 
 def parse_arguments(problem, method, options, prefix, listeners):
-    """Return settings and PETSc's options from `ContactSolver`'s arguments.
+    """Return `Settings` and `SolverOptions` from the arguments of `ContactSolver`.
 
-    Returns
-    -------
-    app.options.method.Settings, SolverOptions
-
-    Raises
-    ------
-    InputError
-        If an argument is not allowed, or if this machine cannot do what it asks for.
+    Raises InputError if an argument is not allowed, or if this machine cannot do what it asks for.
     """
     check_type("problem", problem, Problem, "a ContactProblem")
     check_type("method", method, str | Mapping | None, "the name of a method file, or a mapping")

@@ -156,24 +156,10 @@ def read_method_file(name):
 def make_settings(method=None, options=None, periodic=False):
     """Combine method files and options.
 
-    Parameters
-    ----------
-    method : str, or mapping of str to mapping, optional
-        Name of a method file. Or several option files in order, as a mapping from the name of each file to its options.
-    options : mapping, optional
-        Option names without dash, and their values as texts or numbers. These override the options of the files.
-    periodic : bool
-        True if the patch is periodic in x and y.
-
-    Returns
-    -------
-    Settings
-
-    Raises
-    ------
-    InputError
-        If an option is not allowed, or has no effect together with the others. An option of a method file may have no
-        effect if a later option has chosen other solvers.
+    `method` is the name of a method file, or a mapping from the names of option files, in order, to their options. The
+    `options`, names without dash and values as texts or numbers, override those of the files. Raises InputError if an
+    option is not allowed, or has no effect together with the others. An option of a method file may have no effect if a
+    later option has chosen other solvers.
     """
     typed = to_texts(options or {})
     if isinstance(method, str):

@@ -114,17 +114,8 @@ def format_value(value):
 class OptionReader:
     """Reader of the values of a table's options.
 
-    Parameters
-    ----------
-    table : iterable of Option
-        Known options; other names in `texts` are ignored.
-    texts : mapping of str to str or number
-        Option names without dash, and their values. The case of names does not matter, as in PETSc.
-
-    Attributes
-    ----------
-    asked : set of str
-        Names whose values were read.
+    `texts` maps names without dash to texts or numbers; names that are not in the table are ignored. The case of names
+    does not matter, as in PETSc. The set `asked` has the names whose values were read.
 
     Examples
     --------
@@ -150,10 +141,7 @@ class OptionReader:
     def __getitem__(self, name):
         """Return the value of an option, or its default.
 
-        Raises
-        ------
-        InputError
-            If the option is required and missing, or its text is not allowed.
+        Raises InputError if the option is required and missing, or its text is not allowed.
         """
         name = name.lower()
         option = self._table[name]
@@ -179,10 +167,7 @@ class OptionReader:
 def to_texts(options, what="options"):
     """Convert option values to texts, names to lower case.
 
-    Raises
-    ------
-    InputError
-        If `options` is not a mapping with names as keys. `what` is the name of the mapping in the message.
+    Raises InputError about `what` if `options` is not a mapping with names as keys.
 
     Examples
     --------

@@ -22,19 +22,11 @@ _PROBE = "app_solver_options_probe"  # a name that no option has
 
 
 class SolverOptions:
-    """Options of one solver.
+    """Options of one solver, in PETSc's database only inside ``with`` blocks of `inserted`.
 
-    The options are in PETSc's database only inside ``with`` blocks of `inserted`.
-
-    Parameters
-    ----------
-    prefix : str
-        Text before all names in the database. It begins with a letter, or is empty.
-    texts : mapping of str to str
-        Option names without dash and prefix, and their values; an option without value has the empty text. Options
-        ``lcp_*`` are kept apart, because PETSc does not read them.
-    ignored : iterable of str
-        Names of options that are never reported as unused.
+    The `prefix`, before all names in the database, begins with a letter or is empty. In `texts`, names have no dash and
+    no prefix, and an option without value has the empty text. Options ``lcp_*`` are kept apart, because PETSc does not
+    read them. The names in `ignored` are never reported as unused.
 
     Attributes
     ----------

@@ -49,14 +49,9 @@ def turn_spacing(spacing, orient):
 class HeightMap(StoredArray):
     """Heights after turns, with unit and spacing as their source states them.
 
-    Attributes
-    ----------
-    spacing : pair of float or None
-        Size dx, dy of a cell after the turns. The argument of the same name is the size before the turns.
-    unit, lateral : str or None
-        Unit of the heights, and unit of the spacing if it differs.
-    other_unit : str or None
-        Unit of the values if it is not a unit of length, such as V.
+    `spacing` is the size dx, dy of a cell, as an argument before the turns, as an attribute after them. `unit` is that
+    of the heights, `lateral` that of the spacing if it differs, and `other_unit` that of values which are no lengths,
+    such as V. What is unknown is None.
     """
 
     label = "surface file"
