@@ -174,7 +174,6 @@ def _make_jobs(problems, loading, grid, material):
 
 
 def _as_problems(problems, grid, material):
-    """Return a list of problems from problems or surfaces."""
     kind = type(problems).__name__
     is_map = isinstance(problems, np.ndarray) and problems.ndim == 2
     if is_map or isinstance(problems, Problem | str | bytes | Mapping) or hasattr(problems, "heights_on"):
@@ -234,7 +233,6 @@ def _as_loads(kind, numbers, count):
 
 
 def _check_processes(processes, jobs):
-    """Check `processes`, and that problems can be pickled."""
     check_type("processes", processes, Integral, "a number")
     if processes < 1:
         raise InputError(f"processes {processes}: must be at least 1")

@@ -171,7 +171,6 @@ class ContactSolver(Derivatives):
         return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
 
     def _set_up(self):
-        """Make grids, operators and solvers for the settings."""
         settings, grid, kernel = self.settings, self.problem.grid, self.problem.kernel
         self._uniform_compliance = kernel.uniform_compliance(grid)
         self._largest = None  # influence coefficient [mm3/N], needed for single precision

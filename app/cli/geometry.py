@@ -50,6 +50,8 @@ def make_problem(options, texts, comm):
     reader of the options of a user-defined problem (``-problem python``), which is empty for other problems.
     """
     name, material, periodic = options["problem"], _make_material(options), _read_symbol(options)
+    if options.given("stiffness") and options["stiffness"]:
+        material = material.conducting(options["resistivity"], options["thermal_conductivity"])
     shape = None if name == "python" else _make_shape(name, options, material)
     measured = _read_measured(options)
     grid = _make_grid(options, name, shape, measured, material, periodic, texts)
@@ -74,13 +76,6 @@ def make_problem(options, texts, comm):
 
 
 def _make_material(options):
-    material = _make_elastic_material(options)
-    if not (options.given("stiffness") and options["stiffness"]):
-        return material
-    return material.conducting(options["resistivity"], options["thermal_conductivity"])
-
-
-def _make_elastic_material(options):
     if options.given(*COATING):
         wrong = [f"-{name} does not suffice" for name in PAIR if options.given(name)]
         wrong += [f"-{name} is missing" for name in (*COATING, "young", "poisson") if not options.given(name)]
@@ -123,7 +118,6 @@ def _read_symbol(options):
 
 
 def _make_shape(name, options, material):
-    """Make a problem's base shape, such as a sphere."""
     if name in _SHAPES:
         return _SHAPES[name](options)
     if name == "roller":
@@ -148,7 +142,6 @@ def _make_shape(name, options, material):
 
 
 def _make_roller(options, material):
-    """Make a roller, with the crown from options."""
     crown, numbers = options["roller_crown"], {}
     if crown == "profile":
         crown = read_profile(options["roller_profile"])

@@ -66,7 +66,6 @@ def _read(file, arguments):
 
 
 def _pictures(file, data, arguments):
-    """Yield name and figure of a file's pictures."""
     only, is_table = arguments.only, isinstance(data, dict)
     is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
     if columns and not is_table:
@@ -89,7 +88,6 @@ def _pictures(file, data, arguments):
 
 
 def _get_path(data, name):
-    """Return the load path of a file, None if it has none."""
     if isinstance(data, dict):
         return None if "exit_status" in data else load_curves.get_csv_path(data, name)
     return None if is_measured(data) else load_curves.get_path(data, name)
@@ -131,7 +129,6 @@ def _arguments(argv):
 
 
 def _choose_names(files):
-    """Return a different folder name for each file."""
     candidates = [
         (file.stem, name := f"{file.stem}_{file.suffix[1:]}", f"{file.absolute().parent.name}_{name}")
         for file in files
@@ -146,7 +143,6 @@ def _choose_names(files):
 
 
 def _draw_all(arguments):
-    """Draw the pictures of all files; return the paths of the figures."""
     how = picture_kinds(arguments), arguments.dpi, arguments.title
     several = len(arguments.files) > 1
     for file in arguments.files[1:]:  # find errors before anything is written

@@ -220,7 +220,6 @@ def stress_section(result, poisson_ratio=None, body=None):
 
 
 def _draw_panels(figure):
-    """Return a figure's panels as PNGs, with widths [pixels]."""
     panels = []
     for box in style.panel_boxes(figure):
         image = io.BytesIO()

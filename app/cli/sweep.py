@@ -80,7 +80,6 @@ def main(argv):
 
 
 def _merge_messages(rows, varied):
-    """Yield each message, with the varied options of its runs."""
     runs_of = {}
     for row in rows:
         options = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)

@@ -92,7 +92,6 @@ def _tabulate(kind, rows, columns, formats, escapes=None):
 
 
 def _to_array(values):
-    """Convert a column to an array of numbers or texts for HDF5."""
     present = [value for value in values if value is not None]
     if not all(isinstance(value, Real) and not isinstance(value, bool | np.bool_) for value in present):
         return np.array(["" if value is None else str(value) for value in values], h5py.string_dtype())

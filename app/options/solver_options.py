@@ -178,7 +178,6 @@ def options_with_prefix(prefix):
 
 
 def _names(database):
-    """Return the names of all options in PETSc's database, in lower case."""
     return {*map(str.lower, database.getAll())}
 
 

@@ -62,11 +62,6 @@ def _figure2(outcomes):
 # -- Section 4.4: smoothers ----------------------------------------------------------------------------------
 
 
-def _unit_circle(axes):
-    angle = np.linspace(0, 2 * np.pi, 200)
-    axes.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=1.2, zorder=0)
-
-
 @with_style
 def _figure5(outcomes):
     matrix = smoother_analysis.LineContact().matrix()
@@ -81,7 +76,8 @@ def _figure5(outcomes):
     first.text(2, -2.4, "|λ| < 1", color="0.35")
     first.annotate(f"−{abs(jacobi[0]):.1f}", (32, jacobi[0]), (-44, 6), textcoords="offset points")
     first.set(xlabel="number j", ylabel="eigenvalue λ")
-    _unit_circle(second)
+    angle = np.linspace(0, 2 * np.pi, 200)
+    second.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=1.2, zorder=0)
     second.plot(values.real, values.imag, "o", color=BLUE)
     second.set(xlabel="Re λ", ylabel="Im λ", aspect="equal", xlim=(-1.1, 1.1), ylim=(-1.1, 1.1))
     third.plot(number, np.abs(values[order]), "o", color=BLUE)

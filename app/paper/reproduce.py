@@ -85,7 +85,6 @@ def main(argv):
 
 
 def _usable(outcome):
-    """Return whether a run has a result."""
     return outcome is not None and outcome["exit_status"] in (0, 3)
 
 

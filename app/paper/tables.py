@@ -60,10 +60,6 @@ def _cycles(outcome):
     return [m, round((residuals[-1] / residuals[0]) ** (1 / m), 3)]
 
 
-def _evaluate_table1(outcomes):
-    return nest({case: _cycles(outcome) for case, outcome in outcomes.items()})
-
-
 def plan_methods(problem, prefix, norm, limits, **options):
     """Return runs of a problem with the three cycles, on several grids.
 
@@ -136,7 +132,7 @@ _CASE_TITLE = "Rough punch, case {}: approach {} mm, full multigrid"
 
 TABLES = [
     Item("table1", "table", "Hertz, first contact set only: V(1,1) cycles for (5.1), and convergence factor",
-         _plan_table1, _evaluate_table1,
+         _plan_table1, lambda outcomes: nest({case: _cycles(outcome) for case, outcome in outcomes.items()}),
          note="Both norms of (5.1) are taken over the unknowns of this system, the cells of the first contact set. "
               "With h on the whole patch the test is a fifth looser: 8 instead of 9 cycles for ω = 0.8."),
     Item("table2", "table", "Hertz, multigrid + active set: active set iterations, and work units",

@@ -120,7 +120,6 @@ def _find_limits(heights):
 
 
 def _draw_profile(axes, canvas, heights, along, unit):
-    """Draw the heights along the middle row or column."""
     x, y = canvas.grid.x() * canvas.unit.per_mm, canvas.grid.y() * canvas.unit.per_mm
     if along == "x":
         s, profile, across = x, heights[y.size // 2], f"y = {y[y.size // 2]:.3g}"

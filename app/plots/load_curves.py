@@ -288,13 +288,11 @@ def _draw_stiffness(rough, axes, paths):
 
 
 def _select_all(paths, name):
-    """Return all paths' values of a column."""
     columns = [path.select(name, above=-np.inf) for path in paths]
     return np.concatenate([column[0] for column in columns if column is not None] or [[1.0]])
 
 
 def _scale_axis(paths, name):
-    """Return the factor and the label of an axis that shows a column."""
     return scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
 
 

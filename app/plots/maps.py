@@ -78,7 +78,6 @@ class Canvas:
         return np.isnan(self.result.undeformed_distance[self.view])
 
     def _draw_patch(self, axes):
-        """Draw the patch in an inset if the map shows a part."""
         whole = self.result.grid
         if self.grid.n == whole.n:
             return

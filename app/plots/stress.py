@@ -130,7 +130,6 @@ def _peak(depths, values, k):
 
 
 def _find_ends(grid, along, mises):
-    """Return the ends of a section's shown part [mm]."""
     sides, largest = cell_edges(grid, along), mises.max(axis=0)
     shown = np.flatnonzero(largest >= _SHOWN_SHARE * largest.max())
     return sides[shown[0]], sides[shown[-1] + 1]

@@ -160,7 +160,6 @@ def _option_label(option, unit=None):
 
 
 def _in_units(values, name, varied):
-    """Return a column's values in a suitable unit, and its axis label."""
     largest = np.nanmax(np.abs(values), initial=0.0)
     if name in varied:
         factor, unit = choose_unit(largest, find_unit(name))

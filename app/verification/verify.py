@@ -51,7 +51,6 @@ def main(argv):
 
 
 def _run_check(check, quick):
-    """Run a check; print figures outside their limits."""
     from app.verification.document import Result
 
     started = time.perf_counter()

@@ -197,7 +197,6 @@ def _read_text(path, skip, channel, heights):
 
 
 def _decode(content):
-    """Decode bytes as text in UTF-16, UTF-8 or Latin-1."""
     utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
         return content.decode("utf-16" if utf16 else "utf-8-sig")

@@ -228,7 +228,6 @@ def _read_stated(where, content):
 
 
 def _positive_pair(values):
-    """Return two positive numbers as floats, or None."""
     try:
         one, other = map(float, values)
     except (TypeError, ValueError):
@@ -237,7 +236,6 @@ def _positive_pair(values):
 
 
 def _check_heights(where, array, kind, orient):
-    """Raise if a text lists points, or begins with coordinates."""
     lines, numbers = array.shape
     ny, nx = lines, numbers
     if orient.count("transpose") % 2:
