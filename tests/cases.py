@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem
-from app.halfspace.grid import Grid
-from app.halfspace.material import Material
-from app.problems.random_surfaces import SelfAffineSurface, WavySurface
-from app.problems.shapes import FlatPunch, Paraboloid
+from app import ContactProblem, FlatPunch, Grid, Material, Paraboloid, SelfAffineSurface
+from app.problems.random_surfaces import WavySurface
 
 APPROACH = 0.1091  # of Hertz's problem
 COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: active set and CG iterations

@@ -5,11 +5,10 @@ from functools import cache, partial
 import numpy as np
 from petsc4py import PETSc
 
+from app import Grid, Material
 from app.base.petsc import restricts_by_transpose
 from app.halfspace.fft.multiplier import Layout
-from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
-from app.halfspace.material import Material
 from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
 from app.parallel.slabs import Slabs
 

@@ -64,7 +64,6 @@ def test_an_exception_that_nobody_catches(ranks, tmp_path):
 
 
 def test_an_interrupt_inside_petsc(tmp_path):
-    """Its traceback holds PETSc's objects until after the end of Python."""
     program = tmp_path / "program.py"
     program.write_text(
         PROBLEM
@@ -90,33 +89,3 @@ def test_a_pipe_that_nobody_reads_any_more(tmp_path):
     started.stdout.close()
     assert b"BrokenPipeError" in started.stderr.read().splitlines()[-1]
     assert started.wait() in (1, 120)  # Python 3.13 says that it could not write the rest
-
-
-def test_word_of_five_lines(tmp_path):
-    """Arrays in, arrays out, nothing else to be started or ended."""
-    program = tmp_path / "program.py"
-    program.write_text(PROBLEM + "print(round(solve(problem, approach=0.005).load, -1))\n")
-    done = run(program)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert float(done.stdout) > 0
-
-
-if sys.platform == "linux":
-
-    def test_solvers_in_a_pool_of_processes(tmp_path):
-        """A pool of processes each of which solves, and sends its solution home."""
-        program = tmp_path / "program.py"
-        program.write_text(
-            "import multiprocessing\n"
-            "def solved(approach):\n"
-            + "".join(f"    {line}\n" for line in PROBLEM.strip().splitlines())
-            + "    return solve(problem, approach=approach)\n"
-            "if __name__ == '__main__':\n"
-            "    with multiprocessing.get_context('spawn').Pool(2) as pool:\n"
-            "        solutions = pool.map(solved, [0.002, 0.004, 0.006])\n"
-            "    loads = [solution.load for solution in solutions]\n"
-            "    assert loads == sorted(loads) and loads[0] > 0, loads\n"
-            "    assert all((abs(s.gap[s.contact]) < 1e-6).all() and s.attributes['ranks'] == 1 for s in solutions)\n"
-        )
-        done = run(program)
-        assert (done.returncode, done.stderr) == (0, "")

@@ -14,17 +14,7 @@ from app.io.result import read_result
 pytestmark = pytest.mark.skipif(bool(hosts.missing()), reason=f"no hosts can be made here: {hosts.missing()}")
 LIMIT = 60  # s
 # Both hosts are this machine: bound to cores, ranks of both would share the first.
-MPI = [
-    TESTS.parent / "run" / "mpi",
-    "--net",
-    "10.77.0.0/24",
-    "--bind-to",
-    "none",
-    "-n",
-    2,
-    "--host",
-    "one,two",
-]
+MPI = [TESTS.parent / "run" / "mpi", *"--net 10.77.0.0/24 --bind-to none -n 2 --host one,two".split()]
 HERTZ = ["python", *solve_arguments("hertz"), "-grid", 32]
 
 

@@ -3,11 +3,8 @@
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
-from contextlib import suppress
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -20,16 +17,10 @@ from app import ContactSolver
 from app.cli import convert, plot, report, subsurface, xdmf
 from app.io.files import hash_samples
 from app.io.result import read_result
-from app.parameter_study.journal import Journal
 
 LIMIT = 60  # s
 HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]
 GAP = "-problem file -domain 0,1,0,1 -approach 2 -shear_modulus 1 -poisson_ratio 0.3".split()
-
-
-def environment():
-    """What this process was started with: MPI has added to it, and mpiexec would take itself for a child."""
-    return dict(os.environ)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +56,6 @@ def kill(*processes):
 
 
 def test_kill_while_writing_leaves_the_old_or_new_file(path_of_two, tmp_path):
-    """Old or new, never half; what dead runs leave is gone a day later."""
     path, solutions = path_of_two
     dice, halves = random.Random(1), 0
     result, table = tmp_path / "result.h5", tmp_path / "path.csv"
@@ -97,51 +87,6 @@ def test_last_of_two_runs_wins_with_a_whole_file(path_of_two, tmp_path):
     kill(*processes)
     assert ended == [0, 0]
     assert read_result(tmp_path / "result.h5").attributes["load"] in [s.load for s in solutions]
-
-
-def _running(result):
-    """Whether a process still has the name of a result among its words."""
-    for words in Path("/proc").glob("[0-9]*/cmdline"):
-        with suppress(OSError):  # it has ended meanwhile
-            if str(result).encode() in words.read_bytes():
-                return True
-    return False
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_hundred_kills_leave_a_valid_result(tmp_path):
-    """By ``run/test --slow tests/cli/test_faults.py -k hundred``: over an existing result, on one rank and two."""
-    result, dice = tmp_path / "result.h5", random.Random(2)
-    command = [sys.executable, *solve_arguments("hertz"), "-grid", "64", "-output", str(result)]
-    started = time.monotonic()
-    assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
-    seconds, kept = time.monotonic() - started, result.read_bytes()
-    killed = replaced = 0
-    for number in range(100):
-        line = command if number % 5 else ["mpiexec", "-n", "2", *command]
-        process = subprocess.Popen(
-            line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment()
-        )
-        started = time.monotonic()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(dice.uniform(0.3, 1.1) * seconds)
-            seconds = min(seconds, time.monotonic() - started)  # others used the machine before
-        killed += process.poll() is None
-        process.kill()  # Open MPI ends the ranks of a dead mpiexec
-        process.wait()
-        now = result.read_bytes()
-        replaced += now != kept
-        kept = now
-        assert read_result(result).attributes["converged"] is True
-    assert killed > 50
-    print(f"killed {killed} of 100 runs; {replaced} had written a new result")
-    while _running(result):  # ranks of mpiexec, some moments longer
-        time.sleep(0.1)
-    for left in {*tmp_path.iterdir()} - {result}:
-        os.utime(left, (0, time.time() - 2 * 86400))
-    assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
-    assert list(tmp_path.iterdir()) == [result]
 
 
 # --------------------------------------------------------------------------------------- disks and folders
@@ -312,17 +257,3 @@ def test_pipe_as_gap_or_result_is_refused(tmp_path):
         )
         assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
         assert "not a" in done.stderr
-
-
-def test_journal_skips_invalid_lines(tmp_path):
-    path = tmp_path / "journal.jsonl"
-    path.write_bytes(
-        b'{"key": "a", "n": 1}\n{"n": 2}\n[3]\n4\n\xff\xfe\nnull\n{"key": ["b"]}\n{"key": "c", "n"'
-    )
-    journal = Journal(path, resume=True)
-    assert journal.outcomes == {"a": {"n": 1}}
-    journal.add("d", {"n": 4})
-    journal.close()
-    again = Journal(path, resume=True)
-    assert again.outcomes == {"a": {"n": 1}, "d": {"n": 4}}
-    again.close()

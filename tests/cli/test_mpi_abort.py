@@ -38,7 +38,6 @@ def fails(self, *arguments):
     ids=["in the solver", "between two solves", "in a listener", "after a solve of its own"],
 )
 def test_an_exception_on_one_rank_ends_all(ranks, where, tmp_path):
-    """They would wait for it for ever."""
     program = tmp_path / "program.py"
     program.write_text(FAILING + where + "\nprint('not reached')\n")
     done = run(program, ranks=ranks, timeout=30)
@@ -51,7 +50,6 @@ def test_an_exception_on_one_rank_ends_all(ranks, where, tmp_path):
 
 @pytest.mark.ranks(2)
 def test_an_exception_that_is_caught_or_concerns_no_other_rank_ends_nobody(ranks, tmp_path):
-    """Neither one that all ranks catch, nor that of a rank which by now works for itself."""
     program = tmp_path / "program.py"
     program.write_text(
         FAILING

@@ -88,13 +88,6 @@ def test_objects_are_tables_with_a_picture(cells, line):
     assert all(word in text for word in words)
 
 
-def test_tables_of_pandas_are_shown(cells):
-    [html] = data(find(cells, 'frame[["load", "approach", "max_pressure", "contact_area"]]'), "text/html")
-    assert (
-        html.count("<tr") == 1 + 1 + 9 and "contact_area" in html
-    )  # heads of columns and of the index, steps
-
-
 def test_nothing_but_progress_is_written_to_standard_error(cells):
     streams = [output for cell in cells for output in cell.outputs if output.get("name") == "stderr"]
     lines = [line.strip() for output in streams for line in re.split(r"[\r\n]", output.text)]

@@ -162,7 +162,6 @@ def test_resume_repeats_steps_without_their_file(cli_here, tmp_path):
 
 
 def test_resume_refuses_another_module(cli, tmp_path):
-    """Its steps would be of two problems."""
     module = tmp_path / "mine.py"
     module.write_text("def bump(x, y):\n    return (x**2 + y**2) / 40\n")
     words = "-problem python -problem_type mine.bump -domain -1,1,-1,1 -grid 16 -contact_modulus 1e5"
@@ -229,13 +228,6 @@ def test_files_of_a_path_do_not_overwrite_its_inputs(tmp_path, monkeypatch, gap,
     given = option_sources.parse_options(["app.solve", *words.split(), *options])
     with pytest.raises(InputError, match=f"{file.name}: is the input .*; choose another name"):
         Request(given, MPI.COMM_SELF)
-
-
-def test_misspelt_loading_is_named(cli_here):
-    refused = cli_here("-options_file", OPTIONS / "rough.opts", "-grid", 32, "-laod", 10)
-    assert refused.returncode == 2 and refused.stderr.startswith(
-        "error: unknown option: -laod (did you mean -load?)"
-    )
 
 
 def test_refinement_stops_below_the_error(cli_here, tmp_path):

@@ -63,35 +63,6 @@ def test_petsc_start_options_count_least(ranks, tmp_path):
     assert "-my_option" not in table(skipped.stdout)
 
 
-def test_log_view_may_be_in_a_file(tmp_path):
-    (tmp_path / "a.opts").write_text("-log_view :log\n")
-    done = run(*HERTZ, "-options_file", "a.opts", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "InfluenceMult" in (tmp_path / "log").read_text()
-
-
-UNUSED = [
-    ("", "-ksp_rtoll 0.1", "-ksp_rtoll (did you mean -ksp_rtol?)"),
-    ("", "-pc_mg_cycle_type w", "-pc_mg_cycle_type"),
-    ("norm", "-ksp_rtoll 0.1", "-ksp_rtoll (did you mean -ksp_rtol?)"),
-    ("fmg_v11", "-foo_ksp_view", "-foo_ksp_view"),
-    ("mine", "", "-ksp_bogus"),
-]
-
-
-@pytest.mark.ranks(1, 2)
-@pytest.mark.parametrize(("method", "words", "message"), UNUSED)
-def test_unused_options_are_refused_in_one_line(method, words, message, ranks, tmp_path):
-    """On 16 x 16 cells the second rank has no part in some grids."""
-    (tmp_path / "mine.opts").write_text("-ksp_type cg\n-pc_type none\n-ksp_bogus 3\n")
-    file = ["-options_file", f"{method}.opts"] if method else []
-    done = run(*HERTZ, *file, *words.split(), "-output", "out.h5", cwd=tmp_path, ranks=ranks)
-    assert done.returncode == 2 and done.stdout == ""
-    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert errors == [f"error: unknown or unused option: {message}"]
-    assert not (tmp_path / "out.h5").exists()
-
-
 def test_options_that_petsc_reads_at_its_start_only_are_refused_in_files(tmp_path):
     (tmp_path / "a.opts").write_text("-malloc_debug\n")
     done = run(*HERTZ, "-options_file", "a.opts", cwd=tmp_path)

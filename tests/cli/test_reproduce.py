@@ -10,9 +10,6 @@ from app.paper import reproduce, tables
 from app.paper.item import FULL, QUICK
 from app.parameter_study import batch
 
-CYCLES = {"V11", "V10", "V01"}
-
-
 # -- a real run ----------------------------------------------------------------------------------------------
 
 
@@ -79,11 +76,6 @@ def test_page_shows_all_that_there_is_in_order(folder):
     assert pictures == ["fig5.png", "fig8.png"]
     assert all((folder / name).is_file() for name in pictures)
     assert "--quick" in text
-
-
-def test_page_has_paper_ours_and_difference(folder):
-    text = (folder / "report.md").read_text()
-    assert re.search(r"\| 64 × 64 +\| ω = 0.8 +\| 9 \(0.19\) +\| 9 \(0\.\d\d\) +\| \+0 ", text)
 
 
 def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):

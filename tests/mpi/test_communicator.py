@@ -21,13 +21,6 @@ from app.parallel.communicator import Communicator
 @pytest.mark.parametrize("by_levels", [False, True])
 @pytest.mark.parametrize("scattered", [False, True])
 def test_cg_step_needs_two_reductions_and_four_exchanges(comm, n, levels, shared, by_levels, scattered):
-    """And two exchanges of rows with neighbours for the extension over the rim, two for each level with a stencil.
-
-    Means over blocks, where contact is scattered, are summed with CG's own numbers.
-
-    The largest grid's product, if it is not by levels, is one in a box, whose images take a reduction of their own. In
-    memory that ranks share an exchange sends nothing.
-    """
     counted = Communicator(comm)
     counted.shares_memory = shared
     hierarchy = Hierarchy(hertz(n).grid, UNIT, counted, cells_per_rank=10**6, dtype=np.float32)
@@ -102,17 +95,3 @@ def test_message_count_of_a_solve_follows_the_model(comm, problem, monkeypatch):
         assert traffic.all_to_alls == 2 * shared[0] + shared[1]
     assert traffic.small_collectives <= 2 * steps + 3 * sets + 6 * levels + 10
     assert first.attributes["all_to_alls"] == traffic.all_to_alls > 0
-
-
-@pytest.mark.mpi(2)
-def test_communicator_counts_messages(comm):
-    counted = Communicator(comm)
-    rows = np.ones((3, 4), np.float32)
-    request = counted.Isend(rows, 1 - comm.rank)
-    counted.Recv(np.empty_like(rows), 1 - comm.rank)
-    request.Wait()
-    counted.Alltoallv([np.ones(2), [1, 1]], [np.empty(2), [1, 1]])
-    assert counted.allreduce(1) == 2
-    found = counted.traffic
-    assert (found.messages, found.all_to_alls, found.small_collectives) == (3, 1, 1)
-    assert found.message_bytes == rows.nbytes + 2 * 8

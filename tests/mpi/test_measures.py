@@ -7,8 +7,7 @@ import pytest
 from mpi4py import MPI
 from running import solve
 
-from app import ContactProblem, Grid, Material, read_surface
-from app.problems.random_surfaces import SelfAffineSurface
+from app import ContactProblem, Grid, Material, SelfAffineSurface, read_surface
 
 STEEL = Material.from_contact_modulus(1e5)
 MEASURES = (
@@ -71,22 +70,6 @@ def test_patches_are_independent_of_ranks(comm):
             )
         several += len(found.cells) > 1
     assert several > 3
-
-
-@pytest.mark.mpi(1, 3)
-def test_measured_surface_that_is_not_periodic_is_noted(tmp_path, comm):
-    """Whole waves are periodic; three quarters of one are not, in either direction."""
-    for waves, told in (((3, 2), False), ((2.75, 2), True), ((3, 1.75), True)):
-        at_x, at_y = (2 * np.pi * k * np.arange(64) / 64 for k in waves)
-        if comm.rank == 0:
-            np.save(tmp_path / "s.npy", np.sin(at_x) + np.cos(at_y)[:, None] + 0.5 * np.sin(at_y)[:, None])
-        comm.Barrier()
-        surface = read_surface(tmp_path / "s.npy", "um")
-        grid, soft = surface.grid((0, 0.32, 0, 0.32)), Material.from_contact_modulus(100.0)
-        problem = ContactProblem(grid, soft, surfaces=[surface], periodic=True)
-        found = solve(problem, None, None, load=1e-3, comm=comm).notes
-        assert any("not periodic" in note for note in found) == told, (waves, found)
-        comm.Barrier()
 
 
 @pytest.mark.mpi(1, 3)

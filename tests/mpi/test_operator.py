@@ -95,7 +95,6 @@ def test_single_precision_product_is_accurate(comm, grid):
 @pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_box_product_does_not_depend_on_ranks(comm, dtype):
-    """That of one rank, and on any rank count to rounding."""
     slabs, tolerance = slabs_of(comm, BOXED), {np.float64: 2 * DOUBLE, np.float32: 2 * SINGLE}[dtype]
     p, mask = random_field(BOXED, 5), random_mask(BOXED, 5)
     padded = InfluenceOperator(BOXED, STEEL)

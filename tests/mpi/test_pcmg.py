@@ -10,9 +10,8 @@ from operators import STEEL, asymmetry, slabs_of
 from petsc4py import PETSc
 from running import solve
 
-from app.base.errors import InputError
+from app import Grid, InputError
 from app.base.petsc import unwrap_errors
-from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid import ContactMG
 from app.multigrid.hierarchy import Hierarchy
@@ -80,7 +79,6 @@ def of_the_loop(grid, kind):
 @pytest.mark.parametrize("kind", ["gmres", "cg", "richardson"])
 @pytest.mark.parametrize("grid", [FREE, PERIODIC], ids=["free", "periodic"])
 def test_ksp_of_a_user_needs_as_many_iterations_as_the_loop(comm, kind, grid):
-    """For two contact sets in turn, with both ways to notify PETSc."""
     operator, mat = bare(comm, grid)
     counts, (p, b) = [], mat.createVecs()
     with temporary_options("", {}, with_prefix("user_", MULTIGRID)):
@@ -182,24 +180,6 @@ def test_invalid_numbers_of_levels_are_refused(comm, grid, levels, message):
         part.destroy()
 
 
-@pytest.mark.mpi(1)
-def test_a_view_of_the_ksp_shows_the_levels(comm, tmp_path):
-    _, ksp, parts = ready(comm)
-    ksp.setUp()
-    viewer = PETSc.Viewer().createASCII(str(tmp_path / "view.txt"), comm=PETSc.COMM_SELF)
-    ksp.view(viewer)
-    for part in (viewer, ksp, *parts):
-        part.destroy()
-    text = (tmp_path / "view.txt").read_text()
-    for words in (
-        "Python: app.multigrid.pcmg.ContactMG",
-        "MULTIPLICATIVE, levels=5",
-        "mg_levels_4_",
-        "type: sor",
-    ):
-        assert words in text
-
-
 @pytest.mark.mpi(1, 2)
 def test_a_scaled_mat_is_refused(comm):
     _, ksp, parts = ready(comm)
@@ -224,7 +204,6 @@ def test_a_scaled_mat_is_refused(comm):
     ids=lambda place: place[1],
 )
 def test_an_interrupted_cycle_can_be_repeated(comm, place, call, monkeypatch):
-    """After a reset of the KSP; no memory leaks."""
     operator, ksp, (mat, p, b) = ready(comm)
     ksp.solve(b, p)
     expected, calls, plain = ksp.getIterationNumber(), [], getattr(*place)
@@ -272,44 +251,17 @@ def test_multigrid_with_one_level_is_its_smoother(comm, method):
     assert one_level.iterations > 2 * solve(hertz(96), APPROACH, method).iterations
 
 
+OF_DEFAULT_METHODS = [
+    ("mg_coarse_pc", "free.circulant.Circulant"),
+    ("mg_coarse_sub_pc", "free.circulant.Circulant"),
+    ("mg_coarse_ksp", "free.tracking_cg.TrackingCG"),
+    ("pc", "periodic.two_grid.TwoGrid"),
+]
+
+
 @pytest.mark.mpi(1, 2)
-@pytest.mark.parametrize(
-    ("who", "options"),
-    [
-        (
-            "Circulant",
-            {
-                "mg_coarse_pc_type": "python",
-                "mg_coarse_pc_python_type": "app.methods.free.circulant.Circulant",
-            },
-        ),
-        (
-            "Circulant",
-            {
-                "mg_coarse_sub_pc_type": "python",
-                "mg_coarse_sub_pc_python_type": "app.methods.free.circulant.Circulant",
-            },
-        ),
-        (
-            "TrackingCG",
-            {
-                "mg_coarse_ksp_type": "python",
-                "mg_coarse_ksp_python_type": "app.methods.free.tracking_cg.TrackingCG",
-            },
-        ),
-        ("TwoGrid", {"pc_type": "python", "pc_python_type": "app.methods.periodic.two_grid.TwoGrid"}),
-    ],
-)
-def test_solvers_of_default_methods_refuse_other_systems(comm, who, options):
-    with pytest.raises(InputError, match=f"{who}: needs an In"):
+@pytest.mark.parametrize(("place", "solver"), OF_DEFAULT_METHODS)
+def test_solvers_of_default_methods_refuse_other_systems(comm, place, solver):
+    options = {f"{place}_type": "python", f"{place}_python_type": f"app.methods.{solver}"}
+    with pytest.raises(InputError, match=f"{solver.split('.')[-1]}: needs an In"):
         solve(hertz(32), APPROACH, "fmg_v11", **options)
-
-
-@pytest.mark.mpi(1, 2)
-def test_petscs_garbage_cleanup_frees_a_ksp_and_its_operator(comm):
-    operator, ksp, parts = ready(comm)
-    ksp.solve(*parts[:0:-1])
-    gone, ranks = weakref.ref(operator), operator.petsc_comm
-    del operator, ksp, parts
-    PETSc.garbage_cleanup(ranks)
-    assert gone() is None

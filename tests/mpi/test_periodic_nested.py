@@ -1,7 +1,5 @@
 """The primal form on several ranks against one."""
 
-from dataclasses import replace
-
 import numpy as np
 import periodic
 import pytest
@@ -9,8 +7,7 @@ from mpi4py import MPI
 from operators import STEEL, random_field
 from running import solve
 
-from app import ContactSolver
-from app.halfspace.grid import Grid
+from app import ContactSolver, Grid
 from app.methods import progress
 from app.methods.periodic.solver import PrimalSolver
 from app.multigrid.hierarchy import Hierarchy
@@ -65,29 +62,8 @@ def test_solution_is_independent_of_the_number_of_ranks(comm, nx, ny):
                 assert (contact == alone.contact).mean() > 0.998
                 assert here.approach == pytest.approx(alone.approach, rel=1e-5)
             work = many.solve(approach=approach).operator_applications
-            assert (
-                abs(work - alone.operator_applications) <= 8
-            )  # one rank has small matrices in double precision
-
-
-@pytest.mark.mpi(2, 5)
-@pytest.mark.parametrize(("nx", "ny"), [(24, 20), (18, 3)])
-def test_plastic_solution_is_independent_of_the_number_of_ranks(comm, nx, ny):
-    """By load up to nearly the largest, and by approach up to beyond full contact."""
-    problem = periodic.rough(nx, ny, 4, holes=0.05 if nx == 24 else 0.0)
-    problem, options = replace(problem, hardness=0.04), {"lcp_cells_per_rank": 8}
-    cells = np.count_nonzero(~np.isnan(problem.gap))
-    loadings = [{"load": share * 0.04 * cells * problem.grid.cell_area} for share in (0.1, 0.7, 1 - 1e-6)]
-    loadings += [{"approach": share * np.nanmean(problem.gap)} for share in (0.3, 1.1)]
-    solvers = (ContactSolver(problem, None, options, ranks) for ranks in (MPI.COMM_SELF, comm))
-    with next(solvers) as one, next(solvers) as many:
-        for loading in loadings:
-            alone, here = one.solve(**loading), many.solve(**loading)
-            assert here.converged and here.fallbacks == 0
-            pressure, plastic = (np.vstack(comm.allgather(part)) for part in (here.pressure, here.plastic))
-            np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-3 * 0.04)
-            assert (plastic == alone.plastic).mean() > 0.99
-            assert here.approach == pytest.approx(alone.approach, rel=1e-4)
+            # One rank has small matrices in double precision.
+            assert abs(work - alone.operator_applications) <= 8
 
 
 @pytest.mark.mpi(3)

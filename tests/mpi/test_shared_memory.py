@@ -8,7 +8,6 @@ from cases import APPROACH, punch
 from operators import BOXED, GRIDS, PERIODIC, make_convolution, random_field
 
 from app import ContactSolver
-from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.parallel import shared_memory
 from app.parallel.communicator import Communicator
 from app.parallel.shared_memory import Storage
@@ -47,32 +46,9 @@ def test_shared_memory_does_not_change_products(comm, grid, dtype):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.mpi(3)
-def test_subset_of_ranks_can_use_storage_of_all(comm):
-    """As a window of the target grid does."""
-    counted = counting(comm)
-    lender = make_convolution(counted, BOXED)
-    small, first = GRIDS["odd"], counted.subcomm(range(2)) if comm.rank < 2 else None
-    if first is not None:
-        p = random_field(small, 3)
-        sent = make_convolution(counting(first, False), small)
-        rows = sent.slabs.rows
-        lent = EvenMultiplier(small.shape, sent.periods, Layout(sent.slabs, first, workspace=lender))
-        lent._spectrum = sent._spectrum
-        assert lent._storage is lender._storage
-        found = np.empty((2, *p[rows].shape))
-        for product, u in zip((sent, lent), found, strict=True):
-            product.apply(p[rows], u)
-        np.testing.assert_array_equal(*found)
-        first.Free()
-    comm.Barrier()
-
-
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("what", ["memfd_create", "open", "readlink", "mmap"])
 def test_all_ranks_send_if_one_cannot_share(comm, what, monkeypatch):
-    """If one is forbidden to, all do."""
-
     def forbidden(*_arguments):
         raise PermissionError(what)
 

@@ -66,18 +66,6 @@ def test_an_updated_solver(comm, method):
 
 
 @pytest.mark.mpi(2, 3)
-def test_solvers_of_different_methods_are_alive_at_once(comm):
-    methods = ("fast", "norm", "mg_v11", "fmg_v11")
-    solvers = [ContactSolver(punch(40), method, TIGHT, comm) for method in methods]
-    found = [solver.solve(approach=0.1) for solver in solvers]
-    found = [solver.solve(approach=0.1, start=found[0]) for solver in solvers]
-    expected = solve(punch(40), 0.1, "norm", comm=MPI.COMM_SELF, lcp_rtol=1e-9).pressure
-    for solver, solution in zip(reversed(solvers), found, strict=True):
-        assert_close(whole(solution), expected)
-        solver.close()
-
-
-@pytest.mark.mpi(2, 3)
 def test_communicators_come_back(comm):
     def lowest():
         fresh = comm.Dup()
@@ -106,7 +94,6 @@ def test_a_start_of_other_ranks_is_refused_on_all(comm):
 
 @pytest.mark.mpi(2, 3)
 def test_arguments_that_differ_between_ranks_are_refused_on_all(comm):
-    """They would wait for each other."""
     with ContactSolver(hertz(24)) as solver:
         found = solver.solve(approach=APPROACH)
         with pytest.raises(InputError, match="start: not the same"):
@@ -139,7 +126,6 @@ class Fails(Listener):
 @pytest.mark.parametrize("error", [RuntimeError, InputError])
 @pytest.mark.parametrize("method", ["fast", "fmg_v11", "primal"])
 def test_what_fails_on_a_grid_of_some_ranks_is_heard_by_those_who_wait(comm, method, error):
-    """On every grid, and the solver can go on, as whoever catches it may want to."""
     if method == "primal":
         problem, method, prescribed = periodic_rough(64), None, {"load": 100.0}
     else:

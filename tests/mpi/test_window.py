@@ -21,10 +21,8 @@ def test_scatter_and_back_restores_fields_and_masks(comm):
             inner = Slabs(y1 - y0, comm.size, comm.rank, block)
             scatter = Scatter(Window(y0, y1, x0, x1), outer, inner, comm)
             for field in (numbers, numbers % 3 == 0):
-                part, again = (
-                    scatter.forward(field[outer.rows]),
-                    np.empty((inner.local, x1 - x0), field.dtype),
-                )
+                part = scatter.forward(field[outer.rows])
+                again = np.empty((inner.local, x1 - x0), field.dtype)
                 np.testing.assert_array_equal(part, field[y0:y1, x0:x1][inner.rows])
                 assert part.dtype == field.dtype
                 assert scatter.forward(field[outer.rows], again) is again

@@ -9,9 +9,7 @@ import pytest
 from mpi4py import MPI
 from running import assert_solves_lcp, solve
 
-from app import ContactProblem
-from app.halfspace.grid import Grid
-from app.halfspace.material import Material
+from app import ContactProblem, Grid, Material
 from app.multigrid import solver_cache
 from app.multigrid.hierarchy import Hierarchy
 
@@ -21,7 +19,6 @@ each_number_of_ranks = pytest.mark.mpi(1, 2, 3, 5)
 @pytest.mark.mpi(1, 2, 3)
 @pytest.mark.parametrize("load", [80.0, 40000.0])  # windows on one rank, and on all two
 def test_freed_memory_changes_no_solution(comm, load):
-    """As on large grids: work arrays go before the exact product, what it has found when it was not the last."""
     grid, solutions = Grid.from_domain(200, 200, (-1.0, 1.0, -1.0, 1.0)), []
     wavy = ContactProblem(
         grid,

@@ -5,11 +5,9 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from app.plots import style
 from app.reference import Westergaard
-from app.reference.rough import persson_fraction
 from benchmarks.challenge import __main__ as challenge
 from benchmarks.challenge import measures, surface
 
@@ -67,15 +65,6 @@ def test_perimeter_correction():
     expected = (3 - 10 * (np.pi - 1 + np.log(2)) / 24) / 30
     assert measures.corrected_fraction(contact) == pytest.approx(expected, rel=1e-14)
     assert measures.corrected_fraction(np.ones((3, 4), bool)) == 1
-
-
-def test_persson():
-    load = 0.3
-    total = quad(lambda p: measures.persson_pressures(p, load), 0, 10)[0]
-    mean = quad(lambda p: p * measures.persson_pressures(p, load), 0, 10)[0]
-    assert total == pytest.approx(persson_fraction(load), rel=1e-8)
-    assert mean == pytest.approx(load, rel=1e-8)
-    assert persson_fraction(1e-6) / 1e-6 == pytest.approx(np.sqrt(8 / np.pi), rel=1e-6)
 
 
 def test_stiffness_of_an_exponential_is_exact():

@@ -12,8 +12,7 @@ import pytest
 from cases import hertz, periodic_rough, punch, self_affine
 from hypothesis import given
 
-from app import ContactProblem, Grid, Material
-from app.base.errors import InputError
+from app import ContactProblem, Grid, InputError, Material
 from app.reference import CappedLineContact, CappedSphere, CappedWestergaard
 from app.verification.dense import DenseProblem
 from app.verification.solving import random_problem, solved
@@ -104,10 +103,7 @@ def test_sphere_agrees_with_rings(share):
     grid = Grid.from_domain(96, 96, (-width, width, -width, width))
     x, y = grid.x(), grid.y()[:, None]
     problem = ContactProblem(
-        grid,
-        Material.from_contact_modulus(E_STAR),
-        (x**2 + y**2) / (2 * RADIUS),
-        hardness=rings.hardness,
+        grid, Material.from_contact_modulus(E_STAR), (x**2 + y**2) / (2 * RADIUS), hardness=rings.hardness
     )
     found = solved(problem, options={"lcp_rtol": 1e-6}, approach=approach)
     assert found.converged and found.max_pressure == rings.hardness
@@ -343,10 +339,8 @@ def limited(draw, periodic):
     top = top or 0.1 * problem.material.contact_modulus
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     share = draw(st.sampled_from([2.0, 0.9, 0.5, 0.2, 0.05, 1e-3]))
-    x, kind = (
-        rng.random(gap.shape),
-        draw(st.sampled_from(["number", "random", "half", "mixed", "spots", "two"])),
-    )
+    x = rng.random(gap.shape)
+    kind = draw(st.sampled_from(["number", "random", "half", "mixed", "spots", "two"]))
     hardness = {
         "number": share,
         "random": share * (0.01 + x),

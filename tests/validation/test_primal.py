@@ -1,18 +1,15 @@
 """The default method on periodic patches: its work, its accuracy, its safeguard."""
 
 import warnings
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import periodic
 import pytest
-from running import assert_proved_equal, assert_solves_lcp, solve
+from running import assert_solves_lcp, solve
 
-from app import ContactProblem, ContactSolver, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface
 from app.methods import progress
-from app.methods.periodic.operator import InverseOperator
-from app.problems.random_surfaces import SelfAffineSurface
 from app.verification.dense import DenseProblem
 from app.verification.solving import solved
 
@@ -76,21 +73,6 @@ def test_work_does_not_grow_with_the_grid_nor_with_the_contact(kind):
                 fractions.append(found.contact_fraction)
     assert min(fractions) < 0.05 and max(fractions) > 0.9
     assert max(counts) <= MOST, counts
-
-
-def test_shifts_of_the_patch():
-    """By whole cells of all grids: the same work; by any: the same answer."""
-    problem = surface("self-affine", 128)
-    load, facts = 0.3 * full_load(problem), []
-    for shift in ((0, 0), (32, 64), (96, 32), (5, 7)):
-        found = solve(replace(problem, gap=np.roll(problem.gap, shift, (0, 1))), None, None, load)
-        here = np.roll(found.pressure, np.negative(shift), (0, 1))
-        facts.append((found.operator_applications, here, found.approach))
-    assert facts[0][0] == facts[1][0] == facts[2][0]
-    for _, here, approach in facts:
-        np.testing.assert_allclose(here, facts[0][1], rtol=0, atol=1e-3 * here.max())
-        # (5.1) lets the gap on C be 1e-6 times the standard deviation of h, in both.
-        assert approach == pytest.approx(facts[0][2], abs=2e-6 * problem.gap.std())
 
 
 @pytest.mark.parametrize("holes", [0.0, 0.1])
@@ -228,9 +210,8 @@ def test_the_safeguard_takes_over_and_is_right(monkeypatch, by_load, holes):
     for options in ({}, {"pc_two_grid_sweeps": 1}):
         with ContactSolver(problem, options={"lcp_rtol": 1e-8, "lcp_coarse_rtol": 1e-9} | options) as solver:
             found = solver.solve(**loading)
-        assert_solves_lcp(
-            found, 4e-8 if by_load else 1e-8
-        )  # what meets the load in the end is not asked again
+        # What meets the load in the end is not asked again.
+        assert_solves_lcp(found, 4e-8 if by_load else 1e-8)
         assert found.fallbacks >= 1
         assert found.approach == pytest.approx(approach, rel=1e-6)
         np.testing.assert_allclose(found.pressure, plain.pressure, rtol=0, atol=1e-5 * plain.max_pressure)
@@ -263,26 +244,6 @@ def test_coarse_grids_are_solved_to_rounding_at_most():
     problem = surface("self-affine", 128)
     found = solve(problem, 0.5 * problem.gap.mean(), None, lcp_coarse_rtol=0)
     assert found.converged and found.operator_applications < 25
-
-
-def test_loads_one_after_another_on_several_solvers():
-    """Any order: the answer is that of a fresh solver, and so is the work; warm, the answer within its tolerance."""
-    problems = [surface("self-affine", 64), periodic.rough(24, 18, 2, holes=0.1)]
-    solvers = [ContactSolver(problem) for problem in problems]
-    start = [None, None]
-    for share in (0.5, 0.1, 0.9, 0.1):
-        for k, (problem, solver) in enumerate(zip(problems, solvers, strict=True)):
-            approach = share * np.nanmean(problem.gap)
-            fresh = solve(problem, approach, None)
-            found = solver.solve(approach=approach)
-            np.testing.assert_allclose(found.pressure, fresh.pressure, rtol=0, atol=1e-9)
-            assert found.operator_applications == pytest.approx(fresh.operator_applications, rel=1e-12)
-            warm = solver.solve(approach=approach, start=start[k])
-            size = fresh.pressure.max()
-            np.testing.assert_allclose(warm.pressure, fresh.pressure, rtol=0, atol=1e-4 * size)
-            start[k] = warm
-    for solver in solvers:
-        solver.close()
 
 
 @pytest.mark.parametrize("below", [0.0, 1e-9, 1.0])
@@ -372,44 +333,6 @@ def test_light_loads_take_little_more_than_their_approach(cut_off, more):
     assert there <= 37
 
 
-@pytest.mark.parametrize("given", ["load", "approach"])
-def test_an_interrupted_solve_leaves_a_solver_that_solves(given, monkeypatch):
-    problem, plain = surface("self-affine", 64), InverseOperator.pressure
-    with ContactSolver(problem) as solver:
-        found, linear = pressed_to(problem, 0.1, solver), solver._strategy.solver
-        loading = {given: getattr(found, given)}
-        before = solver.solve(**loading)
-
-        def interrupted(operator, d, q):
-            if operator is linear.inverse and linear.ksp.getIterationNumber() > 0:
-                raise KeyboardInterrupt
-            return plain(operator, d, q)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(InverseOperator, "pressure", interrupted)
-            with pytest.raises(KeyboardInterrupt):
-                solver.solve(**loading)
-        after = solver.solve(**loading)
-    assert_proved_equal(after, before)
-    assert after.fallbacks == 0
-    assert after.operator_applications == pytest.approx(before.operator_applications, abs=0.1)
-
-
-def test_an_absolute_tolerance_is_the_users():
-    problem = surface("self-affine", 64)
-    counts = [
-        solve(problem, None, None, 0.1 * full_load(problem), ksp_atol=atol).inner_iterations
-        for atol in (1e-30, 1e-3)
-    ]
-    assert counts[0] != counts[1]
-
-
-def test_what_rounding_leaves_is_called_so():
-    problem = surface("self-affine", 64)
-    found = solve(problem, None, None, 2 * full_load(problem), lcp_error_bound=1e-16)
-    assert not found.converged and "rounding allows no more" in found.message
-
-
 PLATEAUS = {
     "two heights": lambda rng, n: rng.integers(0, 2, (n, n)),
     "blocks": lambda rng, n: np.kron(rng.random((n // 3 + 1, n // 3 + 1)) < 0.5, np.ones((3, 3)))[:n, :n],
@@ -421,7 +344,6 @@ PLATEAUS = {
 @pytest.mark.parametrize("kind", PLATEAUS)
 @pytest.mark.parametrize("n", [64, 128])
 def test_a_prediction_that_is_too_bold_does_no_harm(kind, n):
-    """Of plateaus each finer grid finds the approach much nearer to first touch: extrapolated it is before that."""
     gap = 1e-3 * PLATEAUS[kind](np.random.default_rng(1), n)
     grid = Grid(n, n, 1 / n, 1 / n)
     with ContactSolver(ContactProblem(grid, MATERIAL, gap, periodic=True)) as solver:

@@ -12,8 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis.extra.numpy import arrays
 
-from app import ContactProblem, Grid, Material
-from app.base.errors import InputError
+from app import ContactProblem, Grid, InputError, Material
 from app.verification.dense import DenseProblem
 from app.verification.solving import solved
 

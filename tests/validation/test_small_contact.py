@@ -20,7 +20,6 @@ SHAPES = {
 
 @pytest.mark.parametrize("gap", SHAPES.values(), ids=SHAPES.keys())
 def test_a_light_load_costs_little_more_than_its_approach(gap):
-    """Once the secant between two updates by one pressure confirmed whatever slope there was, grid after grid."""
     problem = ContactProblem(GRID, MATERIAL, gap)
     for load in (0.01, 0.1, 1.0, 10.0):
         by_load = solve(problem, None, "fast", load)
@@ -58,7 +57,6 @@ def test_asperities_among_cells_far_away(far, periodic):
 @pytest.mark.parametrize("heights", ["plateaus", "summits"])
 @pytest.mark.parametrize("symbol", ["spectral", "love"])
 def test_pressures_are_proportional_to_a_light_load_on_what_is_equally_high(heights, symbol):
-    """However light: what is not in contact has no part in it."""
     rng, grid = np.random.default_rng(2), Grid(24, 12, 1.0, 1.0)
     plateaus = rng.integers(0, 3, grid.shape) * 1.0
     gap = plateaus if heights == "plateaus" else np.where(rng.random(grid.shape) < 0.02, 0.0, 1 + plateaus)

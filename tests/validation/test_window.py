@@ -5,9 +5,7 @@ import pytest
 from cases import APPROACH, hertz, punch
 from running import assert_solves_lcp, solve
 
-from app import ContactProblem, ContactSolver
-from app.halfspace.grid import Grid
-from app.halfspace.material import Material
+from app import ContactProblem, ContactSolver, Grid, Material
 from app.halfspace.operator import InfluenceOperator
 
 
@@ -16,11 +14,7 @@ from app.halfspace.operator import InfluenceOperator
 )
 @pytest.mark.parametrize(
     ("method", "options"),
-    [
-        ("fast", {}),
-        ("fast", {"lcp_precision": "double"}),
-        ("fast", {"lcp_window": 0.5}),
-    ],
+    [("fast", {}), ("fast", {"lcp_precision": "double"}), ("fast", {"lcp_window": 0.5})],
     ids=["default", "double", "wide"],
 )
 def test_the_answer_is_that_without_a_window(problem, approach, method, options):

@@ -18,10 +18,8 @@ def test_analytic_values_stand_beside(of_hertz):
     assert solution.attributes["analytic_semi_axis_major"] == pytest.approx(known.a)
     by_load = solve(hertz(64), None, None, load=known.load)
     assert by_load.attributes["analytic_approach"] == pytest.approx(APPROACH)
-    for apart in (
-        {"approach": -1.0},
-        {"load": 0.0},
-    ):  # a sphere touches before it reaches the centre of a cell
+    # A sphere touches before it reaches the centre of a cell.
+    for apart in ({"approach": -1.0}, {"load": 0.0}):
         found = solve(hertz(16), **{"approach": None, "method": None, **apart})
         assert not any(name.startswith("analytic") for name in found.attributes), apart
 

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 from cases import hertz
 
-from app import (
-    ContactProblem,
-    ContactSolver,
-    Grid,
-    Listener,
-    Material,
-    Sphere,
-    solve,
-)
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, Sphere, solve
 from app.base.errors import InputError
 from app.problems.problem import Problem
 
@@ -85,7 +77,6 @@ def test_wrong_listeners_are_refused_before_any_work(listeners):
     [
         ("unused option: -", lambda: ContactSolver(BALL, options={"": 2})),
         ("-ksp_view x: must be nothing, or ascii", lambda: ContactSolver(BALL, options={"ksp_view": "x"})),
-        ("no folder", lambda: ContactSolver(BALL, options={"ksp_view": "ascii:nowhere/a"})),
         ("is a folder", lambda: ContactSolver(BALL, options={"ksp_view": ":.:ascii_info"})),
         ("no folder", lambda: ContactSolver(BALL, options={"ksp_converged_reason": ":nowhere/a"})),
         ("a ContactProblem", lambda: ContactSolver(HEIGHTS)),
@@ -96,13 +87,9 @@ def test_wrong_listeners_are_refused_before_any_work(listeners):
         ("'own': is int; .*mapping", lambda: ContactSolver(BALL, method={"own": 3})),
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
         ("list of 3; must be .*ContactSolver.path", lambda: solve(BALL, load=[1, 2, 3])),
-        ("approach: ndarray of 1; must be a number", lambda: solve(BALL, approach=np.array([1e-3]))),
         ("load: is MaskedConstant; must be a number", lambda: solve(BALL, load=np.ma.masked)),
         ("approach: is str; must be a number \\[mm\\]", lambda: solve(BALL, approach="1e-3")),
         ("approach: is bool; must", lambda: solve(BALL, approach=True)),
-        ("load: is bool_?; must be a number \\[N\\]", lambda: solve(BALL, load=np.array(True))),
-        ("mean_pressure: is bytes", lambda: solve(BALL, mean_pressure=b"1")),
-        ("approach: is complex", lambda: solve(BALL, approach=1e-3 + 0j)),
         ("load inf: must be a number of size", lambda: solve(BALL, load=10**400)),
     ],
 )

@@ -7,13 +7,7 @@ import pytest
 from running import solve
 
 import app
-from app import (
-    ContactProblem,
-    Grid,
-    Material,
-    Sphere,
-    read_surface,
-)
+from app import ContactProblem, Grid, Material, Sphere, read_surface
 
 GRID = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
 SOFT = Material.from_contact_modulus(100.0)
@@ -33,18 +27,12 @@ def test_a_small_contact_in_the_middle_gets_no_note():
         ((Sphere(1.0), 0.3), r"the maximum pressure is 0\.\d+ E\*"),
         ((lambda x, y: 0.6 * np.hypot(x, y), 1e-2), "the rms slope is 0.5[0-9]"),
         ((Sphere(0.1), 0.01), "the distances vary by .* are they in mm"),
-        (
-            (Sphere(10.0), 2.5),
-            "approach each other by 2.5 mm beyond first touch, more than the patch is wide",
-        ),
+        ((Sphere(10.0), 2.5), "approach each other by 2.5 mm beyond first touch, more than the patch is wide"),
         ((Sphere(10.0), 1e-4), r"contact is at most \d cells? wide"),
         ((lambda x, y: x**2, 0.01, Grid.from_domain(64, 1, (-1.0, 1.0, 0.0, 0.1))), "no plane strain"),
-        (
-            (lambda x, y: x**2 + 0 * y, 0.01, Grid.from_domain(64, 2, (-1.0, 1.0, 0.0, 0.1))),
-            "no plane strain",
-        ),
+        ((lambda x, y: x**2 + 0 * y, 0.01, Grid.from_domain(64, 2, (-1.0, 1.0, 0.0, 0.1))), "no plane strain"),
     ],
-)
+)  # fmt: skip
 def test_a_doubtful_problem_gets_its_note(arguments, message):
     assert any(re.search(message, note) for note in notes(*arguments)), notes(*arguments)
 
@@ -142,7 +130,6 @@ def test_a_long_line_contact_on_a_narrow_period_gets_no_note():
     ],
 )
 def test_a_step_where_a_periodic_patch_repeats_gets_a_note(gap, told):
-    """Of noise the steps are as large everywhere; cells of a sphere are those of another one beyond the side."""
     problem = ContactProblem(GRID, SOFT, gap, periodic=True)
     found = solve(problem, None, None, load=1e-3).notes
     assert any("is not periodic" in note for note in found) == told

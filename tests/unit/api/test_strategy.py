@@ -73,7 +73,6 @@ def test_reference_solvers_report_the_residual_of_the_paper():
 
 @pytest.mark.parametrize("method", ["fast", "fmg_v11", "norm", "primal"])
 def test_a_start_from_another_material_is_solved_anyway(method):
-    """Its displacement is not that of its pressure here."""
     grid = Grid.from_domain(32, 32, (-1, 1, -1, 1), periodic=method == "primal")
     soft, hard = (
         ContactProblem(grid, Material.combined(modulus, 0.3), lambda x, y: (x**2 + y**2) / 40)
@@ -87,7 +86,6 @@ def test_a_start_from_another_material_is_solved_anyway(method):
 
 
 def test_a_start_from_a_moved_gap_costs_no_digits():
-    """Its approach says nothing; looking for the load from there once cost the distances their digits."""
     grid, rng = Grid.from_domain(94, 90, (0, 1, 0, 1)), np.random.default_rng(3)
     material, gaps = Material.combined(80000, 0.3), 0.01 * rng.random((2, 90, 94)) + [[[5.0]], [[0.0]]]
     with ContactSolver(ContactProblem(grid, material, gaps[0])) as solver:

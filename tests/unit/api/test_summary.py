@@ -9,7 +9,6 @@ from app.api.summary import summary
 
 @pytest.mark.parametrize("periodic", [False, True])
 def test_without_load_nothing_is_said_of_where_it_acts(periodic):
-    """Nor has an approach, or a gap, of zero a sign."""
     x = np.linspace(-1, 1, 16) ** 2
     grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
     problem = ContactProblem(grid, Material.from_contact_modulus(1e5), np.add.outer(x, x), periodic=periodic)

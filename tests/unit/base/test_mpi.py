@@ -25,10 +25,8 @@ ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
         ({"OMPI_MCA_pml": "ucx"}, False),
         (ONE_HOST | {"OMPI_MCA_btl": "tcp,self"}, False),
         (ONE_HOST | {"OMPI_VERSION": "5.0.7"}, True),
-        (
-            ONE_HOST | {"OMPI_MCA_btl_tcp_if_exclude": "docker0"},
-            False,
-        ),  # with another word Open MPI refuses it
+        # With another word Open MPI refuses it.
+        (ONE_HOST | {"OMPI_MCA_btl_tcp_if_exclude": "docker0"}, False),
     ],
 )
 def test_the_search_for_networks_is_skipped_only_on_a_single_host(environment, alone):
@@ -38,7 +36,6 @@ def test_the_search_for_networks_is_skipped_only_on_a_single_host(environment, a
 
 
 def test_a_temporary_environment_is_restored(monkeypatch):
-    """Else a program that a command starts, on other hosts maybe, would inherit it."""
     monkeypatch.setenv("CONTACT_KEPT", "1")
     monkeypatch.delenv("CONTACT_NEW", raising=False)
     before = dict(os.environ)

@@ -26,14 +26,8 @@ CALLS = (
     "import app.api.solution",
 )
 # What `run/setup --dev` installs, by the names that are imported.
-INSTALLED = {*COMPILED, "jinja2", "llvmlite", "mpi4py", "numpy", "tabulate", "tqdm", "yaml"} | {
-    "hypothesis",
-    "nbclient",
-    "jupyter_client",
-    "nbformat",
-    "pytest",
-    "setuptools",
-}
+INSTALLED = {*COMPILED, *"jinja2 llvmlite mpi4py numpy tabulate tqdm yaml".split()}
+INSTALLED |= {"hypothesis", "nbclient", "jupyter_client", "nbformat", "pytest", "setuptools"}
 
 
 @pytest.fixture(scope="module")

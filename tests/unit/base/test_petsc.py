@@ -1,6 +1,5 @@
 """Where PETSc is found, and differences between its releases."""
 
-import gc
 import sys
 import weakref
 from contextlib import suppress
@@ -11,8 +10,7 @@ from cases import APPROACH, punch
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material, solve
-from app.base.errors import InputError
+from app import ContactProblem, Grid, InputError, Material, solve
 from app.base.petsc import _forget_last_exception, unwrap_errors
 
 
@@ -60,34 +58,11 @@ def test_a_grid_with_more_cells_than_petsc_can_number_is_refused():
 
 
 def test_an_uncaught_exception_with_circular_causes_is_freed(monkeypatch):
-    """As after a program raises the cause of an error while it handles that error."""
     original = ZeroDivisionError()
     original.__context__ = PETSc.Error(101)
     original.__context__.__cause__ = original
     monkeypatch.setattr(sys, "last_value", original, raising=False)
     _forget_last_exception()
-
-
-class Stop(Listener):
-    """Raises in the first iteration on the target grid, and refers to the memory of its pressure."""
-
-    def iteration(self, entry, state):
-        if state.grid.n == 32 * 32:
-            self.seen = weakref.ref(state.p.base)
-            raise TimeoutError
-
-
-def test_a_solve_interrupted_by_a_listener_frees_its_pressure():
-    grid, listener = Grid.from_domain(32, 32, (-1, 1, -1, 1)), Stop()
-    problem = ContactProblem(
-        grid, Material.combined(8e4, 0.3), lambda x, y: 0.01 * np.cos(np.pi * x), periodic=True
-    )
-    with ContactSolver(problem, listeners=[listener]) as solver, pytest.raises(TimeoutError):
-        solver.solve(mean_pressure=10.0)
-    del solver
-    solve(problem, mean_pressure=10.0)
-    gc.collect()
-    assert listener.seen() is None
 
 
 def test_communicators_of_petsc4py_and_mpi4py_are_alike():

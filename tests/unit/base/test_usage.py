@@ -18,10 +18,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         "a solver": (lambda: ContactSolver(BALL).solve(700), r"write solver\.solve\(load=700\)"),
         "a grid of cells alone": (lambda: Grid(64, 64), r"write Grid\.from_domain\(128, 128, "),
         "a grid without a domain": (lambda: Grid.from_domain(64, 64), r"write Grid\.from_domain"),
-        "a problem without a material": (
-            lambda: ContactProblem(GRID),
-            r"write ContactProblem\(grid, material, ",
-        ),
+        "a problem without a material": (lambda: ContactProblem(GRID), r"write ContactProblem\(grid, material, "),
         "a shape by name": (lambda: ContactProblem(GRID, STEEL, shape=Sphere(9)), "write ContactProblem"),
         "one radius of two": (lambda: Paraboloid(10), r"of a ball Sphere\(10\)"),
         "another name of a radius": (lambda: Sphere(r=10), r"write Sphere\(10\)"),
@@ -29,13 +26,10 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
             lambda: Material.pair(210e3, 3e3, 0.3, 0.4),
             r"write Material\.pair\(\(E1, E2",
         ),
-        "a limit left out": (
-            lambda: refine(BALL, load=700),
-            r"write refine\(problem, until=0\.01, load=700\)",
-        ),
+        "a limit left out": (lambda: refine(BALL, load=700), r"write refine\(problem, until=0\.01, load=700\)"),
         "units": (lambda: read_surface("z.npy", units="um"), r'write read_surface\("heights.npy", unit="um"'),
     }.values(),
-)
+)  # fmt: skip
 def test_a_wrong_call_shows_the_right_one(call, right):
     with pytest.raises(TypeError, match=right):
         call()

@@ -91,22 +91,6 @@ def test_unreadable_heights_are_not_written(convert, tmp_path):
     assert (tmp_path / "s.h5").read_text() == "an earlier one"
 
 
-def test_header_turns_and_doubts_are_handled(convert, tmp_path):
-    """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
-    lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]
-    (tmp_path / "s.csv").write_text("\n".join(["Höhe;µm", "", *lines]), encoding="cp1252")
-    options = ("--skip", 1, "--orient", "flip_y", "--unit", "um", "--spacing", "2,3")
-    done = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", *options)
-    assert done.returncode == 0 and "cells of 2 x 3 mm" in done.stdout
-    assert done.stderr.startswith("warning: ") and "flatter than most surfaces" in done.stderr
-    np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), 1e-3 * HEIGHTS, rtol=1e-12)
-    refused = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", "--orient", "mirror")
-    assert (
-        refused.returncode == 2
-        and "must be some, with commas between, of transpose, flip_x, flip_y" in refused.stderr
-    )
-
-
 needs_reader = pytest.mark.skipif(
     find_instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
 )
@@ -268,15 +252,6 @@ def test_texts_of_unknown_format_need_unit_and_spacing(convert, tmp_path, monkey
     done = convert(tmp_path / "s.txt", "-o", tmp_path / "s.h5", *options)
     assert done.returncode == (0 if read else 2)
     assert read or "skip the line at the head" in done.stderr
-
-
-@pytest.mark.parametrize("size", [0, 60])
-def test_invalid_points_are_not_read_as_three_columns(convert, tmp_path, size):
-    """Nor of none: SurfaceTopography, where it is installed, reads both."""
-    scattered = np.random.default_rng(3).random((size, 3))
-    np.savetxt(tmp_path / "s.txt", scattered, fmt="%.6f")
-    done = convert(tmp_path / "s.txt", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
-    assert done.returncode == 2 and ("it is empty", "no points x, y, z of a grid")[size > 0] in done.stderr
 
 
 @pytest.mark.parametrize(

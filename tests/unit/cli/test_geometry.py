@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app import Paraboloid, Roller
+from app import Roller
 from app.base.errors import InputError
 from app.cli.geometry import make_problem
 from app.cli.problem_options import PROBLEM_OPTIONS
@@ -34,13 +34,9 @@ def test_the_default_roll_off_is_the_longest_side():
     [
         ("24,15", (), {}, r"cut-off 0.25: .* must be at least 24,16 cells"),
         ("16", (), {"domain": "0,1,0,1", "surface_cutoff": "0.1"}, "at least 20,20 cells"),
-        ("32", (), {"surface_cutoff": "1e-9"}, "at least 6000000000,4000000000 cells"),
         ("32", ["surface_cutoff"], {}, "-surface_cutoff is missing"),
         ("32", ["surface_rms_slope"], {}, "neither -surface_rms_slope nor -surface_rms_height"),
         ("32", (), {"surface_rms_height": "1"}, "either its rms height or its rms slope"),
-        ("32", (), {"surface_hurst": "1.2"}, "-surface_hurst 1.2: must be"),
-        ("32", (), {"surface_rolloff": "0.2"}, "positive and in this order"),
-        ("32", ["contact_modulus"], {}, "neither -contact_modulus .* exactly one of these ways"),
         ("32", ["contact_modulus"], {"shear_modulus": "1"}, "-poisson_ratio is missing"),
         ("32", ["periodic"], {"periodic_symbol": "love"}, "-periodic_symbol: has no effect here"),
     ],
@@ -89,11 +85,6 @@ def test_patch_is_fitted_to_the_contact_of_a_function(tmp_path, monkeypatch):
     assert sides == pytest.approx((3 * exact.a, 3 * exact.b), rel=0.15)
 
 
-def test_one_radius_means_a_ball():
-    ball = problem_from(problem="hertz", hertz_rx=7, load=10)
-    assert ball.shape == Paraboloid(7, 7)
-
-
 def test_crowns_of_rollers_from_options(tmp_path):
     roller = {"problem": "roller", "roller_radius": 9, "roller_length": 12, "load": 4000}
     log = problem_from(**roller, roller_crown="log")
@@ -132,9 +123,7 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
     ("texts", "message"),
     [
         ({"problem": "sphere", "sphere_radius": 2}, "-domain is missing"),
-        ({"problem": "sphere", "sphere_radius": 2, "load": 1, "periodic": ""}, "-domain is missing"),
         ({"problem": "sphere", "sphere_radius": 2, "load": 1, "surface_cutoff": 1}, "-domain is missing"),
-        ({"problem": "sphere", "sphere_radius": 2, "approach": -1}, "without contact"),
         ({"problem": "sphere", "sphere_radius": 2, "domain": "auto"}, "-domain auto: needs"),
         ({"problem": "sphere", "sphere_radius": 2, "domain": "auto", "load": 1, "periodic": ""}, "a periodic patch"),
         ({"problem": "rough", "domain": "auto", "load": 1}, "auto: nominally flat"),
@@ -145,10 +134,8 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
          "-roller_design_load is missing"),
         ({"problem": "hertz"}, "neither -hertz_rx .* -body1_radii"),
         ({"problem": "hertz", "body1_radii": "1,2"}, "-body2_radii is missing"),
-        ({"problem": "hertz", "body1_radii": "1,0", "body2_radii": "1,1"}, "-body1_radii 1,0: must be"),
         ({"problem": "cone", "cone_angle": 90}, "-cone_angle 90: must be"),
         ({"problem": "cylinder", "cylinder_radius": 1, "grid": "8,1", "domain": "0,1,0,1"}, "no line contact"),
-        ({"problem": "rough", "grid": "1,8", "domain": "0,1,0,1"}, "no line contact"),
         ({"problem": "punch", "punch_diameter": 0.01, "grid": "8", "domain": "0,1,0,1"}, "no cell centre"),
     ],
 )  # fmt: skip
@@ -176,11 +163,6 @@ def test_huge_sparse_gap_file_is_refused(sparse, name, small_machine):
         InputError, match=r"grid 1000000,1000000: this PETSc can number at most 2147483647 cells"
     ):
         made(problem="file", gap_file=sparse(name, 1_000_000))
-
-
-def test_grid_larger_than_memory_is_refused(small_machine):
-    with pytest.raises(ValueError, match="grid 20000,20000: needs about 26.8 GiB"):
-        made(problem="hertz", grid="20000", hertz_rx="1", hertz_ry="1")
 
 
 def test_gap_files_have_no_unit(tmp_path):
@@ -225,15 +207,9 @@ def test_wrong_hardness_of_a_file_is_refused_with_its_place(tmp_path, wrong):
     hardness = np.ones((24, 24))
     hardness[3, 4] = wrong
     np.save(tmp_path / "hardness.npy", hardness)
-    options = {
-        "problem": "cone",
-        "cone_angle": 5,
-        "grid": "24",
-        "domain": "-1,1,-1,1",
-        "contact_modulus": 100,
-    }
+    cone = {"problem": "cone", "cone_angle": 5, "grid": "24", "domain": "-1,1,-1,1", "contact_modulus": 1}
     with pytest.raises(InputError, match="hardness.npy: .* in row 3, column 4; must be above 0 N/mm2"):
-        problem_from(**options, hardness_file=str(tmp_path / "hardness.npy"))
+        problem_from(**cone, hardness_file=str(tmp_path / "hardness.npy"))
 
 
 @pytest.mark.parametrize("domain", [{}, {"domain": "auto"}])

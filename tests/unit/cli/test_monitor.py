@@ -12,7 +12,6 @@ from app.cli.monitor import Progress
 
 
 def test_each_solve_has_its_own_bar():
-    """As those of a refinement, which share their listeners."""
     with mock.patch("tqdm.tqdm") as bar, ContactSolver(hertz(12), "norm", listeners=[Progress()]) as solver:
         for opened in (1, 2):
             solver.solve(approach=APPROACH)

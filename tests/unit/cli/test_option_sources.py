@@ -77,7 +77,6 @@ def test_global_petsc_options_are_separate(read, files):
 
 @pytest.mark.parametrize("view", [":nowhere/log", "log.txt", ":.", ":a.txt,:nowhere/b:ascii_xml"])
 def test_log_without_a_folder_is_refused(view, read):
-    """It is refused before any work; PETSc would look at it when all is done."""
     with pytest.raises(
         InputError, match=r"-log_view .*: (there is no folder|must be nothing, or|\. is a folder)"
     ):
@@ -101,7 +100,6 @@ def test_folder_of_citations_must_exist(read):
 
 @pytest.mark.parametrize("name", ["options_view", "options_left", "get_total_flops", "mpidump"])
 def test_flags_read_at_petscs_end_are_checked(read, files, name):
-    """It is refused at the start: PETSc fails when all is done, and then the run has status 0 all the same."""
     files(a__opts=f"-{name} :a.txt\n")
     for line in (f"-{name} :a.txt", "-options_file a.opts"):
         with pytest.raises(InputError, match=f"^-{name} :a.txt: must be true or false$"):
@@ -120,24 +118,16 @@ def test_flags_read_at_petscs_end_are_checked(read, files, name):
             "a.opts line 3: cannot specify two options per line (-lcp_monitor -load)",
         ),
         ("-domain -1, 1, -1, 1\n", "a.opts line 1: extra token 1,"),
-        ("! PETSc knows # only\n", "a.opts line 1: !"),
-        ("-\n", "a.opts line 1: invalid option -"),
         ("-inf 3\n", "a.opts line 1: invalid option -inf"),
         ('-grid 8\n-title "a b\n', 'line 2: -title "a b: a quote is not closed'),
-        ("-title 'a b'\n", "a.opts line 1: extra token b'"),
-        ('-size 5"\n-grid 8\n', 'line 1: -size 5": a quote is not closed'),
         ('-title "a"b\n', "a.opts line 1: extra token b"),
-        ("alias -force\n", "a.opts line 1: alias missing for -force"),
         ("-prefix_push\n-grid 8\n", "option file a.opts: -prefix_push and -prefix_pop do not match"),
-        ("-grid 8\n-prefix_pop\n", "option file a.opts: More prefixes popped than pushed"),
         (bytes(range(128, 256)), "option file a.opts: is not a text file"),
-        (b"\x01\x1b[2J", "option file a.opts: is not a text file"),
         ("\ufeff-grid 8\n", "Unknown first token in options file a.opts line 1: \ufeff-grid"),
         ("-options_file a.opts\n", "option file a.opts: includes itself"),
         ("-grid 8\n-options_file b.opts\n", "option file ./a.opts: includes itself (included by"),
         ("-options_file\n", "options file"),
         ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
-        ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
         ("-log_view :nowhere/log\n", "-log_view :nowhere/log: there is no folder nowhere"),
         ("x" * (option_sources.MAX_FILE_BYTES + 1), "option file a.opts: is larger than 16 MiB"),
         (3 * "-options_file c0.opts\n", ".opts: at most 100 files may be included"),
@@ -168,22 +158,14 @@ ALIASES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}
             '{"a": 1,\n"b": [[2]]}',
             "option file a.json: Unsupported YAML node type: expected scalar or mapping",
         ),
-        (
-            "a.opts",
-            "---\na: {b: 1}\n? [c]\n: 2\n",
-            "option file a.opts: Unsupported YAML node type: expected scalar",
-        ),
-        (
-            "a.yml",
-            "a: [1, {b: 2, c: 3}]\n",
-            "a.yml: Unsupported YAML node value: expected a single key:value",
-        ),
+        ("a.opts", "---\na: {b: 1}\n? [c]\n: 2\n", "option file a.opts: Unsupported YAML node type: expected scalar"),
+        ("a.yml", "a: [1, {b: 2, c: 3}]\n", "a.yml: Unsupported YAML node value: expected a single key:value"),
         ("a.yml", "a: &a\n  b: *a\n", "option file a.yml"),
         ("a.yml", "$$other: !include a.yml\n", "includes itself"),
         ("a.yml", ALIASES, "option file a.yml: expands to more than 10000 nodes"),
     ],
     ids=lambda text: repr(text)[:60],
-)
+)  # fmt: skip
 def test_invalid_yaml_is_refused_in_one_line(name, content, message, read, tmp_path):
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=message) as refusal:

@@ -1,7 +1,5 @@
 """app.plot: which pictures, of which results, and bad input in one line."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -129,15 +127,6 @@ def test_columns_are_chosen_for_tables_only(path, tmp_path, capsys):
     assert (out / "path.png").is_file()
 
 
-def test_empty_figure_makes_no_folder(result, tmp_path, capsys):
-    lacking, out = tmp_path / "lacking.h5", tmp_path / "out"
-    write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
-    assert main([str(lacking), "-o", str(out)]) == 2
-    assert "attribute hertz_rx is missing" in capsys.readouterr().err
-    assert main([str(lacking.rename(tmp_path / "no_path.h5")), "-o", str(out), "--only", "path"]) == 2
-    assert list(tmp_path.iterdir()) == [tmp_path / "no_path.h5"]
-
-
 def test_errors_are_found_before_anything_is_drawn(path, result, tmp_path, capsys):
     good, bad, lacking, out = (tmp_path / name for name in ("good.csv", "bad.csv", "lacking.h5", "out"))
     good.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
@@ -172,13 +161,6 @@ def test_bug_is_not_reported_as_bad_input(path, tmp_path, monkeypatch):
     monkeypatch.setattr("app.cli.plot._draw_all", lambda arguments: float("of ours"))
     with pytest.raises(ValueError, match="of ours"):
         main([str(path), "-o", str(tmp_path / "out")])
-
-
-def test_installed_command_returns_its_exit_status(tmp_path):
-    command = [sys.executable, "-m", "app.plot", "absent.h5", "-o", tmp_path]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (run.returncode, run.stdout) == (2, "")
-    assert run.stderr == "error: result file absent.h5: no such file\n"
 
 
 def test_reference_is_the_hertz_contact_of_the_paper(result):
@@ -233,7 +215,6 @@ def test_unusual_results_are_drawn(result, tmp_path):
 
 
 def test_file_of_stresses_is_named_in_the_error(result, tmp_path, capsys):
-    """By every command that reads results; what it is and what draws it."""
     subsurface.write(file := tmp_path / "below.h5", result, survey(stress(result), depths=4), {})
     for command in (main, xdmf.main, report.main, subsurface.main):
         assert command([str(file)]) == 2

@@ -27,16 +27,13 @@ BALL = ContactProblem(GRID, Material.from_contact_modulus(1e5), Sphere(10))
     ("message", "call"),
     [
         ("body 0: allowed: 1, 2", lambda: stress(solve(BALL, approach=0.001), body=0)),
-        (
-            "x nan: must be a finite",
-            lambda: stress(solve(BALL, approach=0.001), 0.3).line([0.1], np.nan, 0.0),
-        ),
+        ("x nan: must be a finite", lambda: stress(solve(BALL, approach=0.001), 0.3).line([0.1], np.nan, 0.0)),
         ("y '0': must be a finite", lambda: stress(solve(BALL, approach=0.001), 0.3).section([0.1], y="0")),
         ("at least one", lambda: stress(solve(BALL, approach=0.001), 0.3).line([], 0.0, 0.0)),
         ("read_result", lambda: stress("ball.h5")),
         ("from 0 to 0.5", lambda: SubsurfaceStress(np.zeros(GRID.shape), GRID, "0.3")),
     ],
-)
+)  # fmt: skip
 def test_wrong_questions_are_refused_in_one_line(message, call):
     with pytest.raises(InputError, match=message) as refused:
         call()

@@ -10,7 +10,6 @@ import pytest
 from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.base.errors import InputError
 from app.contact.bounds import PressureBounds
 
 SHAPE = (6, 7)
@@ -44,17 +43,6 @@ def test_projection_is_the_nearest_allowed_pressure(bounds, rng):
     np.testing.assert_array_equal(again, out)
 
 
-def test_steps_are_projected(bounds, rng):
-    _, p = projected(bounds, rng.normal(size=SHAPE), bounds.admissible)
-    step = rng.normal(size=SHAPE)
-    _, expected = projected(bounds, p + step, bounds.admissible)
-    np.testing.assert_allclose(p + bounds.change(p, step), expected, rtol=0, atol=1e-15)
-    contact = rng.random(SHAPE) < 0.5
-    there = p + bounds.to_bound(p, contact)
-    np.testing.assert_array_equal(there[contact], p[contact])
-    assert not bounds.between(there)[~contact].any()
-
-
 def test_contact_is_pressure_or_overlap(bounds, rng):
     _, p = projected(bounds, rng.normal(size=SHAPE), bounds.admissible)
     gap, admissible = rng.normal(size=SHAPE), bounds.admissible
@@ -76,27 +64,6 @@ def test_release_removes_the_tension(bounds, rng):
     assert tension == pytest.approx(change.sum(), rel=1e-12)
     assert bounds.tension(p, contact)[1] == 0
     assert not contact[released].any()
-
-
-def test_mean_pressures_make_waves_allowed(rng):
-    bounds, waves = PressureBounds(np.ones(SHAPE, bool)), rng.normal(size=SHAPE)
-    least, most = bounds.mean_pressures(waves)
-    assert (waves + least).min() == 0
-    assert most == np.inf
-    assert bounds.mean_pressures(waves[:0])[0] == -np.inf  # a rank without rows
-
-
-@pytest.mark.parametrize("kind, allowed", [("load", 12.0), ("mean_pressure", 12.0 / 4)])
-def test_load_above_the_largest_is_refused(kind, allowed):
-    grid = Grid.from_domain(8, 8, (-1, 1, -1, 1))
-    problem = ContactProblem(grid, Material.from_contact_modulus(1.0), np.zeros((8, 8)), hardness=3.0)
-    with ContactSolver(problem) as solver:
-        solver.check(**{kind: allowed})
-        with pytest.raises(
-            InputError, match=f"^{kind} .*: no cell carries more than its hardness; it must be at most"
-        ) as error:
-            solver.check(**{kind: 1.01 * allowed})
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("method", ["fast", "mg_v11", "norm"])

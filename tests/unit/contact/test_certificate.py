@@ -7,13 +7,12 @@ import periodic
 import pytest
 from cases import periodic_rough
 
-from app import ContactProblem, ContactSolver, Material
+from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.certificate import certify, estimate
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
@@ -66,26 +65,6 @@ def pressed(problem, approach, p):
     state.pressure.setArray(p.ravel())
     state.compute_displacement()
     return state
-
-
-@pytest.mark.parametrize("holes", [0.0, 0.1])
-@pytest.mark.parametrize("seed", range(4))
-def test_error_bound_holds_on_periodic_patches(seed, holes):
-    """For the approach, and for the load of the exact solution if the pressure has it."""
-    problem, approach = periodic.rough(9, 8, seed, holes), (0.5, 0.9, 0.99)[seed % 3]
-    approach *= np.nanmean(problem.gap)
-    exact, matrix = periodic.by_pivoting(problem, approach)
-    rng = np.random.default_rng(seed)
-    for size in (1e-9, 1e-6, 1e-3, 0.1, 10.0):
-        p = np.maximum(exact + size * exact.max() * rng.normal(size=exact.shape) * (exact > 0), 0)
-        p[rng.random(exact.shape) < 0.02] *= 1 - size / 10
-        for factor in (1.0, exact.sum() / p.sum()):
-            found = certified(problem, approach, p * factor)
-            error = (p * factor - exact).ravel()
-            true = np.sqrt(error @ matrix @ error / ((p * factor).ravel() @ matrix @ (p * factor).ravel()))
-            assert true * (1 - 1e-6) - 1e-7 <= found.error_bound < np.inf
-            if size <= 1e-6:
-                assert found.error_bound <= 10 * true + 1e-6
 
 
 @pytest.mark.parametrize("holes", [0.0, 0.1])

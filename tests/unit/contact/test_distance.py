@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 from operators import random_field
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.distance import UndeformedDistance
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
-from app.multigrid.hierarchy import Hierarchy
-
-GRID = Grid(5, 4, 1.0, 0.5)
 
 
 @pytest.mark.parametrize("approach", [0.0, -0.7, 3.0])
@@ -64,21 +60,3 @@ def test_mean_distance_of_samples_is_equal_on_all_grids(nx, ny):
     ) as solver:
         means = [distance.statistics.mean + distance.reference for distance in solver._distances]
     np.testing.assert_allclose(means, gap.mean(), rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("shape", [(9, 9), (64, 65), (65, 64), (20, 3)])
-def test_distances_of_samples_move_on_every_grid(shape):
-    """Also on coarse grids of odd grids; b and the Vec share memory."""
-    gap = np.random.default_rng(1).random(shape)
-    grid = Grid(shape[1], shape[0], 1 / shape[1], 1 / shape[0])
-    problem = ContactProblem(grid, Material.combined(1.0, 0.0), gap, periodic=True)
-    hierarchy = Hierarchy(problem.grid, UNIT, MPI.COMM_SELF)
-    shapes = hierarchy.shapes(problem)
-    assert len(shapes) > 1
-    for operator, shape_there in zip(hierarchy.levels, shapes, strict=True):
-        distance = UndeformedDistance(operator, shape_there)
-        distance.move_to(0.25)
-        np.testing.assert_array_equal(distance.h_at(0.25), shape_there - 0.25)
-        assert np.shares_memory(distance.b, distance.rhs.getArray(readonly=True))
-        distance.destroy()
-    hierarchy.destroy()

@@ -4,9 +4,8 @@ import numpy as np
 from cases import APPROACH, hertz
 from running import solve
 
-from app import ContactProblem
+from app import ContactProblem, Material
 from app.api import strategy
-from app.halfspace.material import Material
 from app.methods.free.lift import lift
 
 

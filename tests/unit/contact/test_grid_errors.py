@@ -50,9 +50,8 @@ def test_the_error_of_a_divergent_number_is_one(growth):
     """Pressures that grow like the logarithm, or the root, of the number of cells; and those of a rigid punch."""
     steps = np.cumsum(growth ** np.arange(5))
     assert estimate_errors(grids_of(*(1 + steps)), 0.0, "approach").max_pressure_error == 1
-    assert (
-        estimate_errors(grids_of(*(1 + steps)[:2]), 0.0, "approach").max_pressure_error < 1
-    )  # two grids cannot know
+    # Two grids cannot know.
+    assert estimate_errors(grids_of(*(1 + steps)[:2]), 0.0, "approach").max_pressure_error < 1
     assert np.isnan(estimate_errors(grids_of(1.0), 0.0, "approach").load_error)
 
 

@@ -3,9 +3,7 @@
 import pytest
 from cases import APPROACH, hertz
 
-from app import ContactSolver
-from app.base.errors import InputError
-from app.contact.history import Listener
+from app import ContactSolver, InputError, Listener
 
 
 class Log(Listener):

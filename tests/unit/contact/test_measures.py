@@ -83,9 +83,8 @@ def test_slope_leaves_out_holes_and_includes_faces_across_the_period():
     grid = Grid.from_domain(8, 4, (0.0, 8.0, 0.0, 4.0), "spectral")
     gap = np.tile([0.0, 1.0, 2.0, np.nan, 2.0, 2.0, 1.0, 0.0], (4, 1))
     solution = solve(ContactProblem(grid, Material.from_contact_modulus(1.0), gap), -1.0)
-    assert solution.rms_slope == pytest.approx(
-        np.sqrt(4 / 6)
-    )  # of six faces in a row, the one around the patch is flat
+    # Of six faces in a row, the one around the patch is flat.
+    assert solution.rms_slope == pytest.approx(np.sqrt(4 / 6))
 
 
 def test_cells_without_neighbours_have_no_slope():

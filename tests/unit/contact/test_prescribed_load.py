@@ -152,18 +152,6 @@ def test_stiffness_of_patch_bounds_that_of_any_contact(exact):
     assert 0.5 * stiffness_of_patch(state) < (high - low) / spread(state) < 1.2 * stiffness_of_patch(state)
 
 
-def test_approach_converges_with_the_iteration(exact):
-    state = exact.state
-    right = state.distance.reference + 0.5 * spread(state)
-    load = exact.load_at(right)
-    state.depth *= 1.2
-    loading = PrescribedLoad(load)
-    loading.slope = 0.7 * stiffness_of_patch(state)
-    assert exact.solve(loading).converged
-    assert state.load == pytest.approx(load, rel=1e-13)
-    assert state.approach == pytest.approx(right, abs=1e-9 * spread(state))
-
-
 def test_update_moves_the_approach_by_the_missing_load_over_the_slope(exact):
     state = exact.state
     right = state.distance.reference + 0.5 * spread(state)
@@ -197,25 +185,6 @@ def test_slope_is_at_least_the_mean_slope_since_first_touch(exact):
     loading.begin(state)
     loading.slope = 1e-3 * loads[-1] / spread(state)
     assert loading.update(state) <= 0.1001 * (depths[-1] - touching)
-
-
-def test_settled_load_is_exact_with_zero_mean_gap_in_contact(exact):
-    state = exact.state
-    load = exact.load_at(state.distance.reference + 0.5 * spread(state))
-    loading = PrescribedLoad(1.001 * load)
-    update = loading.settle(state, state.activate_penetrating())
-    assert state.load == pytest.approx(1.001 * load, rel=1e-14)
-    assert update.cells == state.contact.sum()
-    e = state.gap()[state.contact]
-    assert abs(e.mean()) < 1e-3 * 0.001 * spread(state)
-
-
-def test_settling_without_contact_continues(exact):
-    state = exact.state
-    state.depth = -1.0
-    state.start_from_interpenetration()
-    update = PrescribedLoad(1.0).settle(state, state.activate_penetrating())
-    assert update.changed  # goes on
 
 
 def test_prediction_extrapolates_a_geometric_series():
@@ -254,6 +223,28 @@ def test_light_loads_on_surfaces_of_few_heights(kind, n, load):
     assert abs(e[p > 0]).max() < 1e-3 * found.displacement.max()
 
 
+@pytest.mark.parametrize("method", ["fmg_v11", "norm"])
+@pytest.mark.parametrize("share", [0.1, 0.7, 0.95])
+def test_plastic_contact_of_a_periodic_patch_needs_no_root_search(method, share):
+    problem = replace(periodic.rough(32, 32, 1), hardness=0.05)
+    solution = solve(problem, None, method, load=share * 0.05 * problem.grid.area)
+    assert solution.converged and not solution.fallbacks and solution.iterations <= 20
+    assert solution.plastic.any() and solution.load == pytest.approx(
+        share * 0.05 * problem.grid.area, rel=1e-12
+    )
+
+
+def test_settled_load_is_exact_with_zero_mean_gap_in_contact(exact):
+    state = exact.state
+    load = exact.load_at(state.distance.reference + 0.5 * spread(state))
+    loading = PrescribedLoad(1.001 * load)
+    update = loading.settle(state, state.activate_penetrating())
+    assert state.load == pytest.approx(1.001 * load, rel=1e-14)
+    assert update.cells == state.contact.sum()
+    e = state.gap()[state.contact]
+    assert abs(e.mean()) < 1e-3 * 0.001 * spread(state)
+
+
 @pytest.mark.parametrize("method", ["norm", "fmg_v11"])
 def test_few_cells_of_an_odd_periodic_grid_carry_a_load(method):
     for seed in range(4):
@@ -266,14 +257,3 @@ def test_few_cells_of_an_odd_periodic_grid_carry_a_load(method):
         with ContactSolver(problem, method) as solver:
             found = solver.solve(load=1.0)
         assert found.converged and found.load == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("method", ["fmg_v11", "norm"])
-@pytest.mark.parametrize("share", [0.1, 0.7, 0.95])
-def test_plastic_contact_of_a_periodic_patch_needs_no_root_search(method, share):
-    problem = replace(periodic.rough(32, 32, 1), hardness=0.05)
-    solution = solve(problem, None, method, load=share * 0.05 * problem.grid.area)
-    assert solution.converged and not solution.fallbacks and solution.iterations <= 20
-    assert solution.plastic.any() and solution.load == pytest.approx(
-        share * 0.05 * problem.grid.area, rel=1e-12
-    )

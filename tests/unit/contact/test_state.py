@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 
 from app.contact.distance import UndeformedDistance
-from app.contact.state import ContactState, Displacement, Update
+from app.contact.state import ContactState, Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
 
 GRID = Grid(5, 4, 1.0, 0.5)
-
-
-A = dense_matrix(GRID, UNIT)
 
 
 def set_pressure(state, p):
@@ -27,49 +24,6 @@ def random_pressure(state, seed=1):
     return np.where(state.admissible, p, 0.0)
 
 
-def test_defect_is_minus_the_gap_on_contact_and_zero_elsewhere(state):
-    set_pressure(state, random_pressure(state))
-    state.contact[1] = False
-    state.compute_displacement()
-    defect = state.defect().getArray(readonly=True).reshape(GRID.shape)
-    e = state.gap()
-    np.testing.assert_allclose(defect, np.where(state.contact, -e, 0.0), atol=1e-14)
-
-
-def test_displacement_status_follows_changes_of_pressure(state):
-    set_pressure(state, random_pressure(state))
-    state.compute_displacement()
-    np.testing.assert_allclose(state.u.reshape(-1), A @ state.p.reshape(-1), rtol=1e-13)
-    assert state.displacement_status is Displacement.EXACT
-    correction = state.pressure.duplicate()
-    correction.set(0)
-    state.add(correction)
-    assert state.displacement_status is Displacement.STALE
-    correction.destroy()
-    state.compute_displacement()
-    assert state.release_tensile() > 0
-    assert state.displacement_status is Displacement.STALE
-
-
-def test_activation_counts_changes_since_release(state):
-    state.approach = np.nanmin(state.shape)
-    set_pressure(state, random_pressure(state))
-    before = state.contact.copy()
-    state.release_tensile()
-    released = before & ~state.contact
-    state.compute_displacement()
-    update = state.activate_penetrating()
-    e = state.gap()
-    np.testing.assert_array_equal(state.contact, (before & ~released) | (state.admissible & (e <= 0)))
-    assert update.cells == state.contact.sum()
-    assert update.added == (state.contact & ~before).sum()
-    assert update.released == (before & ~state.contact).sum()
-    assert update.changed == (state.contact ^ before).sum()
-    assert update.residual == pytest.approx(np.linalg.norm(e[state.contact]), rel=1e-13)
-    again = state.activate_penetrating()  # what was released is forgotten
-    assert (again.added, again.released) == (0, 0)
-
-
 def test_expected_displacement_activates_cells(state):
     state.start_from_interpenetration()
     gap = state.gap()
@@ -80,11 +34,6 @@ def test_expected_displacement_activates_cells(state):
     before = state.contact.copy()
     assert state.activate_penetrating(expected).added == 1
     assert np.argwhere(state.contact & ~before).tolist() == [list(cell)]
-
-
-def test_updates_are_additive():
-    first, second = Update(5, 2, 1, 0.3, 0.4, 5.0), Update(7, 3, 1, 0.1, 0.2, 6.0)
-    assert second.after(first) == Update(7, 5, 2, 0.1, 0.2, 6.0)
 
 
 def test_first_contact_is_the_nearest_cell(state):
@@ -123,19 +72,7 @@ def test_load_and_gaps_are_sums_over_cells(state):
     assert state.displacement_status is Displacement.EXACT
 
 
-def test_start_resets_contact_pressure_and_displacement(state):
-    set_pressure(state, random_pressure(state))
-    state.compute_displacement()
-    state.approach = 0.1
-    state.start_from_interpenetration()
-    np.testing.assert_array_equal(state.contact, state.distance.h_at(state.depth) <= 0)
-    assert not state.p.any() and not state.u.any()
-    assert state.displacement_status is Displacement.EXACT
-    assert state.contact is state.operator.mask
-
-
 def test_loads_are_reached_to_rounding_within_the_hardness():
-    """Also if much larger pressures are subtracted."""
     operator = InfluenceOperator(GRID, UNIT)
     hardness = np.where(np.arange(5) < 2, 3.0, np.inf) + np.zeros(GRID.shape)
     state = ContactState(operator, UndeformedDistance(operator, np.zeros(GRID.shape), hardness=hardness))
@@ -167,3 +104,20 @@ def test_approach_moves_to_the_next_cell_of_a_plateau():
     assert state.contact.sum() == 1 and state.contact.flat[2] and abs(state.gap()[state.contact]) < 1e-14
     state.destroy()
     state.distance.destroy()
+
+
+def test_displacement_status_follows_changes_of_pressure(state):
+    set_pressure(state, random_pressure(state))
+    state.compute_displacement()
+    np.testing.assert_allclose(
+        state.u.reshape(-1), dense_matrix(GRID, UNIT) @ state.p.reshape(-1), rtol=1e-13
+    )
+    assert state.displacement_status is Displacement.EXACT
+    correction = state.pressure.duplicate()
+    correction.set(0)
+    state.add(correction)
+    assert state.displacement_status is Displacement.STALE
+    correction.destroy()
+    state.compute_displacement()
+    assert state.release_tensile() > 0
+    assert state.displacement_status is Displacement.STALE

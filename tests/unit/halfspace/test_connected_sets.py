@@ -1,7 +1,5 @@
 """Connected sets of cells."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -43,31 +41,3 @@ def test_sets_are_connected_across_the_sides_of_one_direction():
         assert sorted(label_connected_sets(corners, periodic)[1]) == expected
     labels, _ = label_connected_sets(corners, "x")
     assert labels[0, 0] == labels[0, -1] != labels[-1, 0]
-
-
-def test_interrupt_in_labelling_stays_keyboard_interrupt():
-    """At every call of a Python function below: numpy makes other exceptions of those that come while it compares."""
-    cells = np.random.default_rng(0).random((12, 12)) < 0.6
-    expected, calls = label_connected_sets(cells, True)[1], 0
-
-    def interrupted_at(place):
-        nonlocal calls
-        calls = 0
-
-        def interrupt(frame, event, arg):
-            nonlocal calls
-            calls += 1
-            if calls == place:
-                raise KeyboardInterrupt
-
-        before = sys.gettrace()
-        sys.settrace(interrupt)
-        try:
-            return label_connected_sets(cells, True)[1]
-        finally:
-            sys.settrace(before)
-
-    assert list(interrupted_at(None)) == list(expected) and calls > 10
-    for place in range(1, calls + 1):
-        with pytest.raises(KeyboardInterrupt):
-            interrupted_at(place)

@@ -84,10 +84,6 @@ def test_short_waves_see_the_layer_and_long_waves_the_substrate(name):
     assert layer.ratio(1e-12) == pytest.approx(substrate, rel=1e-10, abs=1e-11)
 
 
-def test_equal_materials_are_a_half_space():
-    assert (Layer(0.3, (5.0, 5.0), (0.37, 0.37)).ratio(np.geomspace(1e-8, 1e4, 50)) == 1).all()
-
-
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
 def test_long_waves_press_a_layer_on_a_rigid_base_uniformly(nu):
     layer, q = Layer(0.2, (3.0, np.inf), (nu, 0.0)), 1e-6

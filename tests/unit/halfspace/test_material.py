@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.base.errors import InputError
+from app import InputError, Material
 from app.cli.geometry import make_problem
 from app.cli.option_sources import OptionSource, ParsedOptions
 from app.cli.problem_options import PROBLEM_OPTIONS, resolve_alternatives
-from app.halfspace.material import Material
 from app.options.option_table import OptionReader
 
 
@@ -60,13 +59,9 @@ def test_contact_modulus_combines_both_bodies(young):
     [
         ({"resistivity": (0, 0)}, r"resistivity 0,0: must be .* at least 0, and one above 0 \[ohm m\]"),
         ({"resistivity": -1}, "resistivity -1: must be"),
-        ({"resistivity": (1, np.inf)}, "resistivity .*: must be"),
-        ({"resistivity": (1, 2, 3)}, "resistivity .*: must be a number or one for each body"),
-        ({"resistivity": "copper"}, "resistivity copper: must be"),
         ({"resistivity": ("copper", "brass")}, "resistivity copper,brass: must be"),
         ({"thermal_conductivity": (0, 1)}, r"thermal_conductivity .*: must be .* above 0, .* \[W/\(m K\)\]"),
         ({"thermal_conductivity": np.inf}, "thermal_conductivity inf: must be .* one finite"),
-        ({"thermal_conductivity": np.nan}, "thermal_conductivity nan: must be"),
     ],
 )
 def test_invalid_constants_of_conductance_are_refused(constants, message):
@@ -81,25 +76,6 @@ def test_conducting_material_is_a_copy_that_fits_the_same_solver():
     assert both.describe() == steel.describe() | {
         "resistivity": [1e-7, 1e-7], "thermal_conductivity": [45.0, np.inf],
     }  # fmt: skip
-
-
-def test_steel_on_polymer():
-    material = made(young="210e3,3e3", poisson="0.3,0.35")
-    assert material.contact_modulus == pytest.approx(3369, abs=0.5)
-    facts = material.describe()
-    assert facts["young"] == [210e3, 3e3] and facts["poisson"] == [0.3, 0.35]
-    assert facts["shear_modulus"] / (1 - facts["poisson_ratio"]) == pytest.approx(facts["contact_modulus"])
-
-
-def test_pair_of_equal_bodies_has_their_constants():
-    pair = Material.pair((2.56 * 80e3,) * 2, (0.28,) * 2)
-    assert (pair.shear_modulus, pair.poisson_ratio) == pytest.approx((80e3, 0.28), rel=1e-14)
-
-
-def test_equal_bodies_halve_contact_modulus():
-    steel = Material.isotropic(210e3, 0.3)
-    assert steel.contact_modulus == pytest.approx(210e3 / (2 * (1 - 0.3**2)), rel=1e-14)
-    assert steel.describe() == Material.pair((210e3, 210e3), (0.3, 0.3)).describe()
 
 
 @pytest.mark.parametrize(
@@ -121,9 +97,7 @@ def test_material_requires_both_keywords(numbers, names, call):
     [
         ({}, "neither -contact_modulus .* -young .* -shear_modulus .*: exactly one of these ways"),
         ({"young": "1,2"}, "-poisson is missing"),
-        ({"poisson": "0.3,0.3"}, "-young is missing"),
         ({"young": "210e3", "poisson": "0.3,0.3"}, "-young 210e3: must be E1,E2"),
-        ({"young": "1,-2", "poisson": "0.3,0.3"}, "-young 1,-2: must be"),
         ({"young": "1,2", "poisson": "0.3,0.6"}, "-poisson 0.3,0.6: must be"),
         ({"young": "inf,inf", "poisson": "0,0"}, "one body at least must be elastic"),
     ],

@@ -35,7 +35,6 @@ def test_long_cell_equals_its_square_cells(cells):
 
 
 def test_symbol_of_long_cells_needs_little_memory():
-    """Though the images near by are as many as a cell is long."""
     columns, rows = np.arange(64), np.arange(2)
     peaks = {}
     for aspect in (1.0, 1e5):
@@ -67,21 +66,3 @@ def test_love_symbol_is_sum_over_images(nx, ny, dx, dy):
         abs(sums - found).max() / found[0, 0] for sums in (four, first[1], (8 * first[1] - first[0]) / 7)
     ]
     assert errors[-1] < 1e-6 and errors[1] < 0.1 * errors[0] and errors[2] < 0.1 * errors[1], errors
-
-
-@pytest.mark.parametrize(("n", "step"), [(8, 1e-5), (13, 0.7), (200, 0.1), (1, 2.0)])
-def test_love_symbol_of_strips_equals_closed_sum(n, step):
-    """However many cells a strip is cut into, and whichever way it lies."""
-    whole = np.arange(n // 2 + 1)
-    part = np.append(0.5, whole[1:] / n)  # of a wave from strip to strip; the first one has none
-    ends, middle = (
-        scipy.special.zeta(2, one) + scipy.special.zeta(2, other)
-        for one, other in ((part / 2, (1 - part) / 2), ((1 + part) / 2, 1 - part / 2))
-    )
-    closed = 2 * np.pi * step * np.sin(np.pi * part) * (ends - middle) / (8 * np.pi**2)
-    closed[0] = 0.0
-    for nx in (1, 4):
-        strips = influence_symbol(Grid(nx, n, 3.0 / nx, step, periodic="love"), 1.0, [0], whole)
-        np.testing.assert_allclose(strips, closed[None], rtol=1e-13)
-    turned = influence_symbol(Grid(n, 1, step, 3.0, periodic="love"), 1.0, whole, [0])
-    np.testing.assert_allclose(turned, strips.T, rtol=1e-14)

@@ -21,9 +21,8 @@ def two_spheres(x, y):
     )
 
 
-@pytest.mark.parametrize(
-    "corner", [None, (-1.0, -0.5), (-0.5, -0.75)]
-)  # None: free; the last in a patch of contact
+# None: free; the last in a patch of contact.
+@pytest.mark.parametrize("corner", [None, (-1.0, -0.5), (-0.5, -0.75)])
 def test_contact_spots_have_loads_and_centres(tmp_path, corner):
     x0, y0 = corner or (-1.0, -0.5)
     grid = Grid.from_domain(64, 32, (x0, x0 + 2, y0, y0 + 1))
@@ -70,9 +69,8 @@ def test_distributions_of_hertz(of_hertz):
     edges, density = solution.distribution("pressure", 10)
     middle = (edges[1:] + edges[:-1]) / 2
     assert (density * np.diff(edges)).sum() == pytest.approx(1)
-    uniform = (
-        2 * middle / known.max_pressure**2
-    )  # so is 1 - (p / p_max)^2; cells on the rim have other pressures
+    # So is 1 - (p / p_max)^2; cells on the rim have other pressures.
+    uniform = 2 * middle / known.max_pressure**2
     assert density[2:] == pytest.approx(uniform[2:], rel=0.1)
     edges, density = solution.distribution("gap", 10, logarithmic=True)
     assert (density * np.diff(edges)).sum() == pytest.approx(1)

@@ -55,7 +55,6 @@ def test_broken_links_are_refused(tmp_path):
 
 
 def test_files_of_other_users_in_a_sticky_folder_are_refused(tmp_path, monkeypatch):
-    """As in /tmp: a file can be made beside them, but the rename in the end would be refused, when all is done."""
     path = tmp_path / "result.h5"
     tmp_path.chmod(0o1777)
     path.touch()
@@ -78,7 +77,6 @@ def test_longest_possible_name_can_be_written(tmp_path):
 
 
 def test_outdated_temporary_files_are_removed(tmp_path):
-    """Whatever they wrote, when it is a day old: nothing of runs that live, or of somebody else."""
     path = tmp_path / "result.h5"
     killed = (
         "import os, signal, sys; from pathlib import Path; from app.io.files import atomic_file\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from processes import run
-from results import assert_same, made_up_result, with_attributes, write
+from results import assert_same, write
 
 from app.base.errors import InputError
 from app.io.result import FIELDS, read_result
@@ -151,15 +151,9 @@ def test_cell_centres_far_from_zero_are_read(path):
 
 
 def test_reading_a_result_imports_no_solver():
-    """Neither MPI nor PETSc nor the compiler are loaded, nor by who draws it."""
     slow = "{'mpi4py.MPI', 'petsc4py', 'numba'}"
     done = run("-c", f"import sys; import app.plot, app.report; print(*{slow} & sys.modules.keys())")
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
-
-
-@pytest.fixture(scope="module")
-def made():
-    return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
 
 
 def test_load_path_is_read_from_a_result(path):

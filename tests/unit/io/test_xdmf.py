@@ -63,9 +63,8 @@ def test_xdmf_of_a_link_names_the_link(path, tmp_path, capsys):
     folder = tmp_path / "links"
     folder.mkdir()
     (folder / "link.h5").symlink_to(path)
-    assert (
-        xdmf.main([str(folder / "link.h5"), "-o", str(tmp_path / "a.xdmf")]) == 2
-    )  # where there is no link.h5
+    # Where there is no link.h5.
+    assert xdmf.main([str(folder / "link.h5"), "-o", str(tmp_path / "a.xdmf")]) == 2
     assert xdmf.main([str(folder / "link.h5")]) == 0
     assert ">link.h5:/pressure<" in (folder / "link.xdmf").read_text()
 

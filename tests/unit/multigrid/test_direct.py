@@ -9,7 +9,6 @@ from app.multigrid.direct import DirectSolver
 
 
 def test_direct_solver_solves_contact_sets_in_turn():
-    """Also the same set again, whose factors are kept, and an empty one."""
     operator, rng = InfluenceOperator(Grid(20, 16, 0.5, 1.0), UNIT), np.random.default_rng(3)
     solver, right = DirectSolver(operator), operator.mat().createVecRight()
     h = rng.normal(size=operator.local_shape)

@@ -37,11 +37,7 @@ def test_periodic_interpolation_commutes_with_shifts(shape, factors, interpolate
     (ny, nx), (fy, fx) = shape, factors
     fine = Grid(nx, ny, 0.5, 0.5, periodic="spectral")
     coarse = Grid(nx // fx, ny // fy, 0.5 * fx, 0.5 * fy, periodic="spectral")
-    transfer = Transfer(
-        InfluenceOperator(fine, UNIT),
-        InfluenceOperator(coarse, UNIT),
-        factors,
-    )
+    transfer = Transfer(InfluenceOperator(fine, UNIT), InfluenceOperator(coarse, UNIT), factors)
     u, found, moved = random_field(coarse, 1), np.empty(shape), np.empty(shape)
     getattr(transfer, interpolate)(u, found)
     getattr(transfer, interpolate)(np.roll(u, (1, 1), (0, 1)), moved)
@@ -60,11 +56,7 @@ def test_order_of_periodic_interpolation(interpolate, order, odd):
         def function(grid):
             return np.exp(np.sin(2 * np.pi * grid.x()))[None, :] * np.cos(2 * np.pi * grid.y() + 1)[:, None]
 
-        transfer = Transfer(
-            InfluenceOperator(fine, UNIT),
-            InfluenceOperator(coarse, UNIT),
-            (2, 2),
-        )
+        transfer = Transfer(InfluenceOperator(fine, UNIT), InfluenceOperator(coarse, UNIT), (2, 2))
         found = np.empty(fine.shape)
         getattr(transfer, interpolate)(function(coarse), found)
         errors.append(abs(found - function(fine)).max())

@@ -3,8 +3,7 @@
 import pytest
 from cases import hertz
 
-from app import ContactSolver
-from app.base.errors import InputError
+from app import ContactSolver, InputError
 
 
 def test_preconditioners_that_need_the_matrix_are_refused():

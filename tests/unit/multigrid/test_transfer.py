@@ -28,11 +28,7 @@ def make_transfer(shape, factors):
     (ny, nx), (fy, fx) = shape, factors
     fine = Grid(nx, ny, 0.5, 0.25, x0=-1.0, y0=3.0)
     coarse = Grid(-(-nx // fx), -(-ny // fy), fx * fine.dx, fy * fine.dy, fine.x0, fine.y0)
-    return Transfer(
-        InfluenceOperator(fine, UNIT),
-        InfluenceOperator(coarse, UNIT),
-        factors,
-    )
+    return Transfer(InfluenceOperator(fine, UNIT), InfluenceOperator(coarse, UNIT), factors)
 
 
 def children(shape, factors, j, i):

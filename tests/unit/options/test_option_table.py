@@ -12,38 +12,24 @@ from app.options.option_table import REQUIRED, Option, OptionReader, domain, rea
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
 BAD_VALUES = [
     ("problem", "herz", "one of hertz"),
-    ("problem", "", "one of hertz"),
     ("grid", "8,-8", "nx,ny or n"),
-    ("grid", "10,20,30", "nx,ny or n"),
     ("grid", "8.5", "nx,ny or n"),
-    ("grid", "", "nx,ny or n"),
-    ("grid", ",", "nx,ny or n"),
     ("domain", "0,0,0,1", "x0 < x1"),
-    ("domain", "0,1", "x0,x1,y0,y1"),
-    ("domain", "0,1,0,1,2", "x0,x1,y0,y1"),
     ("domain", "0,inf,0,1", "x0,x1,y0,y1"),
     ("domain", "-1e308,1e308,0,1", "x0,x1,y0,y1"),
     ("shear_modulus", "-82000", "a positive number"),
     ("shear_modulus", "1e-320", "1e-50 to 1e+50"),
     ("poisson_ratio", "-0.1", "from 0 to 0.5"),
-    ("poisson_ratio", "nan", "from 0 to 0.5"),
     ("approach", "deep", "a finite number"),
-    ("approach", "", "a finite number"),
-    ("approach", "nan", "a finite number"),
     ("approach", "1e200", "1e-50 to 1e+50"),
     ("hertz_rx", "0", "a positive number"),
     ("lcp_nested", "maybe", "true or false"),
     ("lcp_rtol", "0", "above 0 and below 1"),
-    ("lcp_rtol", "1", "above 0 and below 1"),
     ("lcp_max_it", "0", "a whole number"),
-    ("lcp_max_it", "1e3", "a whole number"),
     ("lcp_max_it", "1_0", "a whole number"),
     ("approach", "1_0", "a finite number"),
     ("load_path", "1:2:1_0", "n from 2 to 100000"),
-    ("load_path", "1_0:20:3", "n from 2 to 100000"),
-    ("load_path", "1,1_0", "numbers a,b,c"),
     ("lcp_beta", "-1", "a number from 0"),
-    ("gap_file", "", "a name"),
     ("output", "", "a name"),
 ]
 
@@ -112,7 +98,6 @@ def test_a_refusal_quotes_file_names_unshortened():
 
 
 def test_names_of_options_are_case_insensitive():
-    """Those of a user's own problem, too."""
     reader = OptionReader([Option("Own_Slope", real(), 1.0, "slope")], {"own_slope": 2})
     assert reader.given("Own_Slope") and reader["Own_Slope"] == reader["own_slope"] == 2.0
     assert not reader.unused() and reader.asked == {"own_slope"}

@@ -34,12 +34,9 @@ def test_temporary_options_leave_the_database_as_it_was(database):
 
 
 def test_options_of_a_solver_are_in_the_database_only_inside_the_block(database):
-    """Whatever ends it; those of the user stay, and win."""
     database.setValue("x_Ksp_Type", "cg")
-    options, before = (
-        SolverOptions("x_", {"ksp_type": "gmres", "ksp_rtol": "0.5", "pc_type": "none"}),
-        database.getAll(),
-    )
+    options = SolverOptions("x_", {"ksp_type": "gmres", "ksp_rtol": "0.5", "pc_type": "none"})
+    before = database.getAll()
     with pytest.raises(KeyboardInterrupt), options.inserted(), options.inserted():
         found = PETSc.Options("x_")
         assert (found.getString("ksp_type"), found.getReal("ksp_rtol")) == ("cg", 0.5)
@@ -128,7 +125,6 @@ def test_without_a_prefix_unused_options_of_other_programs_are_ignored(database)
 
 
 def test_reading_an_option_file_leaves_the_database_as_it_was(database, tmp_path):
-    """Also if PETSc does not accept it; options of a program with any prefix stay."""
     database.setValue("file_a", "1")
     before = database.getAll()
     for content, found in (

@@ -7,7 +7,7 @@ from app import ContactSolver
 from app.base.errors import InputError
 
 PROBLEM = hertz(16)
-SNESVI, TAO = {"snesvi": {"lcp_type": "snesvi"}}, {"tao": {"lcp_type": "tao"}}
+SNESVI = {"snesvi": {"lcp_type": "snesvi"}}
 NOT_SHOWN = ["::ascii_info_detail", "::ascii_xml", "binary:x", "hdf5:x"]
 NOT_DRAWN = [f"ksp_monitor_{name}" for name in ("short", "range", "max", "singular_value")]
 

@@ -7,15 +7,15 @@ from app.base.errors import InputError
 from app.parameter_study.journal import Journal
 
 
-def test_journal_skips_a_line_that_was_cut_off(tmp_path):
+def test_journal_skips_invalid_lines_and_one_that_was_cut_off(tmp_path):
     path = tmp_path / "journal"
     journal = Journal(path)
     journal.add("a", {"load": np.float64(1.5), "residual": float("nan")})
     with pytest.raises(InputError, match="another process"):
         Journal(path, resume=True)
     journal.close()
-    with path.open("a") as file:
-        file.write('{"key": "b", "lo')
+    with path.open("ab") as file:
+        file.write(b'{"n": 2}\n[3]\n4\n\xff\xfe\nnull\n{"key": ["b"]}\n{"key": "b", "lo')
     journal = Journal(path, resume=True)
     journal.add("c", {"load": 2})
     journal.close()

@@ -11,7 +11,6 @@ from app.plots import curves
 
 
 def test_distribution_of_nearly_equal_values_fills_its_panel(result):
-    """As of pressures near full contact."""
     pressure = np.where(result.pressure > 0, 1000 + result.pressure / 1e3, 0.0)
     axes = curves.distribution_figure(replace(result, pressure=pressure)).axes[0]
     low, high = axes.get_xlim()
@@ -91,17 +90,3 @@ def test_smooth_functions_have_no_spectrum(periodic_symbol):
         assert curves.spectrum_figure(replace(made, undeformed_distance=smooth)) is None
     waves = np.cos(12 * np.pi * x) * np.cos(11 * np.pi * y)
     assert curves.spectrum_figure(replace(made, undeformed_distance=x**4 + y**2 + 0.1 * waves)) is not None
-
-
-@pytest.mark.parametrize("patches", [2, 3, 4, 7, 60])
-def test_numbers_of_contact_spots_are_whole(result, patches):
-    contact = np.zeros_like(result.contact)
-    for k in range(patches):
-        row, column = divmod(k, 12)
-        contact[8 * row : 8 * row + 1 + k % 2, 8 * column] = 1
-    drawn = curves.distribution_figure(replace(result, contact=contact)).axes[2]
-    drawn.figure.canvas.draw()
-    low, high = drawn.get_ylim()
-    ticks = [tick for tick in drawn.get_yticks() if low <= tick <= high]
-    assert ticks and all(tick == round(tick) for tick in ticks) and high < 1.5 * patches
-    assert any(text.get_text() for text in drawn.get_yticklabels())

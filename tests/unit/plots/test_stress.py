@@ -57,17 +57,6 @@ def test_sections_along_both_axes_have_the_same_scale(height, same):
     assert (np.ptp(first.get_xlim()) == pytest.approx(np.ptp(second.get_xlim()))) == same
 
 
-def test_legend_is_clear_of_curves_for_a_single_column():
-    z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
-    section[2, :, 0] = -1 - z
-    grid = Grid.from_domain(1, 1, (2, 4, -1, 1))
-    figure = stress.stress_figure(grid, survey(grid, z, section, section, section[:, :, 0], 26395.0), "")
-    left, right = figure.axes[:2]
-    assert left.get_legend().get_texts()[0].get_text().startswith("26395 N/mm²")
-    figure.canvas.draw()
-    assert right.get_legend().get_window_extent().x0 >= right.bbox.x1
-
-
 def test_summary_shows_the_stress_below_if_poissons_ratio_is_known(result):
     known = with_attributes(result, poisson_ratio=0.3)
     below = figures.summary_figure(known).axes[3]

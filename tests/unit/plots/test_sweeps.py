@@ -60,18 +60,6 @@ def test_names_have_unconnected_points():
     assert axes.get_xlabel() == "-lcp_type" and axes.get_legend() is None and len(axes.lines) == 1
 
 
-@pytest.mark.parametrize(("methods", "said"), [(12, "method"), (13, "method: 12 of 13")])
-def test_legend_states_the_number_of_drawn_lines(methods, said):
-    columns = {
-        "grid": ["32", "64"] * methods,
-        "method": [f"m{k // 2}" for k in range(2 * methods)],
-        "exit_status": ["0"] * 2 * methods,
-        "work_units": [str(k) for k in range(1, 2 * methods + 1)],
-    }
-    (axes,) = sweeps.sweep_figure(columns).axes
-    assert len(axes.lines) == 12 and axes.get_legend().get_title().get_text() == said
-
-
 def loads_of_a_sweep(**more):
     """Table of three loads by two moduli: columns of text."""
     loads, moduli = ["1", "8", "27"] * 2, ["70e3,inf"] * 3 + ["210e3,inf"] * 3

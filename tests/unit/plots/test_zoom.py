@@ -51,10 +51,8 @@ def test_map_shows_the_view_and_the_patch_in_an_inset(small_contact, draw):
 
 
 def test_colours_and_counts_are_those_of_the_whole_patch(small_contact):
-    axes, fraction = (
-        figures.contact_figure(small_contact).axes[0],
-        small_contact.attributes["contact_fraction"],
-    )
+    axes = figures.contact_figure(small_contact).axes[0]
+    fraction = small_contact.attributes["contact_fraction"]
     assert f"{100 * fraction:.3g}%" in axes.get_legend().get_texts()[0].get_text()
     image = figures.pressure_figure(small_contact).axes[0].images[-1]
     assert image.get_array().shape == (14, 20) and image.get_clim()[1] == pytest.approx(46)

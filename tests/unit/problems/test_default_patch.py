@@ -9,6 +9,7 @@ from app import (
     Cylinder,
     FlatPunch,
     Grid,
+    InputError,
     Material,
     Paraboloid,
     Plane,
@@ -16,7 +17,6 @@ from app import (
     Sphere,
     solve,
 )
-from app.base.errors import InputError
 from app.problems.default_patch import default_patch
 
 STEEL = Material.isotropic(210e3, 0.3)

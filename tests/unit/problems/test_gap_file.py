@@ -4,21 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz
-from running import solve
 
-from app import ContactProblem
-from app.halfspace.grid import Grid
-from app.halfspace.material import Material
+from app import ContactProblem, Grid, Material
 from app.problems.gap_file import GapFile, HardnessFile
-
-
-def test_a_gap_from_a_file_is_the_same_problem(tmp_path):
-    problem = hertz(32)
-    np.save(tmp_path / "gap.npy", problem.shape_on(problem.grid))
-    of_file = ContactProblem(problem.grid, problem.material, GapFile(tmp_path / "gap.npy"))
-    np.testing.assert_array_equal(solve(of_file, APPROACH).pressure, solve(problem, APPROACH).pressure)
-
 
 SQUARE = np.ones((8, 8))
 

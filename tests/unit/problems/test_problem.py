@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from app.base.errors import InputError
-from app.halfspace.grid import Grid
-from app.halfspace.material import Material
+from app import Grid, InputError, Material
 from app.problems.problem import Problem, evaluate_shape
 
 GRID, STEEL = Grid(4, 3, 1.0, 1.0), Material.from_contact_modulus(1e5)

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from app.base.errors import InputError
-from app.halfspace.grid import Grid
-from app.problems.random_surfaces import SelfAffineSurface, WavySurface
+from app import Grid, InputError, SelfAffineSurface
+from app.problems.random_surfaces import WavySurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
-
-from .from_options import rough_problem
 
 DOMAIN = (-6.0, 6.0, -5.0, 5.0)
 
@@ -71,11 +68,9 @@ def test_wavy_height_is_the_double_sum_of_6_1():
 def test_wavy_random_numbers_come_as_amplitudes_then_phases():
     surface = wavy()
     rng = np.random.default_rng(7)
-    a, phi, theta = (
-        rng.random((12, 10)),
-        rng.uniform(0, 2 * np.pi, (12, 10)),
-        rng.uniform(0, 2 * np.pi, (12, 10)),
-    )
+    a = rng.random((12, 10))
+    phi = rng.uniform(0, 2 * np.pi, (12, 10))
+    theta = rng.uniform(0, 2 * np.pi, (12, 10))
     a *= 0.8 ** np.add.outer(np.arange(12), np.arange(10))
     np.testing.assert_allclose(
         surface.coefficients[0] / surface.coefficients[0][0, 0], a / a[0, 0], rtol=1e-14
@@ -93,13 +88,6 @@ def test_wavy_values_do_not_depend_on_their_block(rows, columns):
 
 
 @pytest.mark.parametrize("surface", [wavy(), self_affine()], ids=["wavy", "self-affine"])
-def test_nested_grids_sample_the_same_function(surface):
-    # With three fine cells per coarse one every coarse centre is a fine centre.
-    coarse, fine = sampled(surface, 20, 14), sampled(surface, 60, 42)
-    np.testing.assert_allclose(coarse, fine[1::3, 1::3], rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("surface", [wavy(), self_affine()], ids=["wavy", "self-affine"])
 def test_rms_slope_is_the_limit_of_differences(surface):
     errors = []
     for n in (128, 256):
@@ -109,26 +97,13 @@ def test_rms_slope_is_the_limit_of_differences(surface):
     assert abs(errors[1]) < 0.5 * abs(errors[0])
 
 
-def test_wavy_heights_become_gaussian_with_many_modes():
-    assert normal_plot(sampled(wavy(), 64, 64)).correlation > 0.99
-    one = roughness(sampled(wavy(modes=(1, 1)), 64, 64), 1, 1)
-    many = roughness(sampled(wavy(modes=(30, 30), decay=1.0), 128, 128), 1, 1)
-    assert one.kurtosis == pytest.approx(9 / 4)  # <cos^4>^2 / <cos^2>^4
-    assert many.kurtosis == pytest.approx(3, abs=0.1)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"modes": (0, 10)}, "modes"),
-        ({"modes": (12, 1.5)}, "modes"),
         ({"decay": 0.0}, "decay 0: must be above 0 and at most 1"),
-        ({"decay": 1.01}, "decay"),
-        ({"decay": np.nan}, "decay"),
         ({"sigma": -0.1}, "sigma"),
-        ({"sigma": np.inf}, "sigma"),
         ({"seed": -1}, "seed"),
-        ({"seed": 1.5}, "seed"),
         ({"extent": (12.0, 0.0)}, "extent"),
         ({"origin": (np.nan, 0.0)}, "origin"),
         ({"modes": (10**7, 10**7)}, "10000000 x 10000000 modes: needs .* of memory"),
@@ -156,13 +131,6 @@ def test_self_affine_rms_slope_is_exact_over_the_period():
     assert slope == pytest.approx(0.2, rel=1e-12)
 
 
-def test_self_affine_height_and_slope_targets_are_equivalent():
-    by_height = self_affine()
-    by_slope = self_affine(rms_height=None, rms_slope=by_height.rms_slope)
-    assert by_slope.rms_height == pytest.approx(0.1, rel=1e-14)
-    np.testing.assert_allclose(sampled(by_slope, 20, 20), sampled(by_height, 20, 20), rtol=0, atol=1e-14)
-
-
 @pytest.mark.parametrize("shape", [(64, 50), (17, 11), (4, 4)])  # resolved, aliased, aliased many times
 def test_self_affine_fft_samples_the_sum_of_waves(shape):
     surface = self_affine()
@@ -182,20 +150,6 @@ def test_self_affine_fft_and_matrix_products_agree():
     np.testing.assert_allclose(surface.height(x[4:5], y[7:8]), by_fft[7:8, 4:5], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("rows", [slice(0, 25), slice(25, 50), slice(10, 11), slice(5, 5)])
-def test_self_affine_rows_do_not_depend_on_their_slab(rows):
-    grid = Grid.from_domain(64, 50, DOMAIN)
-    surface = self_affine()
-    whole = surface.height(grid.x(), grid.y())
-    np.testing.assert_allclose(surface.height(grid.x(), grid.y(rows)), whole[rows], rtol=0, atol=1e-13)
-
-
-def test_self_affine_is_periodic():
-    surface = self_affine()
-    x, y = np.linspace(-6, 5, 9), np.linspace(-5, 4, 8)
-    np.testing.assert_allclose(surface.height(x + 12, y - 10), surface.height(x, y), rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize("period", [(12.0, 10.0), (12.0, 3.0)])
 def test_shorter_cut_off_keeps_the_long_waves(period):
     coarse = self_affine(period=period)
@@ -208,14 +162,6 @@ def test_shorter_cut_off_keeps_the_long_waves(period):
     np.testing.assert_allclose(factor, factor[0], rtol=1e-12)
     assert 0 < factor[0].real < 1  # the short waves take their share of the rms height
     assert abs(factor[0].imag) < 1e-14
-
-
-def test_each_wave_is_drawn_once():
-    surface = self_affine(period=(12.0, 12.0))
-    phases = np.angle(surface.coefficients[surface.coefficients != 0])
-    assert len(np.unique(phases)) == len(phases)
-    # Waves of the half-plane: about half the lattice points in the circle of radius period / shortest.
-    assert len(phases) == pytest.approx(np.pi * 24**2 / 2, rel=0.02)
 
 
 @pytest.mark.parametrize("hurst", [0.3, 0.8, 1.0])
@@ -262,13 +208,10 @@ def test_self_affine_is_isotropic():
     ("changes", "message"),
     [
         ({"hurst": 0.0}, "Hurst exponent 0: must be above 0 and at most 1"),
-        ({"hurst": 1.1}, "Hurst"),
         ({"shortest_wavelength": 5.0}, "in this order"),
         ({"shortest_wavelength": 0.0}, "positive"),
-        ({"longest_wavelength": 3.0}, "in this order"),
         ({"period": (12.0, -1.0)}, "period"),
         ({"rms_slope": 0.1}, "either"),
-        ({"rms_height": None}, "either"),
         ({"rms_height": -1.0}, "rms value"),
         ({"seed": -1}, "seed"),
         ({"rolloff_wavelength": 40.0, "shortest_wavelength": 30.0}, "no wave"),
@@ -284,31 +227,9 @@ def test_self_affine_points_beyond_the_period_are_refused():
     x = np.linspace(-6, 6, 13)
     with pytest.raises(ValueError, match="span 12 in x, not less than its period 12"):
         self_affine().height(x, x[:3])
-    with pytest.raises(
-        ValueError, match="span 14.75 in y, not less than its period 10"
-    ):  # whatever rows a rank will ask for
+    # Whatever rows a rank will ask for.
+    with pytest.raises(ValueError, match="span 14.75 in y, not less than its period 10"):
         self_affine().check_grid(Grid(40, 60, 0.25, 0.25))
-
-
-def heights(problem):
-    return -problem.shape_on(problem.grid)
-
-
-def spectrum(problem):
-    """Fourier coefficients of the height counted from the corner of the patch, up to 13 and 8 waves."""
-    grid = problem.grid
-    z = np.fft.rfft2(heights(problem)) / grid.n
-    kx, ky = np.arange(14), np.arange(-8, 9)
-    centre = np.exp(-1j * np.pi * (kx / grid.nx + ky[:, None] / grid.ny))
-    return z[ky, :14] * centre
-
-
-@pytest.mark.parametrize("grid", ["32,20", "54,64", "27,33"])
-def test_every_grid_has_the_same_waves(grid):
-    # 12 waves of 0.25 mm fit into x, 8 into y.
-    np.testing.assert_allclose(
-        spectrum(rough_problem(grid)), spectrum(rough_problem("96")), rtol=0, atol=1e-14
-    )
 
 
 ROUGH = SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4)
@@ -319,9 +240,7 @@ ROUGH = SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4)
     [
         ("period 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, 1, 1, rms_height=1e-4)),
         ("origin 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4, origin=1)),
-        ("at most 1", lambda: SelfAffineSurface(1.8, 1, 0.5, (3, 3), 1)),
         ("exponent 'a': must be a number", lambda: SelfAffineSurface("a", 1, 1, (3, 3), 1, rms_slope=0.1)),
-        ("shortest_wavelength '1'", lambda: SelfAffineSurface(0.8, 1, "1", (3, 3), 1, rms_slope=0.1)),
         ("value '1': must be a number", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_slope="1")),
         (r"shapes \(2, 2\) and \(2, 2\); .* \(nx,\)", lambda: ROUGH.height(*np.ones((2, 2, 2)))),
         (r"shapes \(\) and \(1,\)", lambda: WavySurface((2, 2), 0.8, 0.1, 7, (12, 10)).height(0, [1])),

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem, Grid, Material, Roller, solve
-from app.base.errors import InputError
+from app import ContactProblem, EllipticHertz, Grid, InputError, Material, Roller, solve
 from app.problems.default_patch import default_patch
 from app.problems.roller import read_profile
-from app.reference import EllipticHertz
 from app.reference.line import LineContact
 
 RADIUS, LENGTH, LOAD = 10.0, 16.0, 20000.0
@@ -73,7 +71,6 @@ def test_ends_are_edges_of_cells_of_the_default_patch():
     ("parts", "message"),
     [
         ({"end_chamfer": 8}, "chamfer of the roller 8: must be"),
-        ({"end_chamfer": -1}, "chamfer of the roller"),
         ({"crown": "barrel"}, "must be one of none, log, arc"),
         ({"crown": "log"}, "needs design_load"),
         ({"crown": "arc"}, "needs crown_radius"),
@@ -82,9 +79,7 @@ def test_ends_are_edges_of_cells_of_the_default_patch():
         ({"crown": [1, 2, 3]}, "two columns"),
         ({"crown": [(0, 0), (0, 1)]}, "y must increase"),
         ({"crown": [(0, 0), (7, 1)]}, "must reach 8 mm"),
-        ({"crown": [(-7, 0), (8, 1)]}, "must reach 8 mm"),
         ({"crown": [(1, 0), (8, 1)]}, "from there to 0"),
-        ({"radius": 0}, "radius 0: must be positive"),
     ],
 )
 def test_wrong_rollers_are_refused(parts, message):

@@ -173,15 +173,3 @@ def test_loads_beyond_the_hardness_are_refused():
         _ = wave(1e-3, 5e-4).approach
     with pytest.raises(InputError, match="must be less than a"):
         CappedLineContact.from_half_widths(1.0, 1.0, 1.0, 1.0)
-
-
-@pytest.mark.parametrize(("hardness", "share"), WAVES)
-def test_waves_have_a_mirror(hardness, share):
-    """p and H - p half a wavelength apart, the gap and the plastic depth."""
-    c = wave(hardness, share)
-    m, x = c.mirrored, np.linspace(0, LENGTH / 2, 30)
-    assert c.half_width + m.plastic_half_width == pytest.approx(LENGTH / 2, rel=1e-12)
-    assert c.plastic_half_width + m.half_width == pytest.approx(LENGTH / 2, rel=1e-12)
-    np.testing.assert_allclose(
-        c.pressure(x, 0) + m.pressure(x + LENGTH / 2, 0), c.hardness, rtol=1e-8, err_msg="pressure"
-    )

@@ -1,6 +1,5 @@
 """Exact solutions of small problems."""
 
-import itertools
 from fractions import Fraction
 
 import numpy as np
@@ -102,31 +101,6 @@ def test_lemke_and_pivoting_agree_with_a_hardness(seed):
                 assert smallest <= approach * (1 + 1e-12)
                 again = dense.at(smallest + 1e-12).ravel()[inside].astype(float)
                 np.testing.assert_allclose(again, p, rtol=0, atol=1e-10)
-
-
-def test_brute_force_agrees_with_a_hardness():
-    for seed in range(0, 12, 2):  # free patches
-        problem, hardness = limited_problem(seed)
-        dense = DenseProblem(problem)
-        inside, upper = dense.inside, hardness.ravel()[dense.inside]
-        matrix, approach = dense.matrix[np.ix_(inside, inside)], 1.2 * np.nanmean(problem.gap)
-        h, n = problem.gap.ravel()[inside] - approach, int(inside.sum())
-        solutions = []
-        for sets in map(np.array, itertools.product((0, 1, 2), repeat=n)):
-            p = np.where(sets == 2, upper, 0)
-            if np.isinf(p).any():
-                continue
-            c = sets == 1
-            p[c] = np.linalg.solve(matrix[np.ix_(c, c)], -(h + matrix @ p)[c])
-            e = h + matrix @ p
-            if (
-                min(e[sets == 0].min(initial=0), -e[sets == 2].max(initial=0), p.min(), (upper - p).min())
-                >= 0
-            ):
-                solutions.append(p)
-        assert len(solutions) >= 1
-        found = dense.at(approach).ravel()[inside].astype(float)
-        np.testing.assert_allclose(found, solutions[0], rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("periodic", ["", "spectral"])

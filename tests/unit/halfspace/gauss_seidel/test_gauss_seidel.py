@@ -82,26 +82,12 @@ def test_sweep_is_exact_for_all_block_sizes(shape, aspect, share, omega, blocks,
         assert_exact(grid, r, mask, omega)
 
 
-@pytest.mark.parametrize("cells", [(0, 0), (0, -1), (-1, 0), (-1, -1), (40, 20), [0, -1]])
-def test_sweep_is_exact_on_few_cells_or_rows(cells):
-    grid = GRIDS["prime"]
-    mask, r = random_problem(grid)
-    sparse = np.zeros(grid.shape, bool)
-    sparse[cells] = mask[cells] if isinstance(cells, list) else True
-    with block_sizes(7, 9):
-        assert_exact(grid, r, sparse, 0.5)
-
-
 def test_sweep_is_exact_as_contact_widens_and_narrows():
     """Columns without contact are left out: all is prepared anew when contact grows, and kept when it shrinks."""
     grid, rng = Grid(331, 30, 0.3, 0.2), np.random.default_rng(5)
     relaxation = make(grid)
-    for first, last in (
-        (40, 230),
-        (100, 130),
-        (17, 331),
-        (0, 40),
-    ):  # some rows without holes, long enough for transforms
+    # Some rows without holes, long enough for transforms.
+    for first, last in ((40, 230), (100, 130), (17, 331), (0, 40)):
         mask = np.zeros(grid.shape, bool)
         mask[4:28, first:last] = rng.random((24, last - first)) < 0.5
         mask[20:22, first:last] = True

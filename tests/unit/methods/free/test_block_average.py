@@ -108,11 +108,8 @@ def test_contact_in_one_area_is_not_scattered():
 @each_size
 def test_means_follow_a_reduced_residual(cells):
     shape = (17, 26)
-    contact, r, q = (
-        contact_of(shape),
-        field(shape),
-        field(shape, seed=2),
-    )  # q is not looked at outside contact
+    # Values of q outside contact do not count.
+    contact, r, q = (contact_of(shape), field(shape), field(shape, seed=2))
     average, (expected, result) = make_average(contact, cells, r * contact), np.empty((2, *shape))
     less = (r - 0.3 * q) * contact
     average.subtract(0.3, average.local_means(q))

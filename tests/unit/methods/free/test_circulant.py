@@ -88,10 +88,8 @@ def test_block_means_follow_the_residual_of_cg(monkeypatch, dtype):
     mat = operator.mat(PETSc.COMM_SELF)
     x, b = mat.createVecs()
     b.setArray(np.random.default_rng(5).normal(size=grid.n))
-    ksp, choice = (
-        PETSc.KSP().create(PETSc.COMM_SELF),
-        {"pc_circulant_extend": "2", "pc_circulant_blocks": "4"},
-    )
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    choice = {"pc_circulant_extend": "2", "pc_circulant_blocks": "4"}
     with SolverOptions("", choice).inserted():
         ksp.setOperators(mat)
         ksp.setType(PETSc.KSP.Type.PYTHON)

@@ -149,10 +149,8 @@ def test_extended_residual_predicts_the_displacement_near_contact(r, off):
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
     extension = make(contact, 2, circulant_inverse(InfluenceOperator(grid, UNIT)).centre)
     next_to_contact = binary_dilation(contact) & ~contact
-    predicted, change = (
-        apply(extension.extend, r)[next_to_contact],
-        change.reshape(contact.shape)[next_to_contact],
-    )
+    predicted = apply(extension.extend, r)[next_to_contact]
+    change = change.reshape(contact.shape)[next_to_contact]
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 

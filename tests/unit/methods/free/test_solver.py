@@ -3,8 +3,7 @@
 import pytest
 from cases import hertz
 
-from app import ContactSolver
-from app.base.errors import InputError
+from app import ContactSolver, InputError
 
 
 def test_ksp_without_a_known_displacement_raises():

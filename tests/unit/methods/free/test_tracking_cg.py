@@ -181,7 +181,6 @@ def test_solve_starts_from_the_displacement_and_returns_the_change(make, dtype, 
 
 @pytest.mark.parametrize("unit", [1e-22, 1.0, 1e22])
 def test_single_precision_solves_to_its_rounding_in_any_unit(make, unit):
-    """Squares of its numbers may be out of range."""
     other, usual = (make(dtype=dtype, pc=Identity()) for dtype in (np.float32, np.float64))
     other.set_right(unit * np.random.default_rng(2).normal(size=GRID.shape))
     usual.set_right(np.random.default_rng(2).normal(size=GRID.shape))

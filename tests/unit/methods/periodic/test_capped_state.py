@@ -8,10 +8,8 @@ import pytest
 from operators import random_field
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.contact.capped_kernels import exchange
 from app.contact.loading import PrescribedApproach
 from app.contact.prescribed_load import PrescribedLoad
-from app.methods.periodic.capped_state import _fill
 from app.verification.dense import DenseProblem
 
 MATERIAL = Material.from_contact_modulus(1000)
@@ -21,10 +19,8 @@ def random_problem(seed):
     """Make a problem of few cells, its dense problem, and a loading."""
     rng = np.random.default_rng(seed)
     nx, ny = rng.choice([3, 4, 7, 8, 12, 16], 2)
-    grid, (x, y) = (
-        Grid(nx, ny, rng.choice([0.1, 0.03]), 0.1),
-        (2 * np.pi * np.arange(n) / n for n in (nx, ny)),
-    )
+    grid = Grid(nx, ny, rng.choice([0.1, 0.03]), 0.1)
+    (x, y) = (2 * np.pi * np.arange(n) / n for n in (nx, ny))
     shapes = (
         rng.normal(size=grid.shape),
         np.cos(x) + np.cos(2 * y + 1)[:, None] + 0.1 * rng.normal(size=grid.shape),
@@ -105,22 +101,6 @@ def test_loads_just_below_the_largest(shape, missing):
     assert solution.approach == pytest.approx(approach, rel=1e-4)
 
 
-@pytest.mark.parametrize("holes", [0.0, 0.05])
-@pytest.mark.parametrize("cells", [(24, 20), (15, 17)])
-def test_hardness_without_effect_changes_no_bit(cells, holes):
-    """A pressure well below the hardness is that without a hardness."""
-    problem = periodic.rough(*cells, 4, holes)
-    approach = 0.6 * np.nanmean(problem.gap)
-    with ContactSolver(problem) as solver:
-        elastic = solver.solve(approach=approach)
-        loaded = solver.solve(load=elastic.load)
-    with ContactSolver(replace(problem, hardness=10 * elastic.max_pressure)) as solver:
-        for expected, loading in ((elastic, {"approach": approach}), (loaded, {"load": elastic.load})):
-            solution = solver.solve(**loading)
-            np.testing.assert_array_equal(solution.pressure, expected.pressure)
-            assert solution.operator_applications == expected.operator_applications
-
-
 def test_a_start_keeps_plastic_cells():
     problem = replace(periodic.rough(64, 64, 8), hardness=0.03)
     with ContactSolver(problem) as solver:
@@ -170,35 +150,6 @@ def test_each_step_keeps_the_stored_pressure_and_the_loading(steps, holes, loadi
     assert seen > 0
 
 
-def test_compiled_exchange_is_the_same_in_rows():
-    """Cells that become or cease to be plastic change both stored pressures."""
-    rng = np.random.default_rng(5)
-    shape = 5, 9
-    p, stored, w, change, b = rng.normal(size=(5, *shape))
-    upper, captured = 0.1 + rng.random(shape), np.zeros(shape, bool)
-    admissible = rng.random(shape) < 0.9
-    contact = admissible & (rng.random(shape) < 0.5)
-    plastic = admissible & ~contact & (rng.random(shape) < 0.5)
-    fields = [field.copy() for field in (p, stored, contact, plastic)]
-    e = w + change - b
-    hardens, softens = contact & (p > upper + 0.1), plastic & (e > 0.2)
-    opened, entered = contact & (p < -0.1), admissible & ~contact & ~plastic & (e < -0.2)
-    new_p, new_stored, new_contact, new_plastic = fields
-    limits = 0.1, -0.2, 0.5, np.inf, captured, np.empty(shape[1])
-    cells, added, removed, total, moves = exchange(
-        new_p, new_stored, upper, w, change, b, admissible, new_contact, new_plastic, *limits
-    )
-    np.testing.assert_array_equal(new_plastic, (plastic | hardens) & ~softens)
-    np.testing.assert_array_equal(new_contact, (contact & ~hardens & ~opened) | softens | entered)
-    np.testing.assert_array_equal(captured, softens | entered)
-    shift = upper * softens - upper * hardens
-    np.testing.assert_allclose(new_p, p + shift, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(new_stored, stored + shift, rtol=0, atol=1e-15)
-    assert (cells, added, removed) == (new_contact.sum(), captured.sum(), (hardens | opened).sum())
-    moved = e * captured + 0.5 * (p * opened + (p - upper) * hardens)
-    assert total == pytest.approx((w + change).sum()) and moves == pytest.approx((moved**2).sum())
-
-
 def test_only_the_worst_cell_changes_if_sets_come_back(steps):
     primal, solver = steps(PrescribedLoad(1e2), hardness=300.0)
     primal.start(solver)
@@ -210,17 +161,6 @@ def test_only_the_worst_cell_changes_if_sets_come_back(steps):
         update = primal.exchange(solver, 0.5, -np.inf, np.inf, 0.0)
         assert update.released == cells
     assert not primal.state.contact[3, 4] and primal.state.contact[4, 5] and not primal.plastic.any()
-
-
-@pytest.mark.parametrize("share", [0.1, 0.7, 0.999])
-def test_lowest_cells_carry_a_load_without_elastic_cells(share):
-    rng = np.random.default_rng(6)
-    gap, upper = rng.integers(0, 20, (6, 7)) * 1.0, rng.random((6, 7)) + 0.1
-    gap[0, 0] = np.inf
-    total = share * upper[gap < np.inf].sum()
-    level, rest = _fill(gap, upper, total, None)
-    assert upper[gap < level].sum() <= total < upper[gap <= level].sum()
-    assert rest == pytest.approx(total - upper[gap < level].sum(), rel=1e-12)
 
 
 def test_contact_is_not_empty_under_a_load(steps):

@@ -6,9 +6,8 @@ import numpy as np
 import periodic
 import pytest
 
-from app import ContactProblem, ContactSolver, Grid, SelfAffineSurface, solve
+from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface, solve
 from app.contact.active_set import CONVERGED
-from app.halfspace.material import Material
 from app.methods.multilevel_product import MultilevelOperator
 from app.methods.periodic import iteration
 from app.methods.periodic.state import PrimalState
@@ -30,9 +29,8 @@ def test_multilevel_products_find_the_same_pressure(share, kind):
         ContactSolver(problem, options={"lcp_defect_correction": 0}) as plain,
     ):
         solution, expected = solver.solve(approach=approach), plain.solve(approach=approach)
-        assert levels_of(plain) is None and (levels_of(solver).count > 0) == (
-            share < 1
-        )  # full contact at once
+        # Full contact at once.
+        assert levels_of(plain) is None and (levels_of(solver).count > 0) == (share < 1)
     assert solution.converged and solution.fallbacks == 0
     size = expected.pressure.max()
     np.testing.assert_allclose(solution.pressure, expected.pressure, rtol=0, atol=2e-4 * size)
@@ -85,10 +83,6 @@ def test_drifted_pressure_is_recomputed_not_solved_further(by_levels):
     assert solution.operator_applications < 48
 
 
-def patch(nx, ny, stretch=1.0, symbol="spectral"):
-    return Grid(nx, ny, 1.0 / nx, stretch / nx, periodic=symbol)
-
-
 @pytest.mark.parametrize("loading", ["load", "approach"])
 def test_negligible_changes_end_the_iteration(monkeypatch, loading):
     ends, verified, verify, steel = [], [], iteration.verify, Material.combined(80000.0, 0.3)
@@ -115,9 +109,8 @@ def test_negligible_changes_end_the_iteration(monkeypatch, loading):
     assert len(set(ends)) == 2
 
     exchange = PrimalState.exchange
-    monkeypatch.setattr(
-        PrimalState, "exchange", lambda *given: exchange(*given)._replace(moves=np.inf)
-    )  # they do matter
+    # They do matter.
+    monkeypatch.setattr(PrimalState, "exchange", lambda *given: exchange(*given)._replace(moves=np.inf))
     for seed in range(1, 13):
         solution = solve(problem_of(seed), load=0.03 * steel.contact_modulus, options={"lcp_rtol": 1e-4})
         assert solution.attributes["reason"] == CONVERGED

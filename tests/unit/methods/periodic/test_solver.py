@@ -3,8 +3,7 @@
 import periodic
 import pytest
 
-from app import ContactSolver
-from app.base.errors import InputError
+from app import ContactSolver, InputError
 
 
 @pytest.mark.parametrize(

@@ -100,9 +100,8 @@ def test_constrained_preconditioner_keeps_the_mean_and_shift_moves_it(make, grid
     kept = applied(solver, r * free)
     assert abs(kept.mean()) <= 1e-12 * abs(kept).max()
     assert (kept[~free] == 0).all()
-    one = applied(
-        solver, np.ones(grid.shape)
-    )  # of a constant pressure nothing is left: all of it is the multiplier
+    # Of a constant pressure nothing is left: all of it is the multiplier.
+    one = applied(solver, np.ones(grid.shape))
     assert abs(one).max() <= 1e-5 * abs(loose).max()
     assert pc.multiplier == pytest.approx(1.0, rel=1e-6)
     w = r.copy()

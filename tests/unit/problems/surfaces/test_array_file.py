@@ -7,8 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from app import read_surface
-from app.base.errors import InputError
+from app import InputError, read_surface
 from app.problems.gap_file import GapFile
 
 ROWS = "0.5 1.5 2\n3 4 5.25\n"
@@ -121,31 +120,21 @@ SQUARE = np.ones((8, 8))
     [
         ("gap.npy", lambda path: path.mkdir(), "not a file"),
         ("gap.npy", save_array(np.ones(8)), "shape (8,)"),
-        ("gap.npy", save_array(np.float64(8)), "shape ()"),
-        ("gap.npy", save_array(np.ones((0, 8))), "shape (0, 8)"),
         ("gap.npy", save_array(SQUARE.astype(complex)), "complex128"),
-        ("gap.npy", save_array(SQUARE.astype(bool)), "bool"),
         ("gap.npy", save_array(np.array([[1, None]], object)), "objects"),
         ("gap.npy", save_array(np.array([["a", "b"]])), "U1"),
         ("gap.npy", save_part(save_array(SQUARE), 0.6), "cannot be read: it ends before"),
-        ("gap.npy", save_part(save_array(SQUARE), 0.05), "cannot be read"),
         ("gap.npy", save_header("{'descr': ("), "cannot be read"),
-        ("gap.npy", save_header("{'descr': 1 2}"), "cannot be read"),
-        ("gap.npy", save_header("  {}\n {}"), "cannot be read"),
         ("gap.npy", save_bytes(b""), "cannot be read"),
         ("gap.npy", save_archive, "archive"),
         ("gap.npz", save_archives(a=SQUARE, b=SQUARE), "FILE:/DATASET; there are a, b"),
         ("gap.npz", save_archives(a=np.ones(8)), "there are none"),
         ("gap.npz:/c", save_archives(a=SQUARE), "no array c"),
-        ("gap.npz:/b", save_archives(a=SQUARE, b=np.ones(8)), "shape (8,)"),
         ("gap.npz", save_part(save_archives(a=SQUARE), 0.5), "no .npz file"),
-        ("gap.npz", save_bytes(b"0.1 0.2"), "no .npz file"),
         ("gap.h5", save_part(save_hdf5(gap=SQUARE), 0.5), "cannot be read"),
         ("gap.h5", save_bytes(b"not HDF5"), "cannot be read"),
         ("gap.h5", save_hdf5(a=SQUARE, b=SQUARE), "FILE:/DATASET; there are a, b"),
-        ("gap.h5", save_hdf5(a=np.ones(8)), "there are none"),
         ("gap.h5:/c", save_hdf5(a=SQUARE), "no dataset /c"),
-        ("gap.h5:/g", save_hdf5(**{"g/a": SQUARE}), "no dataset /g"),
         ("gap.h5:/a", save_hdf5(a=h5py.Empty("f8")), "shape None"),
         ("gap.h5:/a", save_hdf5(a=SQUARE.astype(complex)), "complex128"),
         ("gap.h5:/a", save_hdf5(a="text"), "object"),
@@ -153,12 +142,9 @@ SQUARE = np.ones((8, 8))
         ("gap.h5:/b", save_times(of_an_attribute=False), "cannot be read: No NumPy equivalent"),
         ("gap.npy", save_bytes(b"0.1 0.2"), "no .npy file"),
         ("gap.h5:a", save_hdf5(a=SQUARE), "FILE:/DATASET"),
-        ("gap.txt.gz", save_bytes(gzip.compress(ROWS.encode())[:20]), "cannot be read"),
         ("gap.txt.gz", save_bytes(gzip.compress(ROWS.encode())[:-4]), "cannot be read"),
         ("gap.txt", save_bytes(b""), "empty"),
-        ("gap.txt", save_bytes(b"# nothing\n"), "empty"),
         ("gap.txt", save_bytes(b"1 2 3\n4 5\n"), "line 2 has 2 entries, line 1 has 3"),
-        ("gap.txt", save_bytes(b"1 2\n3 four\n"), "four"),
         ("gap.txt", save_bytes(b"1 2\n3 4+5j\n"), "4+5j"),
         ("gap.txt", save_bytes(bytes(range(128, 256))), "cannot be read"),
     ],

@@ -29,15 +29,6 @@ def test_spikes_are_noted_and_surfaces_are_not(saved):
     assert sum("has spikes" in note for note in solution.notes) == 1
 
 
-@pytest.mark.parametrize("tilt", [(0, 0), (0.5, 0.3), (-20, 7), (1e3, 0)])
-def test_a_spike_on_a_tilt_is_noted_and_a_tilt_is_not(tilt):
-    noise = 0.03 * np.random.default_rng(2).normal(size=(40, 60))
-    heights = noise + tilt[0] * np.arange(60) + tilt[1] * np.arange(40)[:, None]
-    assert note_spike(read_surface(heights, "um")) == []
-    heights[12, 30] += 2
-    assert "row 12, column 30 is " in note_spike(read_surface(heights, "um"))[0]
-
-
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 @pytest.mark.parametrize(
     ("heights", "level"),

@@ -4,8 +4,7 @@ import gzip
 
 import pytest
 
-from app import read_surface
-from app.base.errors import InputError
+from app import InputError, read_surface
 from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 from app.problems.surfaces.formats import FORMATS, detect_format
@@ -47,7 +46,6 @@ def test_each_suffix_has_one_format():
 )
 @pytest.mark.parametrize("name", ["s.asc", "s.txt", "s.sdf"])
 def test_texts_of_instruments_are_sent_to_their_reader(tmp_path, head, name_of_format, name):
-    """Unless their head is skipped on purpose."""
     (tmp_path / name).write_text(f"{head}0.5 1.5 2\n3 4 5.25\n")
     with pytest.raises(InputError, match=f"is {name_of_format}.*app.convert FILE -o surface.h5"):
         read_surface(tmp_path / name, "um")

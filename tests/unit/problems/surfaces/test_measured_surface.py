@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from app import read_surface
-from app.base.errors import InputError
+from app import InputError, read_surface
 from app.base.units import format_lengths
 
 from ..from_options import problem_from

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from app import read_surface
-from app.base.errors import InputError
+from app import InputError, read_surface
 from app.cli.convert import main as convert
 from app.problems.surfaces.points import POINTS, arrange, detect_list
 
@@ -15,7 +14,6 @@ TABLE = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
 
 @pytest.mark.parametrize("columns", [slice(None), [0, 1, 2, 3, 9, 10, 14, 15]])
 def test_points_may_miss_their_places_by_part_of_a_cell(columns):
-    """As stages and encoders do; also where lines of the grid are left out."""
     x, y = np.meshgrid(2.0 * np.arange(16)[columns], 3.0 * np.arange(20))
     points = np.stack([x, y, 10 * y + x], -1).reshape(-1, 3)
     exact, spacing = arrange(points)

@@ -7,8 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from app import ContactProblem, Material, Sphere, read_surface
-from app.base.errors import InputError
+from app import ContactProblem, InputError, Material, Sphere, read_surface
 from app.problems.gap_file import GapFile
 
 from ..from_options import problem_from
@@ -35,34 +34,20 @@ def test_an_array_is_read_like_a_file(saved):
     assert ContactProblem(grid, steel, surfaces=[surface]).describe()["surface_file"] == "(array)"
 
 
-def test_one_spacing_is_that_of_square_cells():
-    square = read_surface(HEIGHTS, "um", spacing=2, spacing_unit="um")
-    assert square.spacing == read_surface(HEIGHTS, "um", spacing=(0.002, 0.002)).spacing
-
-
 @pytest.mark.parametrize(
     ("source", "how", "message"),
     [
         (HEIGHTS[0], {}, r"shape \(15,\); must be real numbers of shape \(ny, nx\)"),
-        (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
         (HEIGHTS, {"unit": None}, r"^unit= \(-surface_unit\) is missing"),
-        (
-            HEIGHTS,
-            {"unit": "micron"},
-            "surface unit micron: must be one of m, cm, mm, um, nm, pm, angstrom, in",
-        ),
+        (HEIGHTS, {"unit": "micron"}, "surface unit micron: must be one of m, cm, mm, um, nm, pm, angstrom, in"),
         (HEIGHTS, {"spacing": (0.1,)}, "two positive numbers dx, dy"),
-        (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
-        (HEIGHTS, {"crop": (0, 3, 0, 2.5)}, "four whole numbers i0, i1, j0, j1"),
-        (HEIGHTS, {"crop": 3}, "four whole numbers i0, i1, j0, j1"),
         (HEIGHTS, {"skip": -1}, "surface skip -1: .* a number of lines"),
-        (HEIGHTS, {"skip": "2"}, "surface skip '2': .* a number of lines"),
         (HEIGHTS, {"orient": "flip_z"}, "surface orient flip_z: must be one of"),
         (HEIGHTS, {"periodic": "no"}, "periodic: 'no'"),
     ],
-)
+)  # fmt: skip
 def test_wrong_arguments_are_refused(source, how, message):
     with pytest.raises(InputError, match=message):
         read_surface(source, **{"unit": "um", **how})
@@ -125,11 +110,9 @@ def test_crop_follows_the_turns(saved):
         ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: must be one of m, cm, mm, .*µm is um, Å is"),
         ("s.npy", {"surface_unit": "um"}, r"-domain\) is missing: surface file .* does not say its spacing"),
         ("s.h5", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
-        ("s.txt", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: must be"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
-        ("s.h5", {"surface_crop": "3,3,0,2"}, "-surface_crop 3,3,0,2: must be"),
         ("s.h5", {"surface_missing": "zero"}, "-surface_missing zero: must be"),
         ("none.npy", {}, "surface file .*none.npy: no such file"),
     ],
@@ -197,7 +180,6 @@ def test_lowest_rows_of_a_surface_are_not_noted(heights):
 
 
 def test_problems_of_files_can_be_pickled(saved):
-    """Also those of HDF5, which are read from the open file."""
     for name, spacing, dataset in ("s.npy", (0.1, 0.1), ""), ("s.h5", None, ":/heights"):
         path = saved(HEIGHTS, name)
         for orient in (), ("transpose",):

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from running import assert_proved_equal
 
-from app import ContactProblem, Grid, Material, Sphere, read_surface, refine, solve
-from app.base.errors import InputError
+from app import ContactProblem, Grid, InputError, Material, Sphere, read_surface, refine, solve
 from app.problems.surfaces.resampling import ResampledSurface
 
 from ..from_options import problem_from
@@ -61,8 +60,6 @@ def test_quadratic_surfaces_are_exact(cells, patch):
 
 
 def test_resampling_of_a_wave_is_of_third_order():
-    """Also over the sides of a period."""
-
     def wave(n):
         grid = Grid.from_domain(n, n, (-0.5, 0.5, -0.5, 0.5), periodic=True)
         mean = np.sinc(1 / n)  # over a cell, of a wave that is 1 in its middle
@@ -73,13 +70,6 @@ def test_resampling_of_a_wave_is_of_third_order():
         np.abs(resampled(wave(n)[1], (1 / n, 1 / n)).heights_on(grid) - exact).max() for n in (16, 32, 64)
     ]
     assert errors[0] > 7 * errors[1] > 49 * errors[2] and errors[2] < 1e-5
-
-
-def test_a_period_has_no_seam():
-    heights = np.roll(ROUGH, (5, 7), (0, 1))
-    grid = Grid.from_domain(36, 24, PATCH, periodic=True)
-    expected = np.roll(resampled(ROUGH).heights_on(grid), (10, 14), (0, 1))
-    np.testing.assert_allclose(resampled(heights).heights_on(grid), expected, atol=1e-13)
 
 
 @pytest.mark.parametrize("n", [20, 10, 40, 13])
@@ -113,7 +103,6 @@ def test_a_larger_patch_is_refused():
 
 
 def test_a_measured_sphere_has_the_contact_of_a_sphere():
-    """Its contact is Hertz's with the error of the fine cells, not of those of the map; and it can be refined."""
     own, fine = (Grid.from_domain(n, n, (-0.4, 0.4, -0.4, 0.4)) for n in (20, 96))
     heights = -(own.x() ** 2 + own.y()[:, None] ** 2) / 20
     problem = ContactProblem(fine, STEEL, surfaces=[resampled(heights, (own.dx, own.dy))])

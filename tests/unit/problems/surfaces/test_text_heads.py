@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from app import read_surface
-from app.base.errors import InputError
+from app import InputError, read_surface
 from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 

@@ -40,19 +40,14 @@ def test_whole_numbers_between_commas_are_no_decimals(text):
     ("text", "message"),
     [
         ("0,12,0,34\n0,50,1,25", "commas may separate numbers or begin their decimals"),
-        ("0,5,0,25\n0,1,0,3", "commas may separate numbers or begin their decimals"),
-        ("10,5,3,05\n0,1,-2,3", "commas may separate numbers or begin their decimals"),
         ("-2,3087e-02,1,5e-02", "commas may separate numbers or begin their decimals"),
         ("-65,6,-41,3,-207,5\n-76,2,-74,3,-16,2\n-7,2,-4,3,16,2", "commas may separate numbers or begin"),
         ("0,12, 0,34", "commas with and without a blank behind"),
         ("1.234,5;2.345,6", "both points and commas"),
-        ("1.234,5 2.345,6", "both points and commas"),
         ('"1,234","5,678"', "may begin decimals or group thousands"),
         ('0.5,"1,25"', "may begin decimals or group thousands"),
         ("#N/A;1\n2;3", "'#N/A' is no number"),
-        ("1 2\n3 4 5", "line 2 has 3 entries, line 1 has 2"),
         ("1,,2", "line 1, entry 2: '' is no number"),
-        ("1 ***", r"line 1, entry 2: '\*\*\*' is no number"),
         ("Height\n1 2", "line 1: 'Height' is no number; lines that are no row of cells begin with #"),
     ],
 )
@@ -62,8 +57,7 @@ def test_ambiguous_texts_are_refused(text, message):
 
 
 @pytest.mark.parametrize(
-    "mark",
-    [*'*** --- NaN BAD n/a 1.#QNAN -1.#IND -nan(ind) #N/A #NV "#DIV/0!"'.split(), "", "No Data"],
+    "mark", [*'*** --- NaN BAD n/a 1.#QNAN -1.#IND -nan(ind) #N/A #NV "#DIV/0!"'.split(), "", "No Data"]
 )
 def test_marks_of_missing_points_are_nan(mark):
     table = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], heights=True)
@@ -76,10 +70,7 @@ def test_marks_of_missing_points_are_nan(mark):
         ("1.0D-03 2.5d+1\n-3D0 4", [[1e-3, 25], [-3, 4]]),
         ('"0.5","1.25"\n"2","-3"', [[0.5, 1.25], [2, -3]]),
         ('"0,5","1,25"\n"2","-3"', [[0.5, 1.25], [2, -3]]),
-        ('"0,5",2\n3,"1,25"', [[0.5, 2], [3, 1.25]]),
-        ('"0","12"\n"1","13"', [[0, 12], [1, 13]]),
         ('"0,5";"1,25"\n2;3', [[0.5, 1.25], [2, 3]]),
-        ('"0,5" "1,25"\n2 3', [[0.5, 1.25], [2, 3]]),
         ("0,5 1,#IND\n1,5 2,5", [[0.5, np.nan], [1.5, 2.5]]),
         ("#N/A 1\n# no row\n2 3", [[np.nan, 1], [2, 3]]),
     ],
@@ -98,10 +89,6 @@ def test_blocks_below_each_other_are_no_map(between):
 @pytest.mark.parametrize("lines", [["1; 2;\t", "3; 4; "], ["1,\t 2,\t", "3,\t4,"]])
 def test_blanks_behind_the_last_separator_are_no_missing_point(lines):
     np.testing.assert_array_equal(read_table(lines, heights=True), [[1, 2], [3, 4]])
-
-
-def test_no_data_between_blanks_is_one_missing_point():
-    np.testing.assert_array_equal(read_table(["0 1 No Data", "0 2 0.5"], heights=True)[0], [0, 1, np.nan])
 
 
 def test_nodata_value_of_a_skipped_head_is_missing():
