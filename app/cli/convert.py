@@ -1,14 +1,8 @@
 """Convert a measured surface to HDF5: ``python -m app.convert FILE -o surface.h5``.
 
-=================  ==========================================================================
-dataset            meaning
-=================  ==========================================================================
-``heights``        (ny, nx) float64, NaN: missing; first row at the smallest y; attributes
-                   ``unit``, ``spacing`` (dx, dy), ``spacing_unit``
-``mask``           (ny, nx) uint8, 1 where a point is missing
-=================  ==========================================================================
-
-Root attributes: ``source`` (name of the file), ``sha256`` (hash of the file), ``format``, ``channel``, ``version``.
+The dataset ``heights``, (ny, nx) float64, is NaN where a point is missing, and ``mask`` is 1 there. Its first row is at
+the smallest y. Its attributes are ``unit``, ``spacing`` (dx, dy) and ``spacing_unit``. Root attributes: ``source``
+(name of the file), ``sha256`` (hash of the file), ``format``, ``channel``, ``version``.
 """
 
 import json

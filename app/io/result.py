@@ -1,28 +1,10 @@
-"""Result file (HDF5): solution, history, attributes.
+"""Result file (HDF5): solution, history, attributes; docs/results.md lists all of them.
 
-=========================  ==========  =======  =====  ==========================================
-dataset                    shape       type     unit   meaning (symbol of the paper)
-=========================  ==========  =======  =====  ==========================================
-``pressure``               (ny, nx)    float64  N/mm2  p
-``gap``                    (ny, nx)    float64  mm     deformed distance e = h + u, (2.3), plus plastic depth
-``displacement``           (ny, nx)    float64  mm     u = A p, (2.7)
-``undeformed_distance``    (ny, nx)    float64  mm     h
-``contact``                (ny, nx)    uint8    1      1 in contact, else 0
-``plastic``                (ny, nx)    uint8    1      1 where p is the hardness; only with a hardness
-``plastic_depth``          (ny, nx)    float64  mm     permanent indentation; only with a hardness
-``x``, ``y``               (nx), (ny)  float64  mm     cell centres
-``history/<column>``       (k)                  yes    one entry per active set iteration
-``path/<column>``          (steps)              yes    one entry per step of a load path; fields are of the last step
-=========================  ==========  =======  =====  ==========================================
-
-`x` and `y` are the dimension scales of the fields, as in NetCDF, so xarray finds the coordinates.
-
-`gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). ``history/level`` has the number of
-a grid in the hierarchy: the last entry is that of the target grid, and the next coarser grid has one less.
-
-Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm, `load` in N,
-pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. docs/results.md describes the other
-attributes. A file may have additional datasets and attributes.
+Datasets of the cells have shape (ny, nx). `x` and `y`, the cell centres, are their dimension scales, as in NetCDF, so
+xarray finds the coordinates. `gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The
+groups ``history`` and ``path`` have columns, with an entry per active set iteration, and per step of a load path.
+``history/level`` has the number of a grid in the hierarchy: the last entry is that of the target grid, and the next
+coarser grid has one less. A file may have additional datasets and attributes.
 """
 
 from contextlib import contextmanager
@@ -74,7 +56,7 @@ MAX_STEP_DEVIATION = 0.1  # of a cell: rounding of coordinates far from zero
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(ContactFields):
-    """Contents of a result file, see the module's table.
+    """Contents of a result file, see docs/results.md.
 
     Attributes of the file are attributes of this object, too: ``result.load`` is ``result.attributes["load"]``. The
     names that `Solution` has for some of them (``message``, ``iterations``, ``rtol``) also work.
