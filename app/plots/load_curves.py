@@ -1,10 +1,8 @@
 """Figures of load paths, and reading of their tables.
 
-A load path is a mapping of columns with an entry for each step, as in the group ``path`` of a result file: ``load``
-[N]; ``approach``, ``indentation``, ``mean_gap`` [mm]; ``mean_pressure``, ``max_pressure`` [N/mm2];
-``contact_fraction``, ``contact_fraction_corrected``, ``plastic_fraction``, and theories, such as ``persson_fraction``;
-``contact_area``, ``plastic_area`` [mm2]; ``stiffness``, ``stiffness_by_differences`` [N/mm]. Missing columns are not
-drawn. Estimated relative errors, such as ``load_error``, are bands around the curves.
+A load path is a mapping of columns with an entry for each step, as in the group ``path`` of a result file; their units
+are in `app.base.quantities`. Missing columns are not drawn. Estimated relative errors, such as ``load_error``, are
+bands around the curves.
 """
 
 import csv

@@ -1,20 +1,8 @@
-"""User-defined problems: a Python class or function.
+"""User-defined problems: a Python class or function; docs/extending.md has examples.
 
-A function is the `gap` of an `app.problems.contact_problem.ContactProblem`: it takes arrays x and y of cell centres
-[mm] and returns the undeformed distance [mm], NaN where contact is impossible::
-
-    def rounded_punch(x, y):
-        return np.where(np.hypot(x, y) <= 4, np.maximum(np.hypot(x, y) - 3, 0) ** 2 / 20, np.nan)
-
-A class derives from `app.problems.problem.Problem` and is called with the grid and the material. If it has options of
-its own, it lists them in `OPTIONS` and reads them in ``from_options``::
-
-    class Cone(Problem):
-        OPTIONS = (Option("cone_slope", positive, 0.1, "height over radius"),)
-        ...
-        @classmethod
-        def from_options(cls, grid, material, options):
-            return cls(grid, material, options["cone_slope"])
+A function takes arrays x and y of cell centres [mm] and returns the undeformed distance [mm], NaN where contact is
+impossible. A class derives from `app.problems.problem.Problem` and is called with the grid and the material. If it has
+options of its own, it lists them in `OPTIONS` and reads them in ``from_options``.
 """
 
 import importlib
