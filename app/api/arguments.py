@@ -6,7 +6,7 @@ from importlib import import_module
 from inspect import signature
 from types import ModuleType
 
-from app.base.errors import InputError, format_distinct, format_error, shorten
+from app.base.errors import InputError, check_type, format_distinct, format_error, shorten
 from app.base.numba_cache import check_compiler
 from app.base.petsc import check_cells
 from app.contact.history import Listener
@@ -20,12 +20,6 @@ MIN_LOVE_THICKNESS = 1e-3  # of a layer over the side of the patch; the sums ove
 INCOMPRESSIBLE_POISSON = 0.495  # ratio above which cells wider than a layer are refused
 MAX_LAYER_CELL = 3.0  # largest cell of an incompressible layer, over its thickness
 _OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
-
-
-def check_type(name, value, kind, what):
-    """Raise InputError unless an argument has the type `kind`."""
-    if not isinstance(value, kind):
-        raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
 
 
 def parse_arguments(problem, method, options, prefix, listeners):

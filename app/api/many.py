@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.api.arguments import check_type
 from app.api.load_path import COLUMNS, numbers_of
 from app.api.notes import NoteWarnings
 from app.api.solution_table import SolutionTable
@@ -23,6 +22,7 @@ from app.base.errors import (
     InputError,
     call_collectively,
     check_equal_on_ranks,
+    check_type,
     format_error,
     format_message,
     warn_caller,

@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.api.arguments import check_type
 from app.api.notes import NoteWarnings
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
 from app.api.summary import format_grids
 from app.base import views
-from app.base.errors import InputError, call_collectively, check_equal_on_ranks, format_exact
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, check_type, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.base.progress_bar import progress_bar
 from app.base.quantities import ESTIMATED

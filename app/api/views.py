@@ -5,11 +5,12 @@ import html
 import io
 
 import numpy as np
+from matplotlib.axes import Axes
 from tabulate import tabulate
 
 from app.api.subsurface import survey
 from app.api.summary import summary
-from app.base.errors import InputError
+from app.base.errors import InputError, check_type
 from app.base.quantities import label_of, unit_of
 from app.base.units import format_lengths, format_quantity
 from app.io.result import FIELDS, PLASTIC_FIELDS, Result
@@ -65,7 +66,7 @@ def plot_surface(surface, axes=None):
     On given axes only the heights are drawn.
     """
     if axes is not None:
-        pictures.check_axes(axes)
+        check_type("ax", axes, Axes, "axes of matplotlib")
         heights.draw_heights(axes, surface)
         return pictures.on_axes(axes)
     return pictures.show(lambda: heights.surface_figure(surface), "surface")

@@ -56,6 +56,12 @@ class OtherRankError(RuntimeError):
     """Error raised because another rank had an unexpected exception (a bug)."""
 
 
+def check_type(name, value, kind, what):
+    """Raise InputError if an argument `name` has not the type `kind`."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
+
+
 def format_exact(number):
     """Format a number with as many digits as its exact value needs.
 

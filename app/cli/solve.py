@@ -99,7 +99,7 @@ def main(parsed):
         session.print_output(text)
     session.print_output(summary(solution.attributes | facts, solution.grid, request.output))
     if not request.output:
-        session.print_output("  the solution is not saved; -output F.h5 saves it, for app.plot, app.report")
+        session.print_output("  the solution is not saved; -output F.h5 saves it for app.plot and app.report")
     for line in notes:
         session.warn(line)
     return status if solution.converged else 3

@@ -11,7 +11,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from app.base.errors import InputError, call_collectively, format_message
+from app.base.errors import InputError, call_collectively, check_type, format_message
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _SAMPLES, _SAMPLE_BYTES = 64, 1 << 16  # of a large file, for its hash
@@ -26,10 +26,8 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     of the `suffixes`, is a regular file or free, and can be written; or if it is one of the `inputs`, or another user's
     file in a sticky folder. Missing inputs are ignored.
     """
-    try:
-        name, path = str(path), Path(path)
-    except TypeError:
-        raise InputError(f"{what}: is {type(path).__name__}; needed: a file name") from None
+    check_type(what, path, str | os.PathLike, "a file name")
+    name, path = str(path), Path(path)
     if name.endswith("/") or path.suffix.lower() not in suffixes:
         raise InputError(f"{what} {name}: the name must end in {' or '.join(suffixes)}")
     try:

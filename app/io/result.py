@@ -7,6 +7,7 @@ groups ``history`` and ``path`` have columns, with an entry per active set itera
 coarser grid has one less. A file may have additional datasets and attributes.
 """
 
+import os
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.base.errors import InputError, format_message
+from app.base.errors import InputError, check_type, format_message
 from app.base.memory import check_fits
 from app.base.quantities import QUANTITIES
 from app.io.contact_fields import ContactFields
@@ -176,10 +177,8 @@ def open_result(path):
 
     Raises InputError if the file is unreadable.
     """
-    try:
-        path = Path(path)
-    except TypeError:
-        raise InputError(f"result file {path!r}: needed: a path") from None
+    check_type("result file", path, str | os.PathLike, "a path")
+    path = Path(path)
     if not path.is_file():
         raise InputError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import h5py
 import numpy as np
 
-from app.base.errors import InputError, call_collectively, format_message
+from app.base.errors import InputError, call_collectively, check_type, format_message
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, make_temporary_name, publish, remove
@@ -66,8 +66,7 @@ def _plan(fields, x, y, attributes, history, steps):
         value = np.asarray(value)
         if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
             raise InputError(f"attribute {name}: {value.dtype} is not a number, string or numeric array")
-    if steps is not None and not isinstance(steps, Mapping):
-        raise InputError(f"steps: {type(steps).__name__}; needed: columns by name, the table of a load path")
+    check_type("steps", steps, Mapping | None, "columns by name, the table of a load path")
     steps = {name: np.asarray(values) for name, values in (steps or {}).items()}
     for name, column in steps.items():
         if (

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.base.errors import InputError, shorten
+from app.base.errors import InputError, check_type, shorten
 
 LARGEST = 1e50  # 1 / LARGEST is the smallest number but 0: neither squares nor quotients overflow
 REQUIRED = object()
@@ -174,8 +174,7 @@ def to_texts(options, what="options"):
     >>> to_texts({"lcp_nested": True, "grid": (8, 4), "Load": 0.5, "lcp_monitor": ""})
     {'lcp_nested': 'true', 'grid': '8,4', 'load': '0.5', 'lcp_monitor': ''}
     """
-    if not isinstance(options, Mapping):
-        raise InputError(f"{what}: is {type(options).__name__}; must be a mapping of names to values")
+    check_type(what, options, Mapping, "a mapping of names to values")
     if not all(isinstance(name, str) for name in options):
         raise InputError(f"{what}: {', '.join(map(repr, options))}: must be names of options")
     return {name.lower(): _to_text(value) for name, value in options.items()}

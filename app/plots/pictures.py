@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from app.base.errors import InputError
+from app.base.errors import InputError, check_type
 from app.plots import curves, figures, load_curves
 from app.plots.maps import Canvas
 from app.plots.style import interactive, new_figure, with_style
@@ -128,17 +128,11 @@ def plot(result, name="summary", axes=None):
         raise InputError(f"plot {name!r}: must be one of {', '.join(allowed)}{where}")
     reference = analytic_reference(result)
     if axes is not None:
-        check_axes(axes)
+        check_type("ax", axes, Axes, "axes of matplotlib")
         PANELS[name](axes, result, reference)
         return on_axes(axes)
     draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
     return show(partial(draw, result, reference), name)
-
-
-def check_axes(axes):
-    """Raise InputError unless these are axes of matplotlib."""
-    if not isinstance(axes, Axes):
-        raise InputError(f"ax: is {type(axes).__name__}; must be axes of pyplot.subplots()")
 
 
 def on_axes(axes):

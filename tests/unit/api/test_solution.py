@@ -54,7 +54,7 @@ def test_a_result_file_may_have_more_fields(tmp_path):
                 found.save(tmp_path / "other.h5", **{name: value})
     columns = {"load": [1.0, 2.0], "approach": [1.0]}
     for steps, message in (
-        (3, "steps: int; needed: columns by name"),
+        (3, "steps: is int; must be columns by name"),
         ({"load": 1.0}, r"steps: column load: shape \(\), type float64; needed: a number for each step"),
         ({"load": ["a"]}, "column load: .*; needed: a number for each step"),
         (columns, r"column load: shape \(2,\), .*; needed: a number for each step"),

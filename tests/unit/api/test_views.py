@@ -92,7 +92,7 @@ def test_pictures_are_named_in_the_error(hertz_results, surface):
     with pytest.raises(InputError, match=r"must be one of contact.* with ax="):
         hertz_results["solution"].plot("summary", ax=pyplot.figure().subplots())
     for shown in hertz_results["solution"], surface:
-        with pytest.raises(InputError, match="ax: is str; must be axes of pyplot"):
+        with pytest.raises(InputError, match="ax: is str; must be axes of matplotlib"):
             shown.plot(ax="pressure")
     with pytest.raises(InputError, match="nothing to draw"):
         hertz_results["solution"].plot("path")

@@ -17,7 +17,7 @@ from app.parallel.slabs import Slabs
 @pytest.mark.parametrize(
     ("message", "call"),
     [
-        ("result file None: needed: a path", lambda: read_result(None)),
+        ("result file: is NoneType; must be a path", lambda: read_result(None)),
         ("no such file", lambda: read_result("nothing.h5")),
     ],
 )
