@@ -1,18 +1,14 @@
 """app.plot: which pictures, of which results, and bad input in one line."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mpi4py import MPI
-from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
+from results import made_up_result, with_attributes, write
 
 from app.api.subsurface import stress, survey
 from app.cli import convert, report, subsurface, xdmf
-from app.cli.plot import main, save_pictures
-from app.io.result import HISTORY
+from app.cli.plot import main
 from app.parallel.slabs import Slabs
-from app.plots.pictures import PICTURES, analytic_reference, pictures_of
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -161,57 +157,6 @@ def test_bug_is_not_reported_as_bad_input(path, tmp_path, monkeypatch):
     monkeypatch.setattr("app.cli.plot._draw_all", lambda arguments: float("of ours"))
     with pytest.raises(ValueError, match="of ours"):
         main([str(path), "-o", str(tmp_path / "out")])
-
-
-def test_reference_is_the_hertz_contact_of_the_paper(result):
-    exact = analytic_reference(result)
-    assert exact.pressure(0.0, 0.0) == pytest.approx(MAX_PRESSURE, rel=1e-6)
-    a, b = SEMI_AXES
-    assert exact.pressure(0.6 * a, 0.0) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
-    assert exact.pressure(0.0, 0.6 * b) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
-    assert analytic_reference(with_attributes(result, problem="sphere")).pressure(0.0, 0.0) == exact.pressure(
-        0.0, 0.0
-    )
-    assert analytic_reference(with_attributes(result, problem="sphere", surfaces=1)) is None
-    assert analytic_reference(with_attributes(result, problem="punch")) is None
-    assert analytic_reference(with_attributes(result, coating_thickness=0.01)) is None
-    assert analytic_reference(with_attributes(result, without=["problem"])) is None
-    assert analytic_reference(with_attributes(result, approach=-0.1)) is None
-    assert analytic_reference(with_attributes(result, periodic_symbol="love")) is None
-    by_modulus = with_attributes(
-        result, without=["shear_modulus", "poisson_ratio"], contact_modulus=82000 / 0.72
-    )
-    assert analytic_reference(by_modulus).pressure(0.0, 0.0) == pytest.approx(MAX_PRESSURE, rel=1e-6)
-    with pytest.raises(ValueError, match="attribute hertz_rx, contact_modulus is missing"):
-        analytic_reference(with_attributes(result, without=["hertz_rx", "poisson_ratio"]))
-
-
-def test_unusual_results_are_drawn(result, tmp_path):
-    none = replace(
-        result,
-        pressure=np.zeros_like(result.pressure),
-        contact=np.zeros_like(result.contact),
-        history={name: np.zeros(0, dtype) for name, dtype in HISTORY.items()},
-    )
-    diverged = replace(
-        with_attributes(result, converged=False, load=np.nan),
-        pressure=np.full_like(result.pressure, np.nan),
-        displacement=np.full_like(result.pressure, np.nan),
-        history={k: np.full_like(v, np.inf) if k == "residual" else v for k, v in result.history.items()},
-    )
-    infinite = replace(
-        with_attributes(diverged, approach=np.nan), gap=np.where(result.gap > 0, np.inf, result.gap)
-    )
-    infinitely = replace(
-        with_attributes(infinite, approach=np.inf), gap=np.where(result.y > 0, result.gap.T, np.inf).T
-    )
-    cases = none, diverged, infinite, infinitely, made_up_result(40, 1), made_up_result(40, 30, 3.0)
-    for number, case in enumerate(cases):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        assert all(
-            path.stat().st_size > 500 for path in save_pictures(pictures_of(case, PICTURES), folder, dpi=20)
-        )
 
 
 def test_file_of_stresses_is_named_in_the_error(result, tmp_path, capsys):

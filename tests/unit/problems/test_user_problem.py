@@ -18,17 +18,11 @@ from app.problems.problem import Problem
 def bowl(x, y):
     return x**2 + y**2
 
-def ring(x, y):
-    return np.where(np.hypot(x, y) > 1, np.nan, 0)
-
 def scalar(x, y):
     return max(x, 0)
 
 def short(x, y):
     return np.zeros(3)
-
-def words(x, y):
-    return "deep"
 
 def huge(x, y):
     return np.where(x > 0.5, np.inf, x)
@@ -37,9 +31,6 @@ def gives_up(x, y):
     raise SystemExit("not today")
 
 number = 3
-
-class Other:
-    pass
 
 class Plane(Problem):
     def shape_on(self, grid, rows=slice(None)):
@@ -69,10 +60,6 @@ class Masked(Plane):
     def shape_on(self, grid, rows=slice(None)):
         return np.ma.masked_greater(np.broadcast_to(grid.x(), (len(grid.y(rows)), grid.nx)), 0)
 
-class Complex(Plane):
-    def shape_on(self, grid, rows=slice(None)):
-        return super().shape_on(grid, rows) + 1j
-
 class Transposed(Plane):
     def shape_on(self, grid, rows=slice(None)):
         return super().shape_on(grid, rows).T
@@ -84,7 +71,6 @@ def make(tmp_path, monkeypatch):
     """``make("my_module.bowl")``: a valid problem, and the reader of its options, in a folder with my_module.py."""
     (tmp_path / "my_module.py").write_text(MODULE)
     (tmp_path / "broken.py").write_text("import numpy\nnumpy.no_such_thing\n")
-    (tmp_path / "ends.py").write_text("import sys\nsys.exit()\n")
     (tmp_path / "typo.py").write_text("def f(x, y:\n")
     monkeypatch.chdir(tmp_path)
 
@@ -135,7 +121,7 @@ def test_class_reads_options_of_its_own(make):
         ("my_module.Forgets", "from_options returns no"),
         ("my_module.Cone", "-cone_slope is missing: height over radius"),
         ("my_module.Transposed", r"shape \(6, 4\); must be .* = \(4, 6\)"),
-        ("my_module.scalar", r"ValueError: The truth value .*np.vectorize.* \(.*my_module.py, line 13\)"),
+        ("my_module.scalar", r"ValueError: The truth value .*np.vectorize.* \(.*my_module.py, line 10\)"),
         ("my_module.short", r"gap: .*\(3,\); must be \(4, 6\)"),
         ("my_module.huge", "must be numbers up to"),
         ("broken.f", r"AttributeError: .*no_such_thing.* \(.*broken.py, line 2\)"),
