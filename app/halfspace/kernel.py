@@ -125,6 +125,14 @@ class HalfSpaceKernel:
         """
         return self.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)
 
+    def softest_parts(self, length):
+        """Return bounds of the displacement of layers and of the compliance of half-spaces.
+
+        The displacement is that by pressure 1 in waves up to twice the `length` on layers with a rigid base, the
+        compliance that of the softest half-spaces below other layers. Units: mm / (N/mm2), mm2/N.
+        """
+        return 0.0, self.compliance
+
     def middle_displacement(self, lengths):
         """Return the displacement in the middle of a loaded rectangle, (2.4) [mm].
 

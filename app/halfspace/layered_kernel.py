@@ -155,12 +155,9 @@ class LayeredKernel(HalfSpaceKernel):
         """Return whether no influence coefficient is negative."""
         return _least_coefficient(self, grid) >= 0
 
-    def middle_displacement(self, lengths):
-        """Return a bound of the displacement of a rectangle [mm].
-
-        The rectangle is loaded, and the displacement is that of its middle.
-        """
-        q = np.array([np.pi / max(lengths)])
+    def softest_parts(self, length):
+        """Return bounds for waves up to twice a length; see `HalfSpaceKernel`."""
+        q = np.array([np.pi / length])
         rigid, compliance = 0.0, self.other
         for layer in self.layers:
             if layer.on_rigid_base:
@@ -169,6 +166,14 @@ class LayeredKernel(HalfSpaceKernel):
             else:
                 softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
                 compliance += layer.plane_compliance * softest
+        return rigid, compliance
+
+    def middle_displacement(self, lengths):
+        """Return a bound of the displacement of a rectangle [mm].
+
+        The rectangle is loaded, and the displacement is that of its middle.
+        """
+        rigid, compliance = self.softest_parts(max(lengths))
         return rigid + HalfSpaceKernel(compliance).middle_displacement(lengths)
 
     def self_displacement(self, grid):

@@ -1,22 +1,32 @@
-"""Kernel of half-spaces under a pressure that repeats in one direction.
+"""Kernel of bodies under a pressure that repeats in one direction.
 
-The pressure repeats in y with the period L, and the patch is free in x; or the other way round. A point force displaces
-the surface at a distance by 1/rho, for unit compliance. The sum of this over all copies of a force diverges, so a
-constant is subtracted. The rest is a sum over waves along the period, q_k = 2 pi k / L:
+The pressure repeats in y with the period L, and the patch is free in x; or the other way round. At a distance r a point
+force displaces the surface of a half-space by 1/r, for compliance 1. The sum over all copies of the force diverges, so
+a constant is subtracted. The result is a sum over waves along the period with the wave numbers q_k = 2 pi k / L and the
+modified Bessel function K0:
 
     K(x, y) = (2 / L) ln(D / |x|) + (4 / L) sum_{k > 0} K0(q_k |x|) cos(q_k y)
 
 The first term is the line contact of plane strain. D is the distance from a line of force at which the displacement is
-zero, on average over the period. It is arbitrary, and an approach depends on it. We take twice the longer side of the
-patch. Then no influence coefficient is negative, and A is positive definite.
+zero, on average over the period. D is arbitrary, and an approach depends on it. We take twice the longer side of the
+patch, or four thicknesses of a layer if this is more. Then A is positive definite, and no influence coefficient of
+half-spaces is negative.
 
-Coefficients are integrals of K over cells. Far from the line x = 0, few waves are needed. Near it, K is the sum of
-1/rho over the nearest copies, |m| <= M, and a smooth rest. With Legendre polynomials P_l and Hurwitz's zeta function
+Coefficients are integrals of K over cells. Far from the line x = 0, few waves are needed. Near it, K is the sum over
+the copies at y = m L with |m| <= M, and a smooth rest. With the distance r_m from copy m, the Legendre polynomials P_l,
+Hurwitz's zeta function, and Euler's constant gamma,
 
-    K = sum_{|m| <= M} 1/rho_m + sum_{l = 2, 4, ...} 2 r^l P_l(y / r) zeta(l + 1, M + 1) / L^(l+1)
+    K = sum_{|m| <= M} 1/r_m + sum_{l = 2, 4, ...} 2 r^l P_l(y / r) zeta(l + 1, M + 1) / L^(l+1)
         + (2 / L) (ln(D / 2 L) - H_M + gamma),    H_M = 1 + 1/2 + ... + 1/M
 
 Both sums are exact up to rounding where they are used.
+
+A layer of thickness t multiplies the compliance of waves by S(q t) (`app.halfspace.layer`). So it adds, for k >= 0,
+
+    (2 or 4) / L cos(q_k y) integral over p > 0 of (S(q t) - 1) / q cos(p x),    q^2 = q_k^2 + p^2,
+
+with the factor 2 for k = 0, and 4 otherwise. For k = 0 the limit of S - 1 at long waves is multiplied by the image of
+the line of force at the depth 2 t, ln(D / sqrt(x^2 + 4 t^2)), whose transform is exp(-2 p t) / p.
 """
 
 from functools import lru_cache
@@ -25,26 +35,30 @@ from math import comb
 
 import numpy as np
 
-from app.base.errors import InputError
+from app.base.errors import InputError, format_distinct
 from app.halfspace.kernel import HalfSpaceKernel
 from app.halfspace.love import love_coefficients
 
-_DATUM_SIDES = 2.0  # D over the longer side of the patch
+_DATUM_SIDES = 2.0  # D over the longer side of the patch, or over the depth 2 t of images if this is more
 _NEAR = 0.125  # distance from the line x = 0, in periods, from which waves are summed
 _COPIES = 4  # M
 _LARGEST_ORDER = 30  # of Legendre polynomials: the rest is below (1.4 / (M + 1))^32
 _NEGLIGIBLE = 40.0  # q |x| from which K0 is below rounding
 _WAVES = int(_NEGLIGIBLE / (2 * np.pi * _NEAR)) + 1
 _GAUSS = np.polynomial.legendre.leggauss(16)  # exact for the powers of the smooth rest
+_MAX_DECAY = 19.0  # q t above which S(q t) - 1 is below rounding
+_MIN_THICKNESS = 1 / 256  # of a layer, over the longer side of the patch: thinner ones have too many waves
+_MAX_PHASE = 8.0  # p x over an interval of integration
+_BLOCK = 1024  # wave numbers p that are summed together
 
 
 class OneWayKernel(HalfSpaceKernel):
-    """Kernel of half-spaces under a pressure periodic in one direction.
+    """Kernel of bodies under a pressure periodic in one direction.
 
     Parameters
     ----------
-    compliance : float
-        1 / (pi E*) [mm2/N].
+    base : HalfSpaceKernel
+        Kernel of the bodies on a free patch.
     axis : int
         0 if the pressure repeats in y, 1 if it repeats in x.
     period : float
@@ -55,9 +69,13 @@ class OneWayKernel(HalfSpaceKernel):
 
     encloses_images = True
 
-    def __init__(self, compliance, axis, period, datum):
-        super().__init__(compliance)
-        self.axis, self.period, self.datum = axis, float(period), float(datum)
+    def __init__(self, base, axis, period, datum):
+        super().__init__(base.compliance)
+        self.base, self.axis, self.period, self.datum = base, axis, float(period), float(datum)
+        self.scale_free, self.far_reaching = base.scale_free, base.far_reaching
+        # Laws of waves do not depend on the period.
+        self.in_units, self.scale, self.scale_sampled = base.in_units, base.scale, base.scale_sampled
+        self.smallest_eigenvalue, self.compliance_at = base.smallest_eigenvalue, base.compliance_at
 
     def period_cells(self, grid):
         """Return numbers of cells in y and x after which coefficients repeat."""
@@ -68,7 +86,7 @@ class OneWayKernel(HalfSpaceKernel):
     @property
     def parameters(self):
         """Numbers that define the kernel."""
-        return self.compliance, self.axis, self.period, self.datum
+        return *self.base.parameters, self.axis, self.period, self.datum
 
     def coefficients(self, grid, rows, columns):
         """Return influence coefficients; see `HalfSpaceKernel.coefficients`."""
@@ -104,6 +122,14 @@ class OneWayKernel(HalfSpaceKernel):
             if width > period:
                 outside = _log_integral(self.datum, width / 2) - _log_integral(self.datum, inner / 2)
                 total[:, near] += 2 * length / period * 2 * outside
+        for layer in getattr(self.base, "layers", ()):
+            own = _layer_integrals(
+                layer, width, period, self.datum, max(count, int(across.max(initial=0)) + 1)
+            )
+            k = np.arange(len(own))
+            waves = np.where(k > 0, 4, 2) * length / period * np.sinc(k / n)
+            own = np.cos(2 * np.pi / n * (np.outer(folded, k) % n)) * waves @ own[:, across]
+            total += layer.plane_compliance / self.compliance * own
         return total[index]
 
     def _near_integrals(self, n, length, width, along, across):
@@ -119,15 +145,16 @@ class OneWayKernel(HalfSpaceKernel):
         return total + length * width * rest
 
     def is_positive(self, grid):
-        """Return whether no influence coefficient is negative; see `_DATUM_SIDES`."""
-        return True
+        """Return whether no influence coefficient is negative."""
+        return self.base.scale_free or (self.base.is_positive(grid) and _least_coefficient(self, grid) >= 0)
 
     def middle_displacement(self, lengths):
         """Return the displacement in the middle of a loaded strip [mm].
 
         The pressure is 1 N/mm2; `lengths` are the sides in y and x [mm]. The strip is loaded over the whole period.
         """
-        return 2 * self.compliance * _log_integral(self.datum, lengths[1 - self.axis] / 2) * 2
+        rigid, compliance = self.base.softest_parts(max(lengths))
+        return rigid + 4 * compliance * _log_integral(self.datum, lengths[1 - self.axis] / 2)
 
     def punch_stiffness(self, area):
         """Return the stiffness of a flat punch as long as the period [N/mm].
@@ -135,24 +162,29 @@ class OneWayKernel(HalfSpaceKernel):
         `area` is that of its end [mm2].
         """
         half_width = min(area / (2 * self.period), self.datum / 2)
-        return self.period / (2 * self.compliance * np.log(2 * self.datum / half_width))
+        compliance = self.compliance_at(4 * half_width) / np.pi
+        return self.period / (2 * compliance * np.log(2 * self.datum / half_width))
 
 
 def patch_kernel(kernel, grid):
     """Return the kernel of the same bodies on a patch.
 
     The `kernel` is that of a free patch, ``Material.kernel``, or already that of this patch. Raises InputError for a
-    coated body on a patch that is periodic in one direction.
+    layer that is too thin for a patch that is periodic in one direction.
     """
     if not grid.one_way or kernel.encloses_images:
         return kernel
-    if type(kernel) is not HalfSpaceKernel:
-        raise InputError(
-            f"periodic: {grid.one_way!r} (-periodic {grid.one_way}); must be True or False with a coating or layer"
-        )
     axis = "yx".index(grid.one_way)
     sides = grid.ny * grid.dy, grid.nx * grid.dx
-    return OneWayKernel(kernel.compliance, axis, sides[axis], _DATUM_SIDES * max(sides))
+    thinnest, layers = _MIN_THICKNESS * max(sides), getattr(kernel, "layers", ())
+    for layer in layers:
+        if layer.thickness < thinnest:
+            raise InputError(
+                f"coating thickness {format_distinct(layer.thickness, thinnest)} mm: must be at least "
+                f"{format_distinct(thinnest, layer.thickness)} mm on this patch, which is periodic in {grid.one_way}"
+            )
+    longest = max(*sides, *(2 * layer.thickness for layer in layers))
+    return OneWayKernel(kernel, axis, sides[axis], _DATUM_SIDES * longest)
 
 
 def _log_integral(datum, x):
@@ -224,3 +256,57 @@ def _smooth_rest():
             for a in range(j + 1):  # r^(2 j) = (x^2 + y^2)^j
                 table[order // 2 - a, a] += term * comb(j, a)
     return table
+
+
+@lru_cache(maxsize=8)
+def _layer_integrals(layer, width, period, datum, count):
+    """Return integrals of the layer's part of waves over the width of cells.
+
+    The part is that of the module docstring without its factor. The shape is (waves, cells): waves from k = 0 on, cells
+    at offsets from 0 to `count` - 1.
+    """
+    t, excess = layer.thickness, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]) - 1
+    x, highest = width * np.arange(count), _MAX_DECAY / layer.thickness
+    along = 2 * np.pi / period * np.arange(int(highest * period / (2 * np.pi)) + 1)
+    table = np.zeros((along.size, count))
+    p, weights = _across(min(np.pi / period, 1e-3 / t), min(_MAX_PHASE / (x[-1] + width), 0.5 / t), highest)
+    for start in range(0, p.size, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        q = np.hypot(along[:, None], p[part])
+        waves = layer.ratio(q.ravel()).reshape(q.shape) - 1
+        waves[0] -= excess * np.exp(-2 * p[part] * t)
+        waves *= weights[part] * width * np.sinc(p[part] * width / (2 * np.pi)) / q
+        table += waves @ np.cos(np.outer(p[part], x))
+    nodes, gauss = _GAUSS
+    if width < t:
+        points = width * (np.arange(count)[:, None] + nodes / 2)
+        table[0] += excess * width / 2 * (np.log(datum / np.hypot(points, 2 * t)) @ gauss)
+    else:
+        edges = x - width / 2, x + width / 2
+        low, high = (
+            a * (np.log(datum / np.hypot(a, 2 * t)) + 1) - 2 * t * np.arctan(a / (2 * t)) for a in edges
+        )
+        table[0] += excess * (high - low)
+    return table
+
+
+def _across(first, step, highest):
+    """Return points and weights of a composite Gauss rule from 0 to `highest`.
+
+    The first interval has the length `first`; the next ones are twice as long each, up to the length `step`.
+    """
+    growing = first * 2.0 ** np.arange(max(int(np.log2(step / first)) + 1, 1))
+    edges = np.concatenate([[0.0], growing, np.arange(growing[-1] + step, highest + step, step)])
+    nodes, weights = _GAUSS
+    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
+    return (half * nodes + middle).ravel(), (half * weights).ravel()
+
+
+@lru_cache(maxsize=16)
+def _least_coefficient(kernel, grid):
+    """Return the smallest influence coefficient at some offsets: all small ones, and a part of the others."""
+    rows, columns = (
+        np.unique(np.concatenate([np.arange(min(n, 32)), np.arange(0, n, max(1, n // 64)), [n - 1]]))
+        for n in grid.shape
+    )
+    return float(kernel.unit_coefficients(grid, rows, columns).min())

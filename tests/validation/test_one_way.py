@@ -13,6 +13,7 @@ from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.stress.subsurface import SubsurfaceStress, max_shear
 from app.options.method import list_methods
 from app.reference.line import LineContact
+from app.verification.dense import DenseProblem
 from app.verification.solving import UNIT, random_problem
 
 METHODS = [name for name in list_methods() if name != "primal"]
@@ -112,6 +113,24 @@ def test_random_problems_equal_dense_solutions(seed):
             np.testing.assert_allclose(solver.solve(approach=approach).pressure, expected, **close)
     load = expected.sum() * grid.cell_area
     np.testing.assert_allclose(solve(along_y, None, "fast", load=load, **TIGHT).pressure, expected, **close)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_layers_equal_dense_solutions(seed):
+    rng = np.random.default_rng(seed)
+    problem = random_problem(rng, *rng.integers(3, 15, 2), "xy"[seed % 2])
+    side, substrate = max(problem.grid.shape) * 0.1, [0.1, 10.0, np.inf][seed % 3]
+    material = Material.coated((1.0, substrate), (0.4, 0.3), side * 10 ** rng.uniform(-1, 1))
+    problem = ContactProblem(problem.grid, material, problem.gap)
+    approach = np.nanmin(problem.gap) + rng.uniform(0.2, 1.0) * np.nanmean(problem.gap)
+    dense = DenseProblem(problem)
+    expected = dense.at(approach)
+    for method in ("fast", "fmg_v11", "norm"):
+        solution = solve(problem, approach, method, **TIGHT)
+        assert_solves_lcp(solution)
+        error = dense.energy(solution.pressure - expected)
+        assert error <= (solution.error_bound + 1e-12) * dense.energy(expected)
+        np.testing.assert_allclose(solution.pressure, expected, rtol=0, atol=1e-4 * expected.max())
 
 
 def rough_gap(ny, nx, seed=0):
@@ -219,8 +238,8 @@ def test_what_needs_both_directions_is_refused():
         ContactSolver(problem).solve(mean_gap=1.0)
     with pytest.raises(InputError, match="-lcp_type primal: works on patches periodic in x and y"):
         ContactSolver(problem, "primal")
-    coated = ContactProblem(problem.grid, Material.layer(1.0, 0.3, 1.0), problem.gap)
-    with pytest.raises(InputError, match="periodic: 'y'"):
+    coated = ContactProblem(problem.grid, Material.coated((1.0, 2.0), (0.3, 0.3), 1e-3), problem.gap)
+    with pytest.raises(InputError, match="coating thickness"):
         ContactSolver(coated)
     with pytest.raises(InputError, match="one cell wide"):
         ContactProblem(Grid(8, 1, 0.1, 0.1), problem.material, Cylinder(RADIUS), periodic="x")

@@ -64,7 +64,9 @@ class LayeredStress(SubsurfaceStress):
 
     def _make_sums(self, pressure, grid):
         if grid.one_way:
-            raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a coating or layer")
+            raise InputError(
+                f"periodic in {grid.one_way}: a coated body has stresses on free patches, or if both directions repeat"
+            )
         from app.halfspace.stress.layer_sums import LayeredFreeStress, LayeredPeriodicStress
 
         return (LayeredPeriodicStress if grid.symbol else LayeredFreeStress)(pressure, grid, self.layer)

@@ -11,6 +11,7 @@ from app.halfspace.kernel import UNIT
 from app.halfspace.love import love_coefficients
 from app.halfspace.material import Material
 from app.halfspace.one_way_kernel import patch_kernel
+from app.halfspace.operator import InfluenceOperator
 
 COPIES = 2000
 ROUNDING = 2e-14  # of the largest coefficient; measured: 9e-15
@@ -92,9 +93,70 @@ def test_rows_of_the_period_and_parts_of_it_have_equal_coefficients():
     assert joined[0, 5] / 2 == pytest.approx(centre[0, 10], rel=1e-2)
 
 
-def test_coated_bodies_are_refused():
-    layer = Material.layer(1.0, 0.3, 1.0)
-    with pytest.raises(
-        InputError, match=r"periodic: 'y' \(-periodic y\); must be True or False with a coating"
-    ):
-        patch_kernel(layer.kernel, GRIDS[0])
+BODIES = {
+    "soft base": Material.coated((2.0, 1.0), (0.3, 0.3), 0.2, other=(5.0, 0.1)),
+    "stiff base": Material.coated((1.0, 10.0), (0.4, 0.2), 0.2),
+    "rigid base": Material.layer(1.0, 0.5, 0.2),
+    "hard": Material.coated((100.0, 1.0), (0.3, 0.3), 0.05),
+    "thick": Material.coated((1.0, 0.1), (0.3, 0.3), 20.0),
+}
+each_body = pytest.mark.parametrize("material", BODIES.values(), ids=BODIES.keys())
+
+
+def displaced(grid, material, pressure):
+    u = np.empty(grid.shape)
+    InfluenceOperator(grid, material.kernel).exact_displacement(pressure, u)
+    return u
+
+
+@each_body
+def test_waves_along_the_period_displace_layers_as_on_a_periodic_patch(material):
+    """Across the period their displacement decays, so that copies in this direction do not matter."""
+    grid, wide = Grid(10, 12, 0.11, 1 / 12, periodic="y"), Grid(96, 12, 0.11, 1 / 12, periodic="love")
+    pressure = np.random.default_rng(0).normal(size=grid.shape)
+    pressure -= pressure.mean(axis=0)
+    padded = np.zeros(wide.shape)
+    padded[:, : grid.nx] = pressure
+    u = displaced(grid, material, pressure)
+    np.testing.assert_allclose(
+        displaced(wide, material, padded)[:, : grid.nx], u, rtol=0, atol=1e-14 * abs(u).max()
+    )
+
+
+@each_body
+def test_plane_strain_of_layers_is_that_of_a_long_periodic_patch(material):
+    """Pressures without moments up to the third: displacements by their copies are negligible."""
+    grid, long = Grid(10, 1, 0.11, 1.0, periodic="y"), Grid(4096, 1, 0.11, 1.0, periodic="love")
+    pressure, padded = np.zeros(grid.shape), np.zeros(long.shape)
+    pressure[0, 2:7] = 1, -4, 6, -4, 1
+    padded[:, : grid.nx] = pressure
+    u, expected = displaced(grid, material, pressure), displaced(long, material, padded)[:, : grid.nx]
+    expected += u[0, 0] - expected[0, 0]  # on a periodic patch without mean
+    np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * abs(u).max())
+
+
+@each_body
+def test_layers_keep_the_matrix_positive_and_its_bounds(material):
+    for grid in (Grid(10, 12, 0.11, 1 / 12, periodic="y"), Grid(7, 4, 0.05, 0.4, periodic="y")):
+        kernel, matrix = patch_kernel(material.kernel, grid), dense_matrix(grid, material.kernel)
+        assert np.linalg.eigvalsh(matrix).min() >= kernel.smallest_eigenvalue(grid)
+        assert kernel.is_positive(grid) == (matrix.min() >= 0)
+        other = Grid(grid.ny, grid.nx, grid.dy, grid.dx, periodic="x")
+        assert np.array_equal(
+            influence_quadrant(other, material.kernel), influence_quadrant(grid, material.kernel).T
+        )
+
+
+def test_equal_materials_are_a_half_space():
+    grid, equal = Grid(10, 12, 0.11, 1 / 12, periodic="y"), Material.coated((1.0, 1.0), (0.3, 0.3), 0.2)
+    body = Material.pair((1.0, np.inf), (0.3, 0.0))
+    expected = influence_quadrant(grid, body.kernel)
+    np.testing.assert_allclose(
+        influence_quadrant(grid, equal.kernel), expected, rtol=0, atol=1e-13 * expected.max()
+    )
+
+
+def test_thin_layers_are_refused():
+    thin = Material.coated((1.0, 2.0), (0.3, 0.3), 1e-3)
+    with pytest.raises(InputError, match=r"coating thickness 0.001 mm: must be at least .* periodic in y"):
+        patch_kernel(thin.kernel, GRIDS[0])
