@@ -64,8 +64,8 @@ class ParsedOptions:
         """Return the one of exclusive options that applies; remove the others.
 
         `alternatives` are names of options, or tuples of names that are allowed together. The alternative on the
-        command line applies. If there is none, that of the last option file with an alternative applies. Return None if
-        no alternative is given; but if one must be given, `needed` names the alternatives for the error message. Raises
+        command line applies. Otherwise that of the last option file with an alternative applies. Return None if no
+        alternative is given; but if one must be given, `needed` names the alternatives for the error message. Raises
         InputError if the source that applies has several alternatives.
         """
         members = {one: (one,) if isinstance(one, str) else one for one in alternatives}

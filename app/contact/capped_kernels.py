@@ -270,10 +270,10 @@ def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
 
 @njit()
 def local_load(b, depth, u, p, upper, admissible, t, compliance):
-    """Return the sum of pressures after all cells have approached by t, and a number of cells.
+    """Return the sum of pressures after all cells have approached by t.
 
-    Each cell has its own `compliance`: p changes by (t - e) / compliance, within the bounds. The number is that of the
-    cells between the bounds.
+    Return also the number of cells whose pressure is then between its bounds. Each cell has its own `compliance`: p
+    changes by (t - e) / compliance, within the bounds.
     """
     sums = 0.0, 0
     for j in range(b.shape[0]):

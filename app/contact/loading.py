@@ -76,7 +76,7 @@ class Loading:
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Replace the prescribed number, which `measures` has with rounding errors, by the exact one."""
+        """Return `measures` with the prescribed number free of rounding errors."""
         return measures
 
     def first_solve(self, state, solve):

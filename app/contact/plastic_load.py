@@ -43,10 +43,11 @@ def step_to_load(state, load, target, stiffness=0.0):
 
 
 def _zero(function, value, slope, width, allowed):
-    """Find the zero of an increasing function from 0, by Newton's method within a bracket.
+    """Find the zero of an increasing function by Newton's method.
 
-    ``function(t)`` returns value and derivative; those at 0 are `value` and `slope`. `width` is the first step where
-    the derivative is 0. A value up to `allowed` counts as zero.
+    The iteration starts at 0, and stays in an interval that contains the zero. ``function(t)`` returns value and
+    derivative; those at 0 are `value` and `slope`. `width` is the first step where the derivative is 0. A value up to
+    `allowed` counts as zero.
     """
     t, low, high, before = 0.0, -np.inf, np.inf, np.inf
     for _ in range(_MAX_TRIALS):

@@ -123,7 +123,7 @@ class Grid:
 
     @cached_property
     def repeats(self):
-        """Whether the patch repeats in y, and whether in x."""
+        """Whether the patch repeats, in y and in x."""
         return repeats_in(self.periodic)
 
     @cached_property

@@ -1,8 +1,8 @@
 """Hankel transforms of smooth functions at many distances.
 
 The functions of the wave number q are smooth, and decay like exp(-q) or faster. Up to a distance of ten, the integrals
-are Gauss sums over fixed wave numbers. At larger distances r they are sums over y = q r. There a smooth window ends the
-oscillations after some of them, because the others cancel: then the same points y serve all distances.
+are Gauss sums over fixed wave numbers. At larger distances r they are sums over y = q r. There a smooth window cuts off
+the integrand after some oscillations, because later ones cancel. So the same points y serve all distances.
 """
 
 from math import log2

@@ -107,10 +107,10 @@ def _lattice_sum(aspect):
 def _layer_lattice_sum(grid, sides, kernel):
     """Return Chebyshev coefficients [y, x] of a lattice sum for layers.
 
-    1/rho of `_lattice_sum` is replaced by what layers add to it, and a constant is added. The sum converges
-    exponentially, because its terms end by a smooth cutoff: a smooth function, summed over the lattice, is constant. So
-    the origin also has a term, with the cutoff minus 1. `sides` are those of the box in y and x, and `grid` has the
-    size of the cells.
+    Instead of 1/rho as in `_lattice_sum`, the part that layers add to 1/rho is summed, plus a constant. The sum
+    converges exponentially, because its terms end by a smooth cutoff: a smooth function, summed over the lattice, is
+    constant. So the origin also has a term, with the cutoff minus 1. `sides` are those of the box in y and x, and
+    `grid` has the size of the cells.
     """
     height, length = sides
     aspect, width = height / length, _CUTOFF_WIDTH * max(1.0, height / length)

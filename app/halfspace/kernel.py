@@ -38,7 +38,7 @@ class HalfSpaceKernel:
         self.compliance = float(compliance)
 
     def period_cells(self, grid):
-        """Return the periods of coefficients in y and x [cells]; 0: none."""
+        """Return the periods of coefficients in y and x [cells], 0 without a period."""
         return 0, 0
 
     @property

@@ -20,7 +20,7 @@ _BYTES_PER_COLUMN = 4096  # more than HDF5 needs for the metadata of a dataset
 
 
 def check_fields(path, names, grids):
-    """Check file name, fields and grids before any work; return the names of the fields."""
+    """Check file name, fields and grids; return the names of the fields."""
     check_output_path(path, what="output")
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names or not set(names) <= _TYPES.keys():

@@ -22,11 +22,12 @@ _PROBE = "app_solver_options_probe"  # a name that no option has
 
 
 class SolverOptions:
-    """Options of one solver, in PETSc's database only inside ``with`` blocks of `inserted`.
+    """Options of one solver.
 
-    The `prefix`, before all names in the database, begins with a letter or is empty. In `texts`, names have no dash and
-    no prefix, and an option without value has the empty text. Options ``lcp_*`` are kept apart, because PETSc does not
-    read them. The names in `ignored` are never reported as unused.
+    They are in PETSc's database only inside ``with`` blocks of `inserted`. The `prefix`, before all names in the
+    database, begins with a letter or is empty. In `texts`, names have no dash and no prefix, and an option without
+    value has the empty text. Options ``lcp_*`` are kept apart, because PETSc does not read them. The names in `ignored`
+    are never reported as unused.
 
     Attributes
     ----------
@@ -144,7 +145,7 @@ def temporary_options(prefix, defaults, forced):
 
 
 def read_option_file(path, flag="-options_file"):
-    """Return a file's options, as PETSc reads them; InputError if it does not accept the file."""
+    """Return a file's options as PETSc reads them; InputError if PETSc refuses it."""
     database = PETSc.Options().create()
     try:
         database.insertString(f'{flag} "{path}"')

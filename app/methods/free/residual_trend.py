@@ -1,7 +1,8 @@
-"""Trend of the residual over the patch, where plastic cells separate the cells of C.
+"""Trend of the residual over the patch, if cells are plastic.
 
 Cells that reach the hardness lose the pressure above it. The other cells of C make up for it in the next solve, so the
-residual that is left varies slowly over the patch, and its reduction displaces all cells between those of C, too.
+remaining residual varies slowly over the patch. A correction of this residual also displaces the cells between those
+of C.
 The trend is a mean of the residual over the cells of C nearby. It follows from means over blocks of all sizes, from the
 whole patch to a few cells:
 
