@@ -85,7 +85,7 @@ def notes_on(state, problem, contact, roughness):
 
 
 def _note_cell_shape(grid):
-    """Return a note if x may be exchanged with y."""
+    """Return a note if x and y may have been exchanged."""
     shape = np.log(grid.dx / grid.dy)
     exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
     if min(grid.nx, grid.ny) == 1 or abs(shape) <= 1e-3 or not (exchanged or abs(shape) < MAX_LOG_SQUARE):

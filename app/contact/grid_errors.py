@@ -46,7 +46,7 @@ class GridErrors(NamedTuple):
     contact_area_error: float = float("nan")
 
     def with_contact_edge(self, solution):
-        """Return these errors; raise that of the contact area if too small.
+        """Return these errors; increase that of the contact area if too small.
 
         The error of the area is at least the relative difference of ``contact_fraction`` and
         ``contact_fraction_corrected``. The areas of two grids may agree by chance, because numbers of cells scatter.

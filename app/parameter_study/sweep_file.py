@@ -157,7 +157,7 @@ def _check_list(value, where):
 
 
 def _list_values(value, where):
-    """Return a list of texts; join each inner list with commas."""
+    """Return a list as texts; an inner list becomes one text with commas."""
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(f"{where}: the list is empty")

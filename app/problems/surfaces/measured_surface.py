@@ -315,7 +315,7 @@ class Surface:
         return heights
 
     def _read(self, start, stop):
-        """Return crop rows from the file, levelled [mm]."""
+        """Return rows of the crop from the file, levelled [mm]."""
         heights = self._source.cropped_rows(self.crop, start, stop)
         heights *= UNITS[self.unit]
         return add_polynomial(heights, self._level, start, self.crop[3] - self.crop[2], sign=-1)
