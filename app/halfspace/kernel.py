@@ -126,10 +126,10 @@ class HalfSpaceKernel:
         return self.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)
 
     def softest_parts(self, length):
-        """Return bounds of the displacement of layers and of the compliance of half-spaces.
+        """Return upper bounds of a displacement and of a compliance.
 
-        The displacement is that by pressure 1 in waves up to twice the `length` on layers with a rigid base, the
-        compliance that of the softest half-spaces below other layers. Units: mm / (N/mm2), mm2/N.
+        The displacement is that of layers on a rigid base by pressure 1 in waves up to twice the `length` long
+        [mm / (N/mm2)]. The compliance is that of half-spaces, of the softer of layer and substrate [mm2/N].
         """
         return 0.0, self.compliance
 

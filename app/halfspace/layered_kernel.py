@@ -156,7 +156,7 @@ class LayeredKernel(HalfSpaceKernel):
         return _least_coefficient(self, grid) >= 0
 
     def softest_parts(self, length):
-        """Return bounds for waves up to twice a length; see `HalfSpaceKernel`."""
+        """Return upper bounds; see `HalfSpaceKernel.softest_parts`."""
         q = np.array([np.pi / length])
         rigid, compliance = 0.0, self.other
         for layer in self.layers:

@@ -304,7 +304,7 @@ def _across(first, step, highest):
 
 @lru_cache(maxsize=16)
 def _least_coefficient(kernel, grid):
-    """Return the smallest influence coefficient at some offsets: all small ones, and a part of the others."""
+    """Return the smallest of the influence coefficients at all small and some large offsets."""
     rows, columns = (
         np.unique(np.concatenate([np.arange(min(n, 32)), np.arange(0, n, max(1, n // 64)), [n - 1]]))
         for n in grid.shape
