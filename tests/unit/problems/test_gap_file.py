@@ -77,5 +77,5 @@ def test_hardness_of_a_file_may_be_infinite(tmp_path, file):
     (np.save if file.endswith("npy") else np.savetxt)(tmp_path / file, hardness)
     grid = Grid(9, 8, 1.0, 1.0)
     np.testing.assert_array_equal(HardnessFile(tmp_path / file).values_on(grid), hardness)
-    with pytest.raises(ValueError, match=r"^hardness file .* has shape \(8, 9\); -grid 8,9 needs"):
+    with pytest.raises(ValueError, match=r"^hardness file .* has shape \(8, 9\); the grid needs"):
         HardnessFile(tmp_path / file).values_on(Grid(8, 9, 1.0, 1.0))
