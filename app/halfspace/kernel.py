@@ -148,6 +148,14 @@ class HalfSpaceKernel:
         """
         return 2 / (np.pi * self.compliance) * np.sqrt(area / np.pi)
 
+    def contrast(self, grid):
+        """Return how much softer the bodies are for long waves than for short ones.
+
+        This is the compliance for the longest waves on a grid over that for the shortest ones, at least 1. It exceeds 1
+        if a layer is stiffer than its substrate.
+        """
+        return 1.0
+
     def compliance_at(self, length):
         """Return 1 / E* for waves of a `length` [mm2/N].
 

@@ -208,6 +208,11 @@ class LayeredKernel(HalfSpaceKernel):
         compliance = float(self.wave_compliance(np.array([4 / (np.pi * radius)]))[0])
         return 2 / (np.pi * compliance) * radius
 
+    def contrast(self, grid):
+        """Return the ratio of compliances; see `HalfSpaceKernel.contrast`."""
+        longest, shortest = max(grid.nx * grid.dx, grid.ny * grid.dy), 2 * min(grid.dx, grid.dy)
+        return max(1.0, self.compliance_at(longest) / self.compliance_at(shortest))
+
     def compliance_at(self, length):
         """Return 1 / E* for waves of a length [mm2/N].
 

@@ -40,7 +40,9 @@ class InexactStop(StoppingTest):
 
         - If ||h||_C is zero, the limit is rtol ||h||.
         - Else on the target grid, the limit is the smaller of rtol ||h|| and 100 rtol ||h||_C.
-        - Else on a coarser grid, the limit is coarse_rtol times the smaller of ||h|| and ||h||_C.
+        - Else on a coarser grid, the limit is coarse_rtol times the smaller of ||h|| and ||h||_C. For a stiff layer on
+          a soft substrate the limit is divided by the contrast of the compliances: h is then mostly the displacement of
+          the substrate, and contact is decided by the smaller displacements of short waves.
 
         The argument `h_on_contact` is ||h||_C [mm]. Collective if it is None, because ||h||_C is then computed.
         """
@@ -49,7 +51,8 @@ class InexactStop(StoppingTest):
         if not h_on_contact:
             return self.rtol * norm
         if not self.final:
-            return max(self.coarse_rtol, ROUNDING_RESIDUAL) * min(norm, h_on_contact)
+            coarse_rtol = self.coarse_rtol / state.operator.kernel.contrast(state.grid)
+            return max(coarse_rtol, ROUNDING_RESIDUAL) * min(norm, h_on_contact)
         return min(self.rtol * norm, max(IN_CONTACT * self.rtol, ROUNDING_RESIDUAL) * h_on_contact)
 
     def certified(self, state, work=None):

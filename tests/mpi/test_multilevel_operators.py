@@ -6,10 +6,12 @@ from itertools import product
 import numpy as np
 import pytest
 
+from app import Material
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid
 from app.halfspace.kernel import UNIT
 from app.halfspace.one_way_kernel import patch_kernel
+from app.methods.free.padded_inverse import PaddedInverse
 from app.methods.multilevel_operators import (
     create_circulant_inverse,
     create_multilevel_influence,
@@ -52,7 +54,16 @@ def test_products_periodic_in_one_direction(comm, shape, periodic, dealt, multip
     compare(comm, shape, dealt, np.float64, multiplier, periodic)
 
 
-def compare(comm, shape, dealt, dtype, multiplier, periodic):
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("shape", [(128, 140, 0.12), (30, 40, 0.1)])
+@pytest.mark.parametrize("dealt", ["even", "thin", "nothing at the ends"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_inverse_of_layers(comm, shape, dealt, dtype):
+    kernel = Material.coated((5.0, 1.0), (0.3, 0.3), 0.5).kernel
+    compare(comm, shape, dealt, dtype, PaddedInverse, "", kernel)
+
+
+def compare(comm, shape, dealt, dtype, multiplier, periodic, kernel=UNIT):
     """Check a product on these ranks against one on a single rank."""
     ny, nx, dy = shape
     starts = {
@@ -62,7 +73,7 @@ def compare(comm, shape, dealt, dtype, multiplier, periodic):
     }[dealt]
     slabs = Slabs.starting(starts, comm.rank)
     grid = Grid(nx, ny, 0.1, dy, periodic=periodic)
-    kernel = patch_kernel(UNIT, grid)
+    kernel = patch_kernel(kernel, grid)
     alone = multiplier(grid, kernel, Layout(dtype=dtype))
     here = multiplier(grid, kernel, Layout(slabs, comm, dtype))
     field = np.random.default_rng(1).normal(size=grid.shape)

@@ -239,6 +239,23 @@ def test_work_on_free_patches_is_bounded(young, nu, most, cells):
     assert solution.operator_applications < most
 
 
+@pytest.mark.parametrize("young, cells", [(0.2, 1), (0.5, 10), (2.0, 1), (2.0, 10), (2.0, 100), (5.0, 10)])
+def test_work_on_large_free_patches_is_that_of_half_spaces(young, cells):
+    """At most 1.5 times as many products."""
+    rough, grid = periodic_rough(128), Grid.from_domain(128, 128, (0, 1, 0, 1))
+    counts = []
+    for material in (
+        Material.pair((1.0, np.inf), (0.3, 0)),
+        Material.coated((young, 1.0), (0.3, 0.3), cells / 128),
+    ):
+        with ContactSolver(ContactProblem(grid, material, surfaces=rough.surfaces)) as solver:
+            modulus = 1 / material.kernel.compliance_at(0.25)  # of the longest waves of the surface
+            solutions = [solver.solve(load=share * modulus) for share in (0.003, 0.03)]
+        assert all(solution.converged and not solution.fallbacks for solution in solutions)
+        counts.append(sum(solution.operator_applications for solution in solutions))
+    assert counts[1] < 1.5 * counts[0]
+
+
 @pytest.mark.parametrize("young", [(0.2, 1.0), (0.5, 1.0), (2.0, 1.0), (1.0, np.inf)])
 @pytest.mark.parametrize("cells", [1, 3, 30])
 def test_work_on_periodic_patches_is_that_of_half_spaces(young, cells):

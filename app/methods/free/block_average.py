@@ -43,11 +43,14 @@ class BlockAverage:
         Ranks that share the grid.
     cells : int
         Number of cells of a block in each direction.
+    contrast : float
+        Compliance for long waves over that for short ones. If it is large, displacements decay slowly between contact
+        spots, so the offset is divided by it.
     """
 
-    def __init__(self, shape, slabs, comm, cells):
+    def __init__(self, shape, slabs, comm, cells, contrast=1.0):
         first = (slabs or Slabs(shape[0])).rows.start
-        self._comm, self._cells = comm, cells
+        self._comm, self._cells, self._offset = comm, cells, CONTACT_SHARE_OFFSET / contrast
         self._places = cells, first, np.zeros(shape[1], np.float32)  # a work row
         self._shape = tuple(-(-n // cells) for n in shape)  # in blocks
         self._means, self._weights, self._work = (np.zeros(self._shape) for _ in range(3))
@@ -64,7 +67,7 @@ class BlockAverage:
             [self._means] = means
         partial = np.count_nonzero((shares > 0) & (shares < 1))
         _smooth(shares, self._work)
-        np.divide(1.0, shares + CONTACT_SHARE_OFFSET, out=self._weights)
+        np.divide(1.0, shares + self._offset, out=self._weights)
         return bool(partial >= MIN_SCATTERED_FRACTION * shares.size)
 
     def update(self, r):

@@ -22,11 +22,14 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator, get_operator
 from app.methods.free.block_average import BlockAverage
 from app.methods.free.contact_edge import EdgeExtension
+from app.methods.free.padded_inverse import PaddedInverse
 from app.methods.multilevel_operators import create_circulant_inverse, get_or_create
 from app.methods.symbol import centre
 
 _event = PETSc.Log.Event("CirculantPC")
 MIN_BLOCKS = 8  # in a direction: on smaller grids block means gain nothing
+STIFF_LAYER_STEPS = 3  # factor on the extension's steps for a stiff layer on a soft substrate
+MIN_STIFF_CONTRAST = 1.25  # least ratio of the compliances for long and short waves of such a layer
 MAX_SCALED_ASPECT = (
     1.75  # side ratio of cells up to which the stencil keeps constants; above, contact sets cycle
 )
@@ -49,6 +52,12 @@ def _create_periodic_inverse(grid, kernel, layout):
     return inverse
 
 
+def has_stiff_layer(operator):
+    """Return whether a free patch has a stiff layer on a soft substrate."""
+    grid = operator.grid
+    return not grid.periodic and operator.kernel.contrast(grid) > MIN_STIFF_CONTRAST
+
+
 def circulant_inverse(operator, apart=False):
     """Return B, the inverse of the influence matrix A continued periodically.
 
@@ -58,6 +67,8 @@ def circulant_inverse(operator, apart=False):
     if not operator.active:
         return operator.product
     periodic = operator.grid.symbol
+    if apart and has_stiff_layer(operator):
+        return get_or_create(operator, "apart", PaddedInverse)
     create = _create_periodic_inverse if periodic else partial(create_circulant_inverse, apart=apart)
     return get_or_create(operator, "apart" if apart and not periodic else "adjoining", create)
 
@@ -69,6 +80,9 @@ class Circulant:
     continued periodically. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3
     centre of B (`app.methods.free.contact_edge`). The iteration starts from zero or, on a free patch with scattered
     contact, from means of the residual over blocks (`app.methods.free.block_average`).
+
+    For a stiff layer on a soft substrate, B also continues fields past the boundary of a free patch
+    (`app.methods.free.padded_inverse`), and E takes more steps.
 
     Options: ``-pc_circulant_extend k``, the number of steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells
     of a block in each direction (default 0: no block means).
@@ -97,14 +111,17 @@ class Circulant:
         blocks, periodic = self.blocks, bool(operator.grid.symbol)
         self.multiplier = circulant_inverse(operator, apart=True)
         shared = operator.slabs, operator.comm
-        self.extension = EdgeExtension(operator.local_shape, *shared, self.steps, operator.grid.periodic)
+        steps = self.steps * (STIFF_LAYER_STEPS if has_stiff_layer(operator) else 1)
+        self.extension = EdgeExtension(operator.local_shape, *shared, steps, operator.grid.periodic)
         far_reaching = operator.kernel.far_reaching
         stencil = self.multiplier.centre if periodic else centre(operator.grid, operator.kernel)
         self.average = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
         if blocks and far_reaching and min(operator.grid.shape) >= MIN_BLOCKS * blocks:
-            self.average = BlockAverage(operator.grid.shape, *shared, blocks)
+            self.average = BlockAverage(
+                operator.grid.shape, *shared, blocks, operator.kernel.contrast(operator.grid)
+            )
         sides = operator.grid.dx, operator.grid.dy
         # Without block means neighbours may cancel, as on 2 x 2 periodic cells.
         scaled = self.average and max(sides) <= MAX_SCALED_ASPECT * min(sides)

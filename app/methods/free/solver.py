@@ -1,5 +1,7 @@
 """Linear solver that updates the displacement u = A p with p."""
 
+from math import sqrt
+
 from petsc4py import PETSc
 
 from app.contact import kernels
@@ -40,6 +42,8 @@ class TrackingSolver(LinearSolver):
                 "-ksp_type: -lcp_type fast needs one that starts from a known displacement: "
                 "python with -ksp_python_type app.methods.free.tracking_cg.TrackingCG"
             )
+        contrast = self.operator.kernel.contrast(self.operator.grid)
+        self.ksp.setTolerances(rtol=self.ksp.getTolerances()[0] / sqrt(contrast))
         self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
     def begin(self, multilevel):

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from app import Grid
+from app import Grid, Material
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.kernel import UNIT, HalfSpaceKernel
@@ -68,6 +68,16 @@ def test_multilevel_influence_is_near_a_and_symmetric(grid, error):
     fields = [(noise(grid), error), (cells(grid), error), (np.ones(grid.shape), 1e-3), (wave(grid), 2e-3)]
     fields.append((corner(grid), 2 * error))
     assert_near_and_symmetric(create_multilevel_influence(grid, HalfSpaceKernel(0.5)), exact, fields, error)
+
+
+@pytest.mark.parametrize("young", [(1.0, 10.0), (10.0, 1.0), (1.0, np.inf)])
+@pytest.mark.parametrize("thickness", [1.0, 10.0, 100.0])
+def test_multilevel_influence_of_layers_is_near_a_and_symmetric(young, thickness):
+    grid, kernel = Grid(128, 150, 1.0, 1.0), Material.coated(young, (0.3, 0.3), thickness).kernel
+    exact = Convolution(lambda rows: influence_quadrant(grid, kernel, rows), grid.shape)
+    fields = [(field, 0.02) for field in (noise(grid), cells(grid), corner(grid))]
+    fields += [(np.ones(grid.shape), 3e-3), (wave(grid), 3e-3)]
+    assert_near_and_symmetric(create_multilevel_influence(grid, kernel), exact, fields, 0.02)
 
 
 @pytest.mark.parametrize("grid", [FREE[name][0] for name in list(FREE)[:5]], ids=list(FREE)[:5])
