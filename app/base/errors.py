@@ -22,10 +22,10 @@ class InputError(ValueError):
     """
 
     def __init__(self, message=""):
-        short = _LONG_WORD.sub(
-            lambda word: shorten(word[0], MAX_PATH if "/" in word[0] else MAX_WORD), str(message)
-        )
-        super().__init__(shorten(short, MAX_MESSAGE))
+        def shorter(word):
+            return shorten(word[0], MAX_PATH if "/" in word[0] else MAX_WORD)
+
+        super().__init__(shorten(_LONG_WORD.sub(shorter, str(message)), MAX_MESSAGE))
 
     def _render_traceback_(self):
         """Return the lines that IPython shows: only frames of the user."""

@@ -15,9 +15,7 @@ from app.base.errors import InputError, call_collectively, format_distinct
 
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "tao": 37, "snesvi": 37}  # per cell, on one rank
 DOUBLE_PRECISION = 2  # more doubles of the default methods without single precision
-CYCLES = (
-    12  # more doubles of the active set with Gauss-Seidel, multigrid, or the root search of periodic patches
-)
+CYCLES = 12  # more doubles of the active set with Gauss-Seidel, multigrid, or the search on periodic patches
 HARDNESS = 3  # more doubles with a hardness
 LAYER = 2  # more doubles with a coating or layer
 STRIP_DOUBLES = 64  # per cell of each of up to 4 rows and columns, for transforms
@@ -30,10 +28,7 @@ MIN_CHECKED = 1 << 20  # bytes; smaller requests are not checked
 
 
 def set_malloc_option(option, value):
-    """Set an option of glibc's malloc.
-
-    `option` is the number of the option in mallopt.
-    """
+    """Set an option of glibc's malloc, by its number in mallopt."""
     with suppress(AttributeError, ValueError):
         ctypes.CDLL(None).mallopt(option, value)
 
@@ -63,10 +58,7 @@ def doubles_per_cell(settings, periodic=False, capped=False, layered=False):
 
 
 def doubles_in_strips(grid):
-    """Return the size of the work arrays of FFTs, in doubles.
-
-    FFTs of a grid transform a few rows or columns at a time.
-    """
+    """Return the doubles of FFT work arrays, a few rows and columns."""
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 
@@ -113,10 +105,7 @@ def check_rank_memory(grid, cells):
 
 
 def _check(grid, needed, free, where):
-    """Raise InputError if a grid exceeds the free bytes.
-
-    `where` says in the message which memory is meant.
-    """
+    """Raise InputError if a grid exceeds the free bytes of a memory."""
     if needed > free:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: needs about {_size(needed, free)} {where}; {_size(free, needed)} are free: "
@@ -141,9 +130,8 @@ def available_memory():
     """
     lines = _lines("/proc/meminfo")
     free = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")]
-    return min(
-        *(free or [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]), *_free_in_control_groups()
-    )
+    free = free or [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    return min(*free, *_free_in_control_groups())
 
 
 # Version of control groups -> mount point, files of limit and use, and the entry of used pages that can be dropped.
@@ -154,10 +142,7 @@ _CONTROL_GROUPS = {
 
 
 def _free_in_control_groups(root="/"):
-    """Yield infinity (no limit), then the free bytes in each control group.
-
-    A control group limits the memory of a container or job.
-    """
+    """Yield infinity, then the free bytes of each control group (container, job)."""
     yield float("inf")
     for line in _lines(f"{root}/proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)

@@ -52,9 +52,7 @@ def njit(makes_arrays=False, **options):
     """
     if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
         options["_nrt"] = makes_arrays
-    if hasattr(
-        DefaultOptions, "no_cfunc_wrapper"
-    ):  # only functions that are called by address need this wrapper
+    if hasattr(DefaultOptions, "no_cfunc_wrapper"):  # only functions called by address need this wrapper
         options["no_cfunc_wrapper"] = True
 
     def compiled(function, **more):
@@ -79,18 +77,12 @@ def njit(makes_arrays=False, **options):
 
 
 def unliteral(args, kws):
-    """Return argument types without literals.
-
-    For each literal, numba would compile once more.
-    """
+    """Return argument types without literals, which would each cost a compilation."""
     return tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()}
 
 
 def _renamed(function, suffix):
-    """Return a copy of a function with another name.
-
-    The copy has a cache of its own.
-    """
+    """Return a copy of a function with another name and cache."""
     copy = FunctionType(
         function.__code__, function.__globals__, f"{function.__name__}_{suffix}", function.__defaults__,
         function.__closure__,
@@ -163,10 +155,7 @@ class LockedCache(FunctionCache):
 
 
 def release_lock_after(compile_, cache):
-    """Return a function that compiles, then unlocks the cache.
-
-    The cache is unlocked even if compilation is interrupted.
-    """
+    """Return a function that compiles, then always unlocks the cache."""
 
     @wraps(compile_)
     def compile_and_unlock(signature):

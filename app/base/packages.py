@@ -20,10 +20,7 @@ _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
 
 
 class MissingPackageFinder:
-    """Import finder asked last, for missing packages.
-
-    The error that it raises says how to install the package.
-    """
+    """Import finder asked last, whose error says how to install a package."""
 
     @staticmethod
     def find_spec(name, path=None, target=None):
@@ -35,10 +32,7 @@ class MissingPackageFinder:
 
 
 class CompiledPackageFinder:
-    """Import finder that is asked first, for compiled packages.
-
-    This finder reports packages that were compiled for another numpy.
-    """
+    """Import finder asked first; reports packages compiled for another numpy."""
 
     _loading = False  # a package's own imports are part of its import
 

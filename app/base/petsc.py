@@ -56,10 +56,7 @@ def return_large_arrays():
 
 
 def _ignore_closed_pipes():
-    """Restore Python's handler of SIGPIPE.
-
-    PETSc's handler would end the process when a pipe is closed.
-    """
+    """Restore Python's handler of SIGPIPE; PETSc's would end the process."""
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
@@ -174,20 +171,14 @@ def error_message(error):
 
 
 def _unwrapped(error):
-    """Return the exception of a callback that PETSc.Error contains.
-
-    Newer releases of petsc4py wrap an exception of a callback in a PETSc.Error.
-    """
+    """Return a callback's exception, which newer petsc4py wraps in PETSc.Error."""
     while isinstance(error, PETSc.Error) and error.__cause__ is not None:
         error = error.__cause__
     return error
 
 
 def to_input_error(error):
-    """Return an InputError if the chosen solvers are incompatible.
-
-    Otherwise return the error itself.
-    """
+    """Return an InputError for incompatible solvers, else the error itself."""
     inner = _unwrapped(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _INCOMPATIBLE:
         return InputError(f"solver options: {error_message(inner)}")
@@ -257,17 +248,12 @@ def check_cells(grid):
     """Raise if a grid has more cells than PETSc's integers can number."""
     most = np.iinfo(PETSc.IntType).max
     if grid.n > most:
-        raise InputError(
-            f"grid {grid.nx},{grid.ny}: this PETSc can number at most {most} cells; use a PETSc with 64-bit integers "
-            "(docs/install.md)"
-        )
+        what, advice = f"grid {grid.nx},{grid.ny}", "use a PETSc with 64-bit integers (docs/install.md)"
+        raise InputError(f"{what}: this PETSc can number at most {most} cells; {advice}")
 
 
 class Resources:
-    """PETSc objects of a solver, destroyed together. Collective.
-
-    The objects are destroyed in the reverse order of their creation.
-    """
+    """PETSc objects of a solver, destroyed in reverse order. Collective."""
 
     def __init__(self):
         return_large_arrays()

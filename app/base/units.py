@@ -45,10 +45,7 @@ unit.names = (ALLOWED,)  # for the help
 
 
 def choose_length_unit(largest):
-    """Return a unit in which lengths up to `largest` are short numbers.
-
-    `largest` is in mm.
-    """
+    """Return a unit that makes lengths up to `largest` [mm] short numbers."""
     for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
         if largest >= least:
             return unit
