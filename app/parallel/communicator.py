@@ -15,10 +15,7 @@ from app.base.petsc import log_messages, log_reduction, to_input_error
 
 @dataclass
 class Traffic:
-    """Counts of the messages that a rank has sent.
-
-    Parts of an all-to-all that stay on the rank are not counted.
-    """
+    """Counts of the messages that a rank has sent to other ranks."""
 
     messages: int = 0  # point to point, and in all-to-alls
     message_bytes: int = 0
@@ -54,10 +51,7 @@ class Communicator(MPI.Intracomm):
         return self
 
     def plain(self):
-        """Return this communicator as an `MPI.Intracomm`.
-
-        Functions that test for this exact type do not accept a subclass.
-        """
+        """Return this as an `MPI.Intracomm`, for functions that reject a subclass."""
         return MPI.Intracomm(self)
 
     @cached_property
@@ -112,10 +106,7 @@ class Communicator(MPI.Intracomm):
         self.Barrier()
 
     def Alltoallv(self, sent, received):
-        """Exchange data between all ranks, and count the messages. Collective.
-
-        No rank sends data to itself.
-        """
+        """Exchange data between all ranks, and count messages to others. Collective."""
         array, counts = sent
         counts = counts[0] if isinstance(counts, tuple) else counts
         self.traffic.all_to_alls += 1

@@ -22,10 +22,7 @@ class Fetch:
 
     def __init__(self, have, want, comm=None):
         self._comm, self.have = none_if_single(comm), have
-        self._sources, self._targets = (
-            {},
-            {},
-        )  # By rank: slices of rows to send; slices of the wanted rows to fill.
+        self._sources, self._targets = {}, {}  # by rank: slices of rows to send, and of wanted rows to fill
         self.rows = 0  # number of rows that this rank wants
         for first, last in want:
             if self._comm is None:
@@ -40,10 +37,7 @@ class Fetch:
         self.unchanged |= not (self.rows or have.local)
 
     def _plan(self, first, last):
-        """Plan the messages that bring ranks their wanted rows.
-
-        Rank r wants the rows ``first[r] <= j < last[r]``.
-        """
+        """Plan messages that bring each rank r the rows first[r] to last[r]-1."""
         ny, rank = self.have.ny, self.have.rank
         starts, ends = self.have.bounds(len(first))
         nonempty = last > first
@@ -75,16 +69,10 @@ class Fetch:
         if self.unchanged:
             return field
         result = np.empty((self.rows, field.shape[1]), field.dtype) if out is None else out
-        parcels = [
-            (
-                rank,
-                np.ascontiguousarray(field[rows[0]])
-                if len(rows) == 1
-                else np.concatenate([field[k] for k in rows]),
-            )
-            for rank, rows in self._sources.items()
-        ]
-        requests = [self._comm.Isend(parcel, rank) for rank, parcel in parcels]
+        requests = []
+        for rank, rows in self._sources.items():
+            parcel = field[rows[0]] if len(rows) == 1 else np.concatenate([field[k] for k in rows])
+            requests.append(self._comm.Isend(np.ascontiguousarray(parcel), rank))
         for source, target in zip(*self._own, strict=True):
             result[target] = field[source]
         for rank, targets in self._targets.items():

@@ -22,10 +22,7 @@ class _GhostRows:
         self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
-        """Return the ghost rows before and after a field. Collective.
-
-        Both arrays have the type of the field. A rank without rows gets no ghost rows.
-        """
+        """Return the ghost rows before and after a field. Collective."""
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
 
@@ -43,9 +40,8 @@ class Halo(_GhostRows):
         if not periodic:
             low, high = np.maximum(low, 0), np.minimum(high, slabs.ny)
         nonempty = last > first
-        super().__init__(
-            slabs, (np.where(nonempty, low, first), first), (last, np.where(nonempty, high, last)), comm
-        )
+        low, high = np.where(nonempty, (low, high), (first, last))
+        super().__init__(slabs, (low, first), (last, high), comm)
 
 
 class CoarseHalo(_GhostRows):
@@ -64,10 +60,9 @@ class CoarseHalo(_GhostRows):
         low, high = first // 2 - periodic, (last - 1) // 2 + 3 - periodic
         high = high if periodic else np.minimum(high, coarse.ny)
         nonempty = last > first
-        super().__init__(
-            coarse, (np.where(nonempty, low, begin), begin), (end, np.where(nonempty, high, end)), comm
-        )
         self.first = int(low[rank]) + periodic
+        low, high = np.where(nonempty, (low, high), (begin, end))
+        super().__init__(coarse, (low, begin), (end, high), comm)
 
 
 def fetch_row_before(field, periodic, slabs, comm, beyond):

@@ -76,10 +76,7 @@ def abort_on_exception(comm):
 
 
 class AbortGroup:
-    """Ranks that an uncaught exception on one of them aborts. Collective.
-
-    The group ends with `destroy`.
-    """
+    """Ranks aborted by an uncaught exception on one, until `destroy`. Collective."""
 
     def __init__(self, comm):
         self.comm = shutdown_comm(comm)

@@ -26,10 +26,7 @@ class RankGroups:
         return count_ranks(grid, self.size, self.cells)
 
     def slabs(self, grid, size=None):
-        """Return a grid's `Slabs` on the first `size` ranks.
-
-        The default of `size` is ``count_for(grid)``.
-        """
+        """Return a grid's `Slabs` on `size` ranks, by default ``count_for(grid)``."""
         size = size or self.count_for(grid)
         return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
 

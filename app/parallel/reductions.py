@@ -21,9 +21,8 @@ def add_tuples(sums, more):
 @overload(add_tuples)
 def _add_tuples(sums, more):
     entries = "".join(f"sums[{i}] + more[{i}], " for i in range(len(sums)))
-    return eval(
-        f"lambda sums, more: ({entries})"
-    )  # one function; a recursion would compile one for each entry
+    # One function; a recursion would compile one for each entry.
+    return eval(f"lambda sums, more: ({entries})")
 
 
 @njit_reassoc
@@ -78,10 +77,7 @@ def stencil_sum(above, here, below, i, x, y, diagonal):
 
 @njit()
 def copy_slab_row(t, field, before, after, out):
-    """Copy row t of a slab and its ghost rows to `out`.
-
-    `before` and `after` are the ghost rows. t counts from the first ghost row.
-    """
+    """Copy a slab's row t, counted from the first ghost row, to `out`."""
     j = t - len(before)
     if j < 0:
         copy_row(before[t], out)
@@ -141,18 +137,14 @@ def minimum_over(comm, values):
 
 
 def sums_and_minima(comm, sums, lowest):
-    """Return sums and minima over all ranks.
-
-    One reduction computes both. Collective.
-    """
+    """Return sums and minima over all ranks by one reduction. Collective."""
     sums, lowest = np.array(sums, float), np.array(lowest, float)
     if comm is None:
         return sums, lowest
     # The first number is the count of the sums. All are one element, so that no MPI library may split them.
     packed = np.concatenate([[sums.size], sums, lowest])
-    comm.Allreduce(
-        [packed.copy(), 1, _element(packed.size)], [packed, 1, _element(packed.size)], _operation()
-    )
+    kind = _element(packed.size)
+    comm.Allreduce([packed.copy(), 1, kind], [packed, 1, kind], _operation())
     return packed[1 : 1 + sums.size], packed[1 + sums.size :]
 
 

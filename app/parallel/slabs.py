@@ -35,10 +35,7 @@ class Slabs:
 
     @classmethod
     def starting(cls, starts, rank):
-        """Make slabs from the number of the first row of each rank.
-
-        `starts` has these numbers, followed by the number of all rows.
-        """
+        """Make slabs from each rank's first row, followed by the row count."""
         slabs = cls.__new__(cls)
         slabs._set(starts, rank)
         return slabs
@@ -70,9 +67,9 @@ class Slabs:
 
         A coarse row is on the rank that owns its first fine row.
         """
-        return (
-            self if factor == 1 else self.starting([-(-start // factor) for start in self.starts], self.rank)
-        )
+        if factor == 1:
+            return self
+        return self.starting([-(-start // factor) for start in self.starts], self.rank)
 
     def surround(self):
         """Return slabs of coarse rows that extend beyond the grid.
