@@ -16,10 +16,7 @@ def solves_directly(operator):
 
 
 def can_start_on(hierarchy, number):
-    """Return whether nested iteration may start on a level.
-
-    The grid of the level must be small, and coarser than the target grid.
-    """
+    """Return whether a level is small, and coarser than the target."""
     return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= MAX_DIRECT_CELLS
 
 
@@ -38,15 +35,11 @@ def stored_matrix(operator):
     """
     grid = operator.grid
     if not solves_directly(operator):
-        what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
-        if grid.n > MAX_DIRECT_CELLS:
-            raise InputError(
-                f"{what} too large for a direct solve; it must have at most {MAX_DIRECT_CELLS} cells"
-            )
-        raise InputError(
-            f"{what} on {operator.slabs.size} ranks, a direct solve is on one; use a larger -lcp_cells_per_rank, "
-            "or more -pc_mg_levels"
-        )
+        what, most = f"a coarsest grid of {grid.nx} x {grid.ny} cells is", MAX_DIRECT_CELLS
+        if grid.n > most:
+            raise InputError(f"{what} too large for a direct solve; it must have at most {most} cells")
+        advice = "use a larger -lcp_cells_per_rank, or more -pc_mg_levels"
+        raise InputError(f"{what} on {operator.slabs.size} ranks, a direct solve is on one; {advice}")
     if not operator.active:
         return np.empty((0, 0))
     return dense_matrix(grid, operator.kernel)

@@ -28,10 +28,7 @@ _MIN_WINDOWED_CELLS = 64 * 64  # number of cells of a grid up to which windows s
 
 
 def check_memory(comm, problem, grid, settings):
-    """Raise if a host lacks the memory for a problem. Collective.
-
-    The memory is that of the target grid.
-    """
+    """Raise if a host lacks memory for a problem's target grid. Collective."""
     ranks = RankGroups(comm, settings.cells_per_rank)
     grids = plan_grids(grid, settings.coarsest)
     # The memory per target cell includes that of coarser grids which all ranks share.
@@ -65,17 +62,13 @@ def _check_equal_on_ranks(comm, problem):
     for row, row_sums in zip(rows, zip(*by_rank, strict=True), strict=True):
         cells, total, slack = row_sums[0]
         if any(other != cells or abs(value - total) > slack for other, value, _ in row_sums):
-            raise InputError(
-                f"problem {problem.name}: undeformed distances in row {row} are not the same on all ranks; arrays "
-                "must be whole on every rank, and random numbers must have a seed"
-            )
+            advice = "arrays must be whole on every rank, and random numbers must have a seed"
+            where = f"undeformed distances in row {row} are not the same on all ranks"
+            raise InputError(f"problem {problem.name}: {where}; {advice}")
 
 
 def _make_coarser(target, grids, sizes, ranks):
-    """Make the operators of coarser grids, finest first. Collective.
-
-    `sizes` are the numbers of ranks of `grids`. The operators become ``coarser_levels`` of `target`.
-    """
+    """Make ``target.coarser_levels`` on `grids`, finest first, `sizes` ranks each. Collective."""
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
         InfluenceOperator(grid, target.kernel, *ranks.distribute(grid, size), dtype, target=finest)
@@ -141,17 +134,9 @@ class Hierarchy:
     """
 
     def __init__(
-        self,
-        grid,
-        kernel,
-        comm,
-        coarsest=4,
-        cells_per_rank=8192,
-        target_only=False,
-        dtype=float,
-        margin=0.0,
-        prefix="",
-    ):
+        self, grid, kernel, comm, coarsest=4, cells_per_rank=8192, target_only=False, dtype=float,
+        margin=0.0, prefix="",
+    ):  # fmt: skip
         self.ranks, self.prefix = RankGroups(comm, cells_per_rank), prefix
         self.comm, self.kernel, self.dtype, self.margin = self.ranks.comm, kernel, dtype, margin
         # products in windows, and those of each operator counted so far
@@ -206,9 +191,8 @@ class Hierarchy:
             If the undeformed distance has invalid values, or differs between ranks.
         """
         levels = self.levels[-1:] if problem.sampled else self.levels
-        shapes = call_collectively(
-            self.comm, lambda: [evaluate_shape(problem, level.grid, level.slabs.rows) for level in levels]
-        )
+        grids = [(level.grid, level.slabs.rows) for level in levels]
+        shapes = call_collectively(self.comm, lambda: [evaluate_shape(problem, *grid) for grid in grids])
         _check_equal_on_ranks(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():
             shapes.insert(0, transfer.restrict_shape(shapes[0]))

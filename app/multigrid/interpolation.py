@@ -124,9 +124,8 @@ def quintic_weights(start, stop, place, first):
     first of the six, relative to `first`, and the six weights. `place` is that of `Grid.places_in` on this axis.
     """
     before, share = _before(np.arange(start, stop), place)
-    return before - (QUINTIC_MARGIN - 1) - first, lagrange_weights(
-        share, np.arange(_POINTS) - (QUINTIC_MARGIN - 1)
-    )
+    left = QUINTIC_MARGIN - 1
+    return before - left - first, lagrange_weights(share, np.arange(_POINTS) - left)
 
 
 def _before(index, place):

@@ -15,18 +15,12 @@ from app.options.solver_options import temporary_options
 
 
 def reason_names(reasons):
-    """Return a dict from values to names of PETSc's convergence reasons.
-
-    `reasons` is a class such as ``PETSc.KSP.ConvergedReason``.
-    """
+    """Return a dict from values to names of `reasons`, such as ``PETSc.KSP.ConvergedReason``."""
     return {value: name for name, value in vars(reasons).items() if isinstance(value, int)}
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
-_MULTIGRID = {
-    "pc_type": "python",
-    "pc_python_type": "app.multigrid.ContactMG",
-}  # options that replace -pc_type mg
+_MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}  # replace -pc_type mg
 # PCs that need the triangles of a matrix, or parts that cannot be set by options
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "eisenstat")
 
@@ -140,10 +134,7 @@ class LinearSolver:
         return self._work, iterations, failure
 
     def _atol_for(self, allowed):
-        """Return the KSP's absolute tolerance for an `allowed` residual.
-
-        The result None means that the tolerance of the options is used.
-        """
+        """Return the KSP's absolute tolerance, or None for that of the options."""
         other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
         if self._own_atol or other_norm or not math.isfinite(allowed):
             return None

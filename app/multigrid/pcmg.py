@@ -238,9 +238,8 @@ def _levels_wanted(operator, options):
     if most == 1:
         grid = operator.grid
         least = "3 cells in a direction of a period" if grid.symbol else "2 cells"
-        raise InputError(
-            f"multigrid: the grid {grid.nx},{grid.ny} cannot be halved; it must have at least {least}"
-        )
+        size = f"{grid.nx},{grid.ny}"
+        raise InputError(f"multigrid: the grid {size} cannot be halved; it must have at least {least}")
     return min(wanted, levels)
 
 
@@ -258,10 +257,7 @@ def _energy_of_constant(fine, coarse):
 
 
 def _default_options(options, symmetric):
-    """Return default options of smoothers and coarsest grid.
-
-    `options` are those of the user. `symmetric` is true if the cycle must be symmetric.
-    """
+    """Return defaults of smoothers and coarsest grid, given the user's `options`."""
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in options for kind in _OTHER_SWEEPS):
         del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others
@@ -273,11 +269,9 @@ def _default_options(options, symmetric):
 def _adjoint_smoothers(options):
     """Return options of smoothers after the coarse grid: adjoints of those before."""
     turned = {"forward": "backward", "backward": "forward"}
-    adjoint = {"pc_mg_distinct_smoothup": ""}
+    adjoint, one_way = {"pc_mg_distinct_smoothup": ""}, r"(?<=^pc_sor_)(local_)?(forward|backward)$"
     for name, text in options.items():
         if level := _OF_LEVELS.fullmatch(name):
-            option = re.sub(
-                r"(?<=^pc_sor_)(local_)?(forward|backward)$", lambda m: (m[1] or "") + turned[m[2]], level[2]
-            )
+            option = re.sub(one_way, lambda m: (m[1] or "") + turned[m[2]], level[2])
             adjoint[f"mg_levels_{level[1] or ''}up_{option}"] = text or ""
     return adjoint

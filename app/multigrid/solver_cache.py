@@ -27,10 +27,7 @@ class SolverCache:
         self._kind, self._hierarchy, self._target, self._solvers = kind, hierarchy, target, {}
 
     def prepare(self, first=0):
-        """Make the solvers of small levels, from level `first` on. Collective.
-
-        Levels that may have windows are left out.
-        """
+        """Make the solvers of small levels without windows, from `first` on. Collective."""
         hierarchy = self._hierarchy
         for number, level in enumerate(hierarchy.levels):
             is_cached = not (is_large(level.grid) or hierarchy.may_be_windowed(level))

@@ -49,10 +49,8 @@ class Transfer:
     @cached_property
     def _fetch_children(self):
         """`Fetch` of the children of the coarse rows that this rank computes."""
-        first, last = (
-            np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
-        )
-        return Fetch(self.fine.slabs, [(first, last)], self._comm)
+        bounds = self.fy * np.array(self._made.bounds(self._ranks))
+        return Fetch(self.fine.slabs, [np.minimum(bounds, self.fine.grid.ny)], self._comm)
 
     @cached_property
     def _fetch_overlapping(self):
@@ -77,10 +75,7 @@ class Transfer:
         return [place if repeats else None for place, repeats in places]
 
     def _make_parent_fetch(self, margin):
-        """Make the `Fetch` of the parents of this rank's fine rows.
-
-        `margin` is the number of coarse rows to fetch on either side of the parents.
-        """
+        """Make the `Fetch` of the parents, and `margin` rows on either side."""
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
         first, last = first // self.fy - margin, -(-last // self.fy) + margin
@@ -101,10 +96,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Return, for each coarse cell, the mean over its children. Collective.
-
-        Missing children count as zero.
-        """
+        """Return coarse cells' means over children, missing ones zero. Collective."""
         coarse = np.zeros(self._local)
         _add_children(self._fetch_children(fine), coarse, self.fy, self.fx)
         coarse *= 1.0 / (self.fy * self.fx)  # Sec. 4.2, 3, formula 1
@@ -159,10 +151,7 @@ class Transfer:
             return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Return, for each coarse cell, the minimum over its children. Collective.
-
-        The minimum is NaN if all children are NaN.
-        """
+        """Return coarse cells' minima over children; NaN if all are. Collective."""
         coarse = np.full(self._local, np.nan)
         for child, parents in self._children(fine):
             np.fmin(coarse[parents], child, out=coarse[parents])
@@ -170,10 +159,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Add the values of coarse cells to their children in C_h. Collective.
-
-        C_h is the contact set of the fine grid.
-        """
+        """Add coarse values to children in the fine contact set C_h. Collective."""
         parents, skipped = self._fetch_parents(coarse), self.fine.slabs.rows.start % self.fy
         row = np.empty(fine.shape[1])
         _add_copies(parents, self.fine.mask, fine, skipped, self.fy, self.fx, row)  # Sec. 4.2, 5, formula 3
@@ -211,9 +197,8 @@ class Transfer:
         rows, (in_y, in_x) = self.fine.slabs.rows, self.fine.grid.places_in(self.coarse.grid)
         of_rows = quintic_weights(rows.start, rows.stop, in_y, rows.start // self.fy - QUINTIC_MARGIN)
         of_columns = quintic_weights(0, self.fine.grid.nx, in_x, -QUINTIC_MARGIN)
-        interpolate_quintic(
-            wide, fine, *of_rows, *of_columns, self._halved, np.empty(coarse.shape[1] + 2 * QUINTIC_MARGIN)
-        )
+        row = np.empty(coarse.shape[1] + 2 * QUINTIC_MARGIN)
+        interpolate_quintic(wide, fine, *of_rows, *of_columns, self._halved, row)
         PETSc.Log.logFlops(17 * fine.size)
 
     @property
@@ -230,10 +215,7 @@ class Transfer:
         return _transfer_mat(_Restriction(self), *sides, comm)
 
     def interpolation_mat(self, comm):
-        """Make the Mat (fine x coarse) of the prolongation by copies. Collective.
-
-        The prolongation copies the value of each coarse cell to its children in the fine contact set.
-        """
+        """Make the Mat (fine x coarse) of a `_Prolongation`. Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
@@ -265,10 +247,7 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells' values to their coarse cells.
-
-    `fine` must begin with the first child of a coarse cell.
-    """
+    """Add fine cells' values, beginning with a first child, to coarse cells."""
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])
@@ -300,10 +279,7 @@ def _copy(coarse, fine, skipped, fy, fx):
 
 @njit()
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
-    """Add the values of coarse cells to their children inside a mask.
-
-    `skipped` is as in `_copy`; `row` is a work row.
-    """
+    """Add copies inside a mask, as `_copy`; `row` is a work row."""
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
         add_masked(row, mask[j], fine[j])
@@ -337,10 +313,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Mat context of the piecewise constant prolongation P.
-
-    P copies the value of each coarse cell to its children in the fine contact set; other fine cells get zero.
-    """
+    """Mat context of P: copies to children in contact, zero in other cells."""
 
     def __init__(self, transfer):
         self.transfer = transfer
