@@ -72,10 +72,7 @@ def _tension_row(p, contact):
 
 @njit()
 def tension(p, contact):
-    """Return the sum of p, and the sum of tensions.
-
-    The tension of a contact cell with p < 0 is -p.
-    """
+    """Return the sum of p, and of -p in tensile contact cells."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
         sums = add_tuples(sums, _tension_row(p[j], contact[j]))
@@ -178,10 +175,7 @@ def _project_row(p, cells, out):
 
 @njit_reassoc
 def project(p, cells, out):
-    """Set `out` to max(p, 0) in some cells, else 0; return its sum.
-
-    `cells` marks these cells.
-    """
+    """Set `out` to max(p, 0) in `cells`, else 0; return its sum."""
     total = 0.0
     for j in range(p.shape[0]):
         total += _project_row(p[j], cells[j], out[j])

@@ -89,9 +89,7 @@ class Certificate:
     duality_gap: float  # f(p) + q.Aq / 2, times the cell area [N mm]
     error_bound: float  # of ||p - p*||_A / ||p||_A; infinite without pressure, or if p or load is invalid
     largest_penetration: float  # max(-e) over the admissible cells below the hardness, at least 0 [mm]
-    smallest_pressure: (
-        float  # least p or H - p, but at most 0; p in inadmissible cells counts as negative [N/mm2]
-    )
+    smallest_pressure: float  # least p or H - p, at most 0; p in inadmissible cells is negative [N/mm2]
     complementarity: float  # max |p e|, or max (H - p) |e| in plastic cells, over max p * max |h|
 
     def under(self, prescribed, load):
@@ -172,13 +170,10 @@ def _prove(state, enough, work):
     error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
     if capped and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
         gap = error = 0.0
+    without_energy = np.inf if gap > 0 else 0.0
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
-        error_bound=float(error / np.sqrt(energy))
-        if energy > 0 and error > 0
-        else np.inf
-        if gap > 0
-        else 0.0,
+        error_bound=float(error / np.sqrt(energy)) if energy > 0 and error > 0 else without_energy,
         largest_penetration=penetration + 0.0,
         smallest_pressure=0.0 - tension,
         complementarity=product / (highest * deepest) if highest * deepest > 0 else 0.0,
@@ -202,11 +197,8 @@ def _lift_penetrations(state, most, energy, penetrates):
     """
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u
     loops.lift(state.distance.b, state.depth, state.u, state.admissible, most, penetrates, sums)
-    sums = state.sum(sums)
-    shares, (product, e_squares, u_squares) = (
-        most * np.append(0.5 ** np.arange(_LIFTS), 0.0),
-        np.cumsum(sums, axis=1),
-    )
+    product, e_squares, u_squares = np.cumsum(state.sum(sums), axis=1)
+    shares = most * np.append(0.5 ** np.arange(_LIFTS), 0.0)
     to_u, squares = product - shares * u_squares, e_squares + shares * (shares * u_squares - 2 * product)
     grid, diagonal = state.distance.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2

@@ -97,11 +97,8 @@ class UndeformedDistance:
         Collective over `comm`, which has all ranks that need the statistics. `operators`, `shapes` and `hardness` have
         one item for each level.
         """
-        hardness = [None] * len(shapes) if hardness is None else hardness
-        levels = [
-            cls(operator, shape, reference, upper, measured=False)
-            for operator, shape, upper in zip(operators, shapes, hardness, strict=True)
-        ]
+        given = zip(operators, shapes, [None] * len(shapes) if hardness is None else hardness, strict=True)
+        levels = [cls(level, shape, reference, upper, measured=False) for level, shape, upper in given]
         _measure(levels, comm)
         return levels
 
@@ -160,10 +157,7 @@ class UndeformedDistance:
         self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
 
     def norm(self):
-        """Return ||h||_2 over the admissible cells [mm]; 1 if it is zero.
-
-        The stopping test (5.1) uses this norm.
-        """
+        """Return ||h||_2 over admissible cells, for (5.1) [mm]; 1 if zero."""
         if self._norm is None:
             cells, mean, squares, _ = self.statistics
             self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
@@ -175,10 +169,7 @@ class UndeformedDistance:
 
 
 def _measure(levels, comm):
-    """Compute the statistics and first touch of each of several distances.
-
-    Collective over `comm`. `levels` are objects of `UndeformedDistance`.
-    """
+    """Compute statistics and first touch of each `UndeformedDistance`. Collective."""
     size, rank = (comm.size, comm.rank) if comm else (1, 0)
     counts, parts = [np.count_nonzero(d.admissible) for d in levels], np.zeros((size, 2 * len(levels)))
     # Each rank adds zeros to the others' sums, so that none is rounded.
@@ -189,9 +180,8 @@ def _measure(levels, comm):
     sums, minima = sums_and_minima(comm, [*counts, *parts.ravel()], np.ravel(minima))
     counts, parts = sums[: len(levels)], sums[len(levels) :].reshape(size, len(levels), 2)
     means = [_mean(part, cells) for part, cells in zip(np.moveaxis(-parts, 1, 0), counts, strict=True)]
-    squares = [
-        kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in zip(levels, means, strict=True)
-    ]
+    pairs = zip(levels, means, strict=True)
+    squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in pairs]
     carried = [np.sum(d.bounds.upper, where=d.admissible) if d.bounds.capped else np.inf for d in levels]
     limited = [np.count_nonzero(np.isfinite(d.bounds.upper) & d.admissible) for d in levels]
     squares, carried, limited = np.split(np.asarray(sum_over(comm, squares + carried + limited)), 3)
@@ -207,10 +197,7 @@ def _measure(levels, comm):
 
 
 def _mean(parts, cells):
-    """Return the mean over cells, and its rounding error.
-
-    `parts` are numbers whose exact sum is the sum over the cells.
-    """
+    """Return the mean, and its rounding error, from parts of the sum."""
     if not cells:
         return 0.0, 0.0
     exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)

@@ -62,9 +62,8 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
                 solver = DirectSolver(level, number)
             else:
                 solver = LinearSolver(hierarchy, number)
-            solve = partial(
-                active_set_or_search, state, solver, stop=grids.stopping_test(stop), history=history
-            )
+            test = grids.stopping_test(stop)
+            solve = partial(active_set_or_search, state, solver, stop=test, history=history)
             with propagate_errors(grids.waiting_ranks(state)):
                 if coarse is None:
                     outcome = loading.first_solve(state, solve)  # Sec. 4.3, 1

@@ -37,10 +37,7 @@ class GridSequence:
             yield number
 
     def stopping_test(self, stop):
-        """Return the stopping test of the current grid.
-
-        `stop` is the test of the target grid.
-        """
+        """Return the current grid's stopping test, from the target's, `stop`."""
         return stop if self.at_target else stop.for_coarse_grid()
 
     def record(self, outcome, depth):
@@ -50,10 +47,7 @@ class GridSequence:
         self._loading.record(depth)
 
     def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and the ranks without rows.
-
-        On other ranks the result is None.
-        """
+        """Return the communicator of rank 0 and idle ranks; elsewhere None."""
         return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def broadcast_to_next(self, state, extra=None):

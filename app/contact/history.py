@@ -10,16 +10,10 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
 class Listener:
-    """Base class of listeners, whose methods a solve calls.
-
-    The methods are called on the ranks of each grid.
-    """
+    """Base class of listeners, which a solve calls on each grid's ranks."""
 
     def begin(self, settings):
-        """Handle the start of a solve, on all ranks.
-
-        ``settings.rtol`` is -lcp_rtol.
-        """
+        """Handle a solve's start on all ranks; ``settings.rtol`` is -lcp_rtol."""
 
     def start(self, state, level):
         """Handle the start of a grid; ``state.contact`` may be empty."""
@@ -141,20 +135,13 @@ class Outcome(NamedTuple):
         """
         if not self.converged or bound <= allowed:
             return self
-        advice = (
-            "rounding allows no more"
-            if self.to_rounding
-            else "a smaller -lcp_rtol or the default method is more accurate"
-        )
+        smaller = "a smaller -lcp_rtol or the default method is more accurate"
+        advice = "rounding allows no more" if self.to_rounding else smaller
         proved, asked = format_distinct(bound, allowed, 2), format_exact(allowed)
         doubt = f"the pressure is proved to {proved} only (-lcp_error_bound {asked}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
     def after(self, first):
-        """Return this outcome with the iterations and fallbacks of `first` added.
-
-        `first` is the outcome of an earlier solve.
-        """
-        return self._replace(
-            iterations=first.iterations + self.iterations, fallbacks=first.fallbacks + self.fallbacks
-        )
+        """Return this outcome, with iterations and fallbacks of an earlier one added."""
+        iterations, fallbacks = first.iterations + self.iterations, first.fallbacks + self.fallbacks
+        return self._replace(iterations=iterations, fallbacks=fallbacks)

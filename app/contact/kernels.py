@@ -41,10 +41,7 @@ def _pressure_row(p, contact):
 
 @njit()
 def sum_pressure(p, contact):
-    """Return sum and maximum of p, and the number of loaded cells.
-
-    Loaded cells are the cells of C with p > 0.
-    """
+    """Return sum and maximum of p, and C's number of loaded cells."""
     total, highest, cells = 0.0, 0.0, 0  # in C with p > 0
     for j in range(p.shape[0]):
         row = _pressure_row(p[j], contact[j])

@@ -37,31 +37,19 @@ class Loading:
     kind, load, approach_is_known, allows_no_contact, shared_state = "", None, True, True, None
 
     def depth_on(self, distance):
-        """Return the prescribed depth on a grid [mm]; infinite if unknown.
-
-        `distance` is the undeformed distance on that grid.
-        """
+        """Return the prescribed depth, given a grid's `distance` [mm]; infinite if unknown."""
         return np.inf
 
     def mean_pressure_on(self, grid):
-        """Return the prescribed mean pressure [N/mm2]; infinite if unknown.
-
-        The mean is over the whole patch.
-        """
+        """Return the whole patch's prescribed mean pressure [N/mm2]; infinite if unknown."""
         return np.inf
 
     def largest_pressure(self, distance, grid, coefficient):
-        """Estimate the highest pressure [N/mm2].
-
-        `coefficient` is the largest influence coefficient [mm3/N].
-        """
+        """Estimate the highest pressure, given the largest influence coefficient [mm3/N]."""
         return max(self.depth_on(distance), 0.0) / coefficient
 
     def least_displacement(self, operator):
-        """Return the displacement of a cell by the mean pressure on it [mm].
-
-        The result is 0 if the mean pressure is unknown.
-        """
+        """Return a cell's displacement by the mean pressure [mm]; 0 if unknown."""
         return 0.0
 
     def misses_contact(self, distance):
@@ -69,10 +57,7 @@ class Loading:
         return False
 
     def solved_approach(self, state):
-        """Return the approach of a solution [mm].
-
-        If the approach is prescribed, it is returned without rounding.
-        """
+        """Return a solution's approach [mm]; if prescribed, without rounding."""
         return state.approach
 
     def restore_prescribed(self, measures):
@@ -93,40 +78,25 @@ class Loading:
         return solve(self, stop)
 
     def resume(self, state, load):
-        """Choose the approach from which to continue a solution. Collective.
-
-        The solution is in `state`; `load` is its load [N].
-        """
+        """Choose the approach to continue from `state`, with its `load` [N]. Collective."""
         raise NotImplementedError
 
     def record(self, depth):
-        """Record the final depth on a grid [mm].
-
-        The depth is the approach beyond the reference of `UndeformedDistance`.
-        """
+        """Record the final depth on a grid, counted from the reference [mm]."""
 
     def predict(self, depth):
-        """Return the predicted depth of the next finer grid [mm].
-
-        `depth` is that of this grid.
-        """
+        """Predict the next finer grid's depth from this one's [mm]."""
         return depth
 
     def begin(self, state):
         """Prepare the iteration on a grid. Collective."""
 
     def update(self, state):
-        """Change the approach, given u = A p. Collective.
-
-        Return the change [mm].
-        """
+        """Change the approach, given u = A p; return the change [mm]. Collective."""
         return 0.0
 
     def meet(self, state):
-        """Prepare p for `settle` before the last product. Collective.
-
-        Then `settle` needs no further product.
-        """
+        """Prepare p for `settle`, which then needs no product. Collective."""
 
     def settle(self, state, update):
         """Meet the prescribed number exactly; return the new `Update`. Collective."""
@@ -173,10 +143,7 @@ class PrescribedApproach(Loading):
         return self.approach
 
     def first_solve(self, state, solve):
-        """Solve at the prescribed approach; see `Loading.first_solve`.
-
-        The first contact set is C = {h <= 0}.
-        """
+        """Solve from the set C = {h <= 0}; see `Loading.first_solve`."""
         state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)

@@ -59,20 +59,17 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
         depth = _without_rounding(depth, mean, distance.touching, np.inf)
         return PrescribedMeanGap(distance, depth, value)
     if uniform_compliance and distance.bounds.capped:
-        raise InputError(
-            f"approach {format_exact(value)}: not for a layer on a rigid base with a hardness; use load, mean_pressure "
-            "or mean_gap"
-        )
+        what, advice = f"approach {format_exact(value)}", "use load, mean_pressure or mean_gap"
+        raise InputError(f"{what}: not for a layer on a rigid base with a hardness; {advice}")
     if not grid.symbol or uniform_compliance:
         return PrescribedApproach(value)
     size = max(abs(value), abs(reference))
     if distance.max_depth == np.inf and not holes and value - full > _ROUNDING_ULPS * ulp(size):
         return PrescribedApproach(value)  # plastic cells overlap
     if value - full > rounding and not holes:
-        raise InputError(
-            f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "
-            f"it must be at most {full!r} mm, full contact"
-        )
+        limit = f"it must be at most {full!r} mm, full contact"
+        what = f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative"
+        raise InputError(f"{what}; {limit}")
     value, mean = (value, np.inf) if holes else (min(value, full), mean)
     return PrescribedApproach(value, _without_rounding(value - reference, size, distance.touching, mean))
 
@@ -104,18 +101,16 @@ def validate_number(kind, number):
         name = type(number).__name__
         is_sequence = hasattr(number, "__len__") and getattr(number, "shape", None) != ()  # () if masked
         if is_sequence and not isinstance(number, str | bytes):
-            raise InputError(
-                f"{kind}: {name} of {len(number)}; must be a number; ContactSolver.path takes many"
-            )
+            what = f"{kind}: {name} of {len(number)}"
+            raise InputError(f"{what}; must be a number; ContactSolver.path takes many")
         raise InputError(f"{kind}: is {name}; must be a number [{LOADINGS[kind]}]")
     try:
         value = float(number)
     except OverflowError:
         value = np.inf
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
-        raise InputError(
-            f"{kind} {format_exact(value)}: must be a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
-        )
+        allowed = f"must be a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
+        raise InputError(f"{kind} {format_exact(value)}: {allowed}")
     if value < 0 and kind in ("load", "mean_pressure"):
         limit = f"it must be at least 0 {LOADINGS[kind]}"
         raise InputError(f"{kind} {format_exact(value)}: the bodies do not stick together; {limit}")
@@ -128,13 +123,10 @@ def _check_mean_gap(value, grid, holes, rounding):
     The mean gap determines the approach only on a patch periodic in x and y without holes. It must not be negative.
     """
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
+    doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown" if holes else ""
     if not grid.symbol:
-        raise InputError(
-            f"{text}: only on a periodic patch, in x and y, does it determine the approach; {others}"
-        )
-    if holes:
-        raise InputError(
-            f"{text}: contact is impossible in {holes} cells (NaN), whose gap is unknown; {others}"
-        )
+        doubt = "only on a periodic patch, in x and y, does it determine the approach"
+    if doubt:
+        raise InputError(f"{text}: {doubt}; {others}")
     if value < -rounding:
         raise InputError(f"{text}: the bodies do not penetrate each other; it must be at least 0 mm")

@@ -60,10 +60,7 @@ class Indentation(NamedTuple):
     approach: float = 0.0  # from the first touch of the bodies before to that of the indented ones [mm]
 
     def remove_from(self, distance):
-        """Return the undeformed distance without the indentation [mm].
-
-        The result has the local rows.
-        """
+        """Return the undeformed distance in local rows without the indentation [mm]."""
         return distance if self.depth is None else distance - self.depth
 
 

@@ -8,10 +8,7 @@ _PATIENCE = 4  # iterations in which the number of changed cells may stagnate
 
 
 def contact_state(operator, distance, **options):
-    """Make the `ContactState` of a grid, periodic or not. Collective.
-
-    `options` are further arguments of `ContactState`.
-    """
+    """Make a grid's `ContactState` with some `options`, periodic or not. Collective."""
     kind = PeriodicState if operator.grid.symbol else ContactState
     return kind(operator, distance, **options)
 

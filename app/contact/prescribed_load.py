@@ -58,17 +58,11 @@ class PrescribedLoad(Loading):
         self._depths = []  # final depths of the grids solved so far [mm]
 
     def mean_pressure_on(self, grid):
-        """Return the load divided by the patch's area.
-
-        See `Loading.mean_pressure_on`.
-        """
+        """Return the load divided by the patch's area; see `Loading`."""
         return self.load / (grid.n * grid.cell_area)
 
     def largest_pressure(self, distance, grid, coefficient):
-        """Return the pressure if one cell carried the whole load.
-
-        See `Loading.largest_pressure`.
-        """
+        """Return the pressure if one cell carried the whole load; see `Loading`."""
         return self.load / grid.cell_area
 
     def least_displacement(self, operator):
@@ -79,10 +73,9 @@ class PrescribedLoad(Loading):
         """Restore the load if met up to rounding; see `Loading.restore_prescribed`."""
         if not isclose(measures.load, self.load, rel_tol=LOAD_ROUNDING):
             return measures
-        in_contact = self.load / measures.contact_area if measures.contact_area else 0.0
-        return measures._replace(
-            load=self.load, mean_pressure=self._mean_pressure, mean_contact_pressure=in_contact
-        )
+        load, mean = self.load, self._mean_pressure
+        in_contact = load / measures.contact_area if measures.contact_area else 0.0
+        return measures._replace(load=load, mean_pressure=mean, mean_contact_pressure=in_contact)
 
     def first_solve(self, state, solve):
         """Find the approach by root search; see `Loading.first_solve`."""
@@ -134,10 +127,7 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the relative error of load^(2/3) at a depth.
-
-            For a sphere this error is linear in the depth.
-            """
+            """Return the relative error of load^(2/3), linear in depth for spheres."""
             nonlocal outcome
             if depth not in loads:
                 state.depth = depth
@@ -232,10 +222,7 @@ class PrescribedLoad(Loading):
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
-        """Forget the last change of the approach, and ensure contact.
-
-        See `Loading.begin`.
-        """
+        """Forget the last step, and ensure contact; see `Loading.begin`."""
         self._before, self._missing, self._model_factor = None, None, 1.0
         state.first_contact()
 

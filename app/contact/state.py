@@ -29,10 +29,7 @@ from app.parallel.reductions import minimum_over, sum_over
 
 
 class Update(NamedTuple):
-    """Result of an update of the contact set; same on all ranks.
-
-    Unknown numbers are NaN.
-    """
+    """Result of updating the contact set, on all ranks; unknown numbers are NaN."""
 
     cells: int  # number of cells in the new set
     added: int
@@ -54,10 +51,7 @@ class Update(NamedTuple):
 
 
 class Gaps(NamedTuple):
-    """Sums over the gaps of some cells; the same on all ranks.
-
-    Sums that were not computed are NaN.
-    """
+    """Sums over gaps of some cells, on all ranks; NaN if not computed."""
 
     cells: int
     squares: float  # sum of (h + u)^2 [mm2]
@@ -185,10 +179,7 @@ class ContactState:
         return self.distance.touching
 
     def in_contact(self):
-        """Return a mask of cells in contact.
-
-        The cells in contact are the cells of C and the plastic cells.
-        """
+        """Return a mask of cells in contact: those of C, and plastic ones."""
         return self.contact | self.bounds.plastic(self.p) if self._local_plastic_cells() else self.contact
 
     def not_plastic(self):
@@ -196,10 +187,7 @@ class ContactState:
         return self.bounds.not_plastic(self.p) if self._local_plastic_cells() else self.admissible
 
     def _local_plastic_cells(self):
-        """Return the number of plastic cells of this rank.
-
-        They are counted again only if p has changed.
-        """
+        """Count this rank's plastic cells, again only if p has changed."""
         if not self.bounds.capped:
             return 0
         if self._counted_at != (key := self.pressure.stateGet()):
@@ -225,10 +213,7 @@ class ContactState:
         return int(self.sum([np.count_nonzero(self.in_contact())])[0])
 
     def on_contact(self, with_h=False):
-        """Return the `Gaps` of the cells in C. Collective.
-
-        If `with_h` is true, the norm of h on C is included.
-        """
+        """Return the `Gaps` of C, with the norm of h if `with_h`. Collective."""
         b, depth, contact = self.distance.b, self.distance.depth, self.contact
         h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
         squares, total, cells, h = self.sum(
@@ -237,10 +222,7 @@ class ContactState:
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
-        """Return the `Gaps` of C and overlapping cells, with the load. Collective.
-
-        Plastic cells are left out.
-        """
+        """Return the `Gaps` of C and elastic overlapping cells, and load. Collective."""
         overlapping = self.not_plastic()
         sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, overlapping)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
@@ -297,10 +279,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
-        """Return the defect -(h + u) on C, 0 elsewhere [mm].
-
-        The defect is the right-hand side of the contact set's system (2.11) for a correction of p.
-        """
+        """Return -(h + u) on C, else 0 [mm], the right-hand side of (2.11)."""
         with self.right as values:
             out = values.reshape(self.u.shape)
             kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)  # (2.11)
@@ -417,10 +396,7 @@ class ContactState:
         return missing
 
     def distribute_load(self, load):
-        """Distribute a load [N] evenly over C. Collective.
-
-        p stays within its bounds. Then u = A p is computed.
-        """
+        """Distribute a load [N] evenly over C, within bounds; compute u. Collective."""
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)
         self.project()
