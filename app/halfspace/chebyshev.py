@@ -33,10 +33,7 @@ def fit_even_chebyshev(values):
 
 
 def lagrange_weights(at, places):
-    """Return Lagrange's weights to interpolate from `places` to `at`.
-
-    Both are arrays of coordinates. The shape is (len(at), len(places)): a row has the weights of one point.
-    """
+    """Return Lagrange's weights from `places` to `at`, shape (len(at), len(places))."""
     weights = []
     for k, place in enumerate(places):
         rest = np.delete(places, k)

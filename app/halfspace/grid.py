@@ -43,10 +43,7 @@ def validate_periodic(periodic):
 
 
 def repeats_in(periodic):
-    """Return whether a patch repeats in y, and in x.
-
-    `periodic` is the attribute of its `Grid`.
-    """
+    """Return whether a patch repeats in y and x, by ``Grid.periodic``."""
     return (periodic != "x", periodic != "y") if periodic else (False, False)
 
 
@@ -159,10 +156,7 @@ class Grid:
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
     def coarsening(self, coarsest=4):
-        """Return coarsening factors ``(fy, fx)``, each 2 or 1.
-
-        The factor is 2 in a direction with more than `coarsest` cells.
-        """
+        """Return ``(fy, fx)``: 2 in directions of more than `coarsest` cells, else 1."""
         return tuple(2 if n > coarsest else 1 for n in self.shape)
 
     def coarsen(self, coarsest=4):
@@ -223,9 +217,6 @@ def _cells(nx, ny):
 
 
 def row_blocks(rows, columns, cells=1 << 16):
-    """Divide the rows of an array into blocks of about `cells` cells.
-
-    Return a slice of rows for each block.
-    """
+    """Return slices of rows for blocks of about `cells` cells of an array."""
     step = max(1, cells // max(columns, 1))
     return (slice(start, min(start + step, rows)) for start in range(0, rows, step))

@@ -94,11 +94,8 @@ def _lattice_sum(aspect):
                 total += erfc(alpha * rho) / rho if i or j else -erf(alpha * rho) / rho
     for j, i in _within(2 * alpha * _ERFC_RANGE, 2 * np.pi / aspect, 2 * np.pi):
         if i or j:
-            q = 2 * np.pi * np.hypot(i, j / aspect)
-            cosines = (
-                np.cos(2 * np.pi * i * in_x * _HALF_WIDTH)
-                * np.cos(2 * np.pi * j * in_y * _HALF_WIDTH)[:, None]
-            )
+            q, half = 2 * np.pi * np.hypot(i, j / aspect), 2 * np.pi * _HALF_WIDTH
+            cosines = np.cos(half * i * in_x) * np.cos(half * j * in_y)[:, None]
             multiplicity = (2 if i else 1) * (2 if j else 1)
             total += multiplicity * 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
     return fit_even_chebyshev(total)
@@ -213,9 +210,8 @@ class ImageCorrection:
         self._counts = tuple((n - 1) // step + width for n, step in zip((ny, nx), steps, strict=True))
         self._cells = self._counts[1] - width + 1
         around = np.arange(width) - (width // 2 - 1.0)
-        self._in_y, self._in_x = (
-            lagrange_weights(np.arange(step) / step, around).astype(dtype) for step in steps
-        )
+        weights = (lagrange_weights(np.arange(step) / step, around) for step in steps)
+        self._in_y, self._in_x = (each.astype(dtype) for each in weights)
         kernel = compliance * box.correction(steps, self._counts)
         self._lengths = [scipy.fft.next_fast_len(2 * count - 1, real=True) for count in self._counts]
         offsets = [np.minimum(np.arange(n), n - np.arange(n)) for n in self._lengths]

@@ -83,10 +83,7 @@ class HalfSpaceKernel:
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
     def self_displacement(self, grid):
-        """Return the displacement of a cell by pressure 1 on it.
-
-        The patch is free; the unit is mm / (N/mm2).
-        """
+        """Return a cell's displacement by pressure 1 on it, free patch [mm / (N/mm2)]."""
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def scale(self, eigenvalues, q):
@@ -119,10 +116,7 @@ class HalfSpaceKernel:
         return 2 * self.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)
 
     def largest_eigenvalue(self, grid):
-        """Return a periodic patch's largest eigenvalue of A.
-
-        The unit is mm / (N/mm2).
-        """
+        """Return a periodic patch's largest eigenvalue of A [mm / (N/mm2)]."""
         return self.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)
 
     def softest_parts(self, length):
@@ -142,10 +136,7 @@ class HalfSpaceKernel:
         return 4 * self.compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
 
     def punch_stiffness(self, area):
-        """Return the stiffness of a round flat punch [N/mm].
-
-        `area` is that of its end [mm2].
-        """
+        """Return the stiffness [N/mm] of a round flat punch with an end `area` [mm2]."""
         return 2 / (np.pi * self.compliance) * np.sqrt(area / np.pi)
 
     def contrast(self, grid):
@@ -157,10 +148,7 @@ class HalfSpaceKernel:
         return 1.0
 
     def compliance_at(self, length):
-        """Return 1 / E* for waves of a `length` [mm2/N].
-
-        The length is in mm.
-        """
+        """Return 1 / E* [mm2/N] for waves of a `length` [mm]."""
         return np.pi * self.compliance
 
 

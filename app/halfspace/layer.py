@@ -51,10 +51,7 @@ class Layer:
 
     @property
     def modulus_ratio(self):
-        """Shear modulus of the layer divided by that of the substrate.
-
-        The ratio is 0 on a rigid base.
-        """
+        """Shear modulus of the layer over the substrate's; 0 on a rigid base."""
         (young1, young2), (nu1, nu2) = self.young, self.poisson
         return (young1 / (1 + nu1)) / (young2 / (1 + nu2))
 
@@ -77,9 +74,8 @@ class Layer:
 
     def ratio(self, q):
         """Return S(q t) for wave numbers q above 0, an array [1/mm]."""
-        return displacement_ratio(
-            np.asarray(q, dtype=float) * self.thickness, self.modulus_ratio, *self.poisson
-        )
+        x = np.asarray(q, dtype=float) * self.thickness
+        return displacement_ratio(x, self.modulus_ratio, *self.poisson)
 
 
 def displacement_ratio(x, mu, nu1, nu2):

@@ -28,10 +28,7 @@ _ANGLES = 32  # Gauss points of an angle
 
 @lru_cache(maxsize=16)
 def layer_tables(layer, cell):
-    """Return the `LayerTables` of a layer for a cell size.
-
-    The size (dx, dy) of a cell is in thicknesses.
-    """
+    """Return a layer's `LayerTables` for a cell (dx, dy) in thicknesses."""
     mu = float(f"{layer.modulus_ratio:.13g}")  # the same in all units
     widest = _MIN_RADIUS * max(1.0, mu)
     radius = min(max(widest, _CELLS * max(cell)), max(2 * widest, _MAX_RADIUS))
@@ -122,15 +119,11 @@ class LayerTables:
         return dx * dy / 4 * total
 
     def _corner_integrals(self, cell, rows, columns):
-        """Return integrals over cells, by the table of Phi.
-
-        The cells have offsets `rows` and `columns`. An integral is a sum over the corners of the cell.
-        """
+        """Return integrals over cells at some offsets, from Phi at their corners."""
         if not rows.size:
             return 0.0
         x, y = (
-            (np.arange(index.max() + 1) + 0.5) * side
-            for index, side in zip((columns, rows), cell, strict=True)
+            (np.arange(most + 1) + 0.5) * d for most, d in zip((columns.max(), rows.max()), cell, strict=True)
         )
         to_corner = self._triangles(x, y[:, None]) + self._triangles(y[:, None], x)
         # Row and column -1 are the mirror images of row and column 0.
@@ -153,10 +146,7 @@ class LayerTables:
 
 
 def _rectangle(x, y, a, b, z):
-    """Return the integral of 1 / sqrt(r^2 + z^2) over a cell.
-
-    The cell has its centre at (x, y), and the half sides a and b.
-    """
+    """Integrate 1 / sqrt(r^2 + z^2) over a cell; a, b: half sides."""
 
     def corner(x, y):
         to_x, to_y, to_all = np.hypot(x, z), np.hypot(y, z), np.sqrt(x * x + y * y + z * z)

@@ -17,6 +17,8 @@ References
 T.C. O'Sullivan, R.B. King, J. Tribology 110 (1988) 235-240. D.M. Burmister, J. Applied Physics 16 (1945) 89-94.
 """
 
+from functools import partial
+
 import numpy as np
 
 _SMALL = 1.0  # q t below which the layer's functions are computed from values at the surface
@@ -38,7 +40,8 @@ class LayerWaves:
         self._thin = self._x < _SMALL
         # Of thin layers: a.. and a... at the surface. Of others: the amplitudes (c0 - 1, c1 - 1, b0, b1), where a is
         # (c0 + c1 s) exp(-s) + (b0 + b1 (x - s)) exp(s - x).
-        self._curvature = _surface_derivatives(layer, self._x[self._thin])
+        thin = self._x[self._thin]
+        self._curvature = _solve(layer, partial(_from_surface, thin), thin.size)
         self._amplitudes = _amplitudes(layer, self._x[~self._thin])
         # Of the base: a and a. at the interface.
         self._base = self._layer_functions(layer.thickness)[:2]
@@ -123,11 +126,6 @@ def _solve(layer, functions, count):
     f1, g1 = (v - w for v, w in zip(_base_conditions(layer, functions(zero, one)), (f, g), strict=True))
     determinant = f0 * g1 - f1 * g0
     return (f1 * g - f * g1) / determinant, (f * g0 - f0 * g) / determinant
-
-
-def _surface_derivatives(layer, x):
-    """Return the second and third derivative of a at the surface."""
-    return _solve(layer, lambda second, third: _from_surface(x, second, third), x.size)
 
 
 def _amplitudes(layer, x):

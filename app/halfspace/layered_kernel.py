@@ -3,13 +3,13 @@
 One body has a layer on its surface, or both have. A body without a layer is a half-space or rigid.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from app.halfspace.grid import row_blocks
 from app.halfspace.kernel import HalfSpaceKernel
-from app.halfspace.layer import Layer
 from app.halfspace.layer_coefficients import layer_tables
 from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import wave_numbers
@@ -57,28 +57,20 @@ class LayeredKernel(HalfSpaceKernel):
 
     def in_units(self, length):
         """Return the kernel in other units; see `HalfSpaceKernel.in_units`."""
+        scale = self.compliance
+        young = [tuple(scale * young for young in layer.young) for layer in self.layers]
+        numbers = zip(self.layers, young, strict=True)
         layers = tuple(
-            Layer(
-                layer.thickness / length,
-                tuple(self.compliance * young for young in layer.young),
-                layer.poisson,
-            )
-            for layer in self.layers
+            replace(layer, thickness=layer.thickness / length, young=each) for layer, each in numbers
         )
-        return LayeredKernel(layers, self.other / self.compliance)
+        return LayeredKernel(layers, self.other / scale)
 
     def uniform_compliance(self, grid):
-        """Return the displacement by pressure 1 on all cells.
-
-        See `HalfSpaceKernel.uniform_compliance`.
-        """
+        """Return the displacement by pressure 1 on all cells; see `HalfSpaceKernel`."""
         return sum(layer.uniform_compliance for layer in self.layers) if grid.symbol else 0.0
 
     def wave_compliance(self, q):
-        """Return the compliance for pressure waves [mm2/N].
-
-        `q` is an array of wave numbers above 0 [1/mm].
-        """
+        """Return the compliance [mm2/N] for an array of `q` above 0 [1/mm]."""
         return sum(layer.plane_compliance * layer.ratio(q) for layer in self.layers) + self.other
 
     def eigenvalues(self, grid, columns, rows):
@@ -99,33 +91,20 @@ class LayeredKernel(HalfSpaceKernel):
 
     def coefficients(self, grid, rows, columns):
         """Return influence coefficients of a free patch; see `love_coefficients`."""
-        return self._coefficients(grid, rows, np.arange(columns))
+        return self.compliance * self.unit_coefficients(grid, rows, np.arange(columns))
 
     def unit_coefficients(self, grid, rows, columns):
-        """Return influence coefficients divided by the compliance.
-
-        See `HalfSpaceKernel.unit_coefficients`.
-        """
-        return self._coefficients(grid, rows, columns) / self.compliance
-
-    def _coefficients(self, grid, rows, columns):
-        """Return influence coefficients at offsets in y and x.
-
-        The arrays `rows` and `columns` are the offsets.
-        """
+        """Return coefficients for unit compliance; see `HalfSpaceKernel.unit_coefficients`."""
         love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
         total = self.other * love
         for layer in self.layers:
             cell = grid.dx / layer.thickness, grid.dy / layer.thickness
             own = love + layer.thickness * layer_tables(layer, cell).integrals(cell, rows, columns)
             if layer.on_rigid_base:
-                x, y = (
-                    side * np.maximum(index - 0.5, 0)
-                    for side, index in zip(cell, (columns, rows), strict=True)
-                )
+                x, y = cell[0] * np.maximum(columns - 0.5, 0), cell[1] * np.maximum(rows - 0.5, 0)
                 own[np.hypot(x, y[:, None]) > _MAX_REACH] = 0.0  # below rounding
             total += layer.plane_compliance * own
-        return total
+        return total / self.compliance
 
     def layer_influence(self, grid, distances):
         """Return the displacement by a point force, for unit compliance [1/mm].
@@ -182,10 +161,7 @@ class LayeredKernel(HalfSpaceKernel):
         return cell.self_displacement(grid)
 
     def smallest_eigenvalue(self, grid):
-        """Return a lower bound of the eigenvalues of A [mm / (N/mm2)].
-
-        The eigenvalues are those on fields without mean.
-        """
+        """Return a lower bound of A's eigenvalues on fields without mean [mm / (N/mm2)]."""
         return (1.0 if grid.symbol == "spectral" else _LOVE_FACTORS[0]) * float(self._spectrum(grid).min())
 
     def largest_eigenvalue(self, grid):
@@ -214,10 +190,7 @@ class LayeredKernel(HalfSpaceKernel):
         return max(1.0, self.compliance_at(longest) / self.compliance_at(shortest))
 
     def compliance_at(self, length):
-        """Return 1 / E* for waves of a length [mm2/N].
-
-        `length` is in mm.
-        """
+        """Return 1 / E* [mm2/N] for waves of a `length` [mm]."""
         return np.pi * float(self.wave_compliance(np.array([2 * np.pi / length]))[0])
 
 

@@ -63,28 +63,19 @@ class MatMethods:
         _set_factors(mat, a, s + summand)
 
     def norm(self, mat, kind):
-        """Return a norm of the Mat: 1, infinity or Frobenius.
-
-        The norms 1 and infinity are equal, because the Mat is symmetric.
-        """
+        """Return a norm: 1 or infinity, which are equal by symmetry, or Frobenius."""
         squared = kind == PETSc.NormType.FROBENIUS
         if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
             raise ValueError("norm of an influence matrix: must be NORM_1, FROBENIUS or INFINITY")
-        (a, s), power = scale_and_shift(mat), 2 if squared else 1
-        sums = (
-            abs(a) ** power * (self._row_sums(power) - self.diagonal**power)
-            + abs(a * self.diagonal + s) ** power
-        )
+        (a, s), power, diagonal = scale_and_shift(mat), 2 if squared else 1, self.diagonal
+        sums = abs(a) ** power * (self._row_sums(power) - diagonal**power) + abs(a * diagonal + s) ** power
         sums = np.where(self.mask, sums, abs(s) ** power)
         if squared:
             return float(np.sqrt(sum_over(self.comm, [sums.sum()])[0]))
         return float(-minimum_over(self.comm, [-sums.max(initial=0.0)])[0])
 
     def _row_sums(self, power):
-        """Return, for each row I, the sum of ``|A_IJ|^power``.
-
-        The sum is over the columns J in contact.
-        """
+        """Return, for each row I, the sum of ``|A_IJ|^power`` over J in contact."""
         if not self.active:
             return np.zeros(self.local_shape)
         rows, sums = quadrant_rows(self.grid, self.kernel), np.empty(self.local_shape)

@@ -68,16 +68,12 @@ class Material:
         if not 0 <= self.poisson_ratio <= 0.5:
             raise InputError(f"Poisson ratio {format_exact(self.poisson_ratio)}: must be from 0 to 0.5")
         if not np.isfinite(self.compliance):
-            raise InputError(
-                f"shear modulus {format_exact(self.shear_modulus)}: too small, its reciprocal is infinite"
-            )
+            small = format_exact(self.shear_modulus)
+            raise InputError(f"shear modulus {small}: too small, its reciprocal is infinite")
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
-        """Make the material from combined G and nu.
-
-        See the parameters of `Material` for the combination.
-        """
+        """Make the material from combined G and nu; see the parameters of `Material`."""
         return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
 
     @classmethod
@@ -113,15 +109,14 @@ class Material:
         try:
             young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
         except (TypeError, ValueError):
-            raise InputError(
-                "pair: must be two Young's moduli and two Poisson's ratios, (E1, E2), (nu1, nu2)"
-            ) from None
+            wanted = "must be two Young's moduli and two Poisson's ratios, (E1, E2), (nu1, nu2)"
+            raise InputError(f"pair: {wanted}") from None
         if not (len(young) == 2 and all(modulus > 0 for modulus in young)):
-            raise InputError(
-                f"Young's moduli {_listed(young)}: must be two positive numbers; inf: a rigid body"
-            )
+            given = ",".join(map(format_exact, young))
+            raise InputError(f"Young's moduli {given}: must be two positive numbers; inf: a rigid body")
         if not (len(poisson) == 2 and all(0 <= ratio <= 0.5 for ratio in poisson)):
-            raise InputError(f"Poisson's ratios {_listed(poisson)}: must be two numbers from 0 to 0.5")
+            given = ",".join(map(format_exact, poisson))
+            raise InputError(f"Poisson's ratios {given}: must be two numbers from 0 to 0.5")
         if all(map(math.isinf, young)):
             raise InputError("Young's moduli inf,inf: one body at least must be elastic")
         reciprocal = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
@@ -177,12 +172,15 @@ class Material:
         cls.pair(moduli, ratios)  # checks the substrate
         layers = [Layer(thickness, moduli, ratios)]
         if isinstance(other, Material):
-            layers += other._only_layer()
+            if len(other.coatings) != 1 or np.isfinite(other.bodies["young"][1]):
+                wanted = "E, nu of the other body, or Material.coated or Material.layer without other="
+                raise InputError(f"other: must be {wanted}")
+            layers += other.coatings
             (surface, below) = zip(layers[1].young, layers[1].poisson, strict=True)
+        elif other is None:
+            surface = below = np.inf, 0.0
         else:
-            surface = below = (
-                _pair_of_reals(other, (0, 0), "other")[0] if other is not None else (np.inf, 0.0)
-            )
+            surface = below = _pair_of_reals(other, (0, 0), "other")[0]
         material = cls.pair((moduli[0], surface[0]), (ratios[0], surface[1]))
         material._made_from(young=(moduli[1], below[0]), poisson=(ratios[1], below[1]))
         object.__setattr__(material, "coatings", tuple(layers))
@@ -202,14 +200,6 @@ class Material:
         """
         young, poisson = _real("Young's modulus", young), _real("Poisson's ratio", poisson)
         return cls.coated((young, np.inf), (poisson, 0.0), thickness, other)
-
-    def _only_layer(self):
-        """Return the layer in a list; raise unless the other body is rigid."""
-        if len(self.coatings) != 1 or np.isfinite(self.bodies["young"][1]):
-            raise InputError(
-                "other: must be E, nu of the other body, or Material.coated or Material.layer without other="
-            )
-        return list(self.coatings)
 
     def _made_from(self, **bodies):
         object.__setattr__(self, "bodies", bodies)
@@ -239,13 +229,8 @@ class Material:
         copied = copy(self)
         for name, values, wanted, is_allowed in (
             ("resistivity", resistivity, "at least 0, and one above 0 [ohm m]", _are_resistivities),
-            (
-                "thermal_conductivity",
-                thermal_conductivity,
-                "above 0, and one finite [W/(m K)]",
-                _are_conductivities,
-            ),
-        ):
+            ("thermal_conductivity", thermal_conductivity, "above 0, and one finite [W/(m K)]", _are_conductivities),
+        ):  # fmt: skip
             if values is None:
                 continue
             try:
@@ -264,23 +249,17 @@ class Material:
         Coated bodies have no E*; `young` and `poisson` are those of their substrates. The numbers of the coatings are
         lists if both bodies are coated.
         """
+        bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         if self.coatings:
             each = [(layer.young[0], layer.poisson[0], layer.thickness) for layer in self.coatings]
             numbers = each[0] if len(each) == 1 else [list(values) for values in zip(*each, strict=True)]
             names = "coating_young", "coating_poisson", "coating_thickness"
-            return {
-                **{name: list(values) for name, values in self.bodies.items()},
-                **dict(zip(names, numbers, strict=True)),
-            }
+            return bodies | dict(zip(names, numbers, strict=True))
         pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
-        bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}
-        return {
-            **({} if self.bodies == {} else pair),
-            **bodies,
-            "contact_modulus": self.contact_modulus,
-            **{name: list(values) for name, values in constants.items() if values is not None},
-        }
+        constants = {name: list(values) for name, values in constants.items() if values is not None}
+        pair = {} if self.bodies == {} else pair
+        return pair | bodies | {"contact_modulus": self.contact_modulus} | constants
 
     @property
     def compliance(self):
@@ -322,10 +301,8 @@ def _pair_of_reals(first, second, what):
     except (TypeError, ValueError):
         pairs = ()
     if [len(pair) for pair in pairs] != [2, 2]:
-        wanted = (
-            "E, nu of the other body" if what == "other" else "(E_coat, E_substrate), (nu_coat, nu_substrate)"
-        )
-        raise InputError(f"{what}: must be {wanted}")
+        both = "(E_coat, E_substrate), (nu_coat, nu_substrate)"
+        raise InputError(f"{what}: must be {'E, nu of the other body' if what == 'other' else both}")
     return pairs
 
 
@@ -335,7 +312,3 @@ def _are_resistivities(pair):
 
 def _are_conductivities(pair):
     return (pair > 0).all() and np.isfinite(pair).any()
-
-
-def _listed(numbers):
-    return ",".join(map(format_exact, numbers))

@@ -104,10 +104,7 @@ class InfluenceOperator(MatMethods):
         self.products = self.sweeps = 0
         self._spent = 0.0  # work of freed objects, in products
         self.contact_version = 0
-        self._energy = (
-            None,
-            None,
-        )  # key of a contact set; its energy under unit pressure, and its number of cells
+        self._energy = None, None  # key of a contact set; its energy under unit pressure, and number of cells
 
     # -- products, made on first use -----------------------------------------------------------------------
 
@@ -190,10 +187,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def screened_product(self):
-        """Product with (B + k)^-1, a `ScreenedProduct`. Collective on first use.
-
-        B is the inverse of A, and k the stiffness of springs.
-        """
+        """`ScreenedProduct`: (`inverse` + k)^-1, with springs k. Collective on first use."""
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
@@ -289,10 +283,7 @@ class InfluenceOperator(MatMethods):
         apply_logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
-        """Return p.Ap of unit pressure on C. Collective.
-
-        Return also the number of cells of the contact set.
-        """
+        """Return p.Ap of unit pressure on C, and C's cells. Collective."""
         cells = sum_over(self.comm, [np.count_nonzero(self.mask)])[0]
         key = self.contact_version, cells  # Within a version, cells only leave C.
         if self._energy[0] != key:
@@ -412,10 +403,7 @@ def petsc_comm(comm):
 
 
 def get_operator(mat, kind, solver):
-    """Return the context of a Mat, which must be of class `kind`.
-
-    Otherwise raise InputError; its message contains `solver`, the name of the solver that needs such a Mat.
-    """
+    """Return a Mat's context; raise InputError for `solver` if not a `kind`."""
     context = mat.getPythonContext() if mat.getType() == "python" else None
     if not isinstance(context, kind):
         actual = "an assembled matrix" if context is None else f"an {type(context).__name__}"

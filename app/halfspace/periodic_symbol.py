@@ -76,9 +76,8 @@ def _love(grid, columns, rows):
             total[columns, rows] = in_x[:, nonzero] @ in_y.T
     q = np.hypot(x[:, None] / grid.dx, y / grid.dy)
     wave = np.sinc(x / (2 * np.pi))[:, None] * np.sinc(y / (2 * np.pi))
-    total += np.divide(
-        wave * erfc(_MAX_WIDTH * max(grid.dx, grid.dy) * q), q, out=np.zeros_like(q), where=q > 0
-    )
+    wave *= erfc(_MAX_WIDTH * max(grid.dx, grid.dy) * q)
+    total += np.divide(wave, q, out=np.zeros_like(q), where=q > 0)
     total[np.ix_(x == 0, y == 0)] = 0.0
     return total
 
@@ -130,8 +129,5 @@ def periodic_quadrant(grid, kernel):
 
 
 def fold_offsets(offsets, n):
-    """Return equivalent offsets up to half the period.
-
-    An even periodic function has equal values at equivalent offsets.
-    """
+    """Return offsets within half a period, equivalent for even periodic functions."""
     return np.minimum(offsets % n, -offsets % n)

@@ -46,9 +46,7 @@ class Convolution(EvenMultiplier):
     @staticmethod
     def lengths(shape, repeats):
         """Return the lengths of the transforms in y and x."""
-        return tuple(
-            n if periodic else transform_length(n) for n, periodic in zip(shape, repeats, strict=True)
-        )
+        return tuple(n if whole else transform_length(n) for n, whole in zip(shape, repeats, strict=True))
 
 
 def half_lengths(shape, periods):
@@ -57,10 +55,7 @@ def half_lengths(shape, periods):
 
 
 class BoxProduct(EvenMultiplier):
-    """Product with A in a periodic box, minus the images' influence.
-
-    Collective over the layout's ranks.
-    """
+    """Product with A in a periodic box, minus the images' influence. Collective."""
 
     def __init__(self, grid, kernel, layout=SERIAL):
         super().__init__(grid.shape, self.periods_of(grid), layout)
@@ -90,10 +85,8 @@ class BoxProduct(EvenMultiplier):
         grid, (width, per_gap) = self._box.grid, _NODES[self.dtype]
         gap = [period - n for period, n in zip(self.periods, grid.shape, strict=True)]
         step = min(gap[0] * grid.dy, gap[1] * grid.dx) / per_gap
-        steps = [max(1, int(step / d)) for d in (grid.dy, grid.dx)]
-        self.image_correction = ImageCorrection(
-            self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype
-        )
+        steps, kernel = [max(1, int(step / d)) for d in (grid.dy, grid.dx)], (self._box, self._compliance)
+        self.image_correction = ImageCorrection(*kernel, steps, width, self.slabs, self.comm, self.dtype)
 
     def in_precision(self, dtype):
         """Return a copy in another precision; see `EvenMultiplier.in_precision`."""
@@ -162,10 +155,7 @@ class DenseProduct:
         self.count = 0
 
     def apply(self, p, out, mask=None):
-        """Compute A p, or C A C p.
-
-        C restricts a field to the mask. The product is stored in `out`.
-        """
+        """Store A p, or C A C p with the mask C, in `out`."""
         self.count += 1
         if mask is None:
             out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)

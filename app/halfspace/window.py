@@ -17,10 +17,7 @@ from app.parallel.reductions import minimum_over, nonzero_span
 
 @dataclass(frozen=True)
 class Window:
-    """Rectangle of cells of a grid.
-
-    The rectangle has the rows y0 to y1 - 1 and the columns x0 to x1 - 1.
-    """
+    """Rectangle of cells: rows [y0, y1) and columns [x0, x1) of a grid."""
 
     y0: int
     y1: int
@@ -39,24 +36,17 @@ class Window:
         """
         x0, y0 = whole.x0 + self.x0 * whole.dx, whole.y0 + self.y0 * whole.dy
         shape = self.y1 - self.y0, self.x1 - self.x0
-        kept = all(
-            not repeats or n == m for repeats, n, m in zip(whole.repeats, shape, whole.shape, strict=True)
-        )
+        sizes = zip(whole.repeats, shape, whole.shape, strict=True)
+        kept = all(not repeats or n == m for repeats, n, m in sizes)
         return Grid(shape[1], shape[0], whole.dx, whole.dy, x0, y0, whole.one_way if kept else "")
 
     def refine(self, factors, grid):
-        """Return the window of this window's fine cells.
-
-        `factors` are the coarsening factors (fy, fx), `grid` is the finer grid.
-        """
+        """Return the window of the fine cells, with the coarsening factors (fy, fx)."""
         fy, fx = factors
         return Window(self.y0 * fy, min(self.y1 * fy, grid.ny), self.x0 * fx, min(self.x1 * fx, grid.nx))
 
     def coarsen(self, factors):
-        """Return the window of all coarse cells that this window touches.
-
-        `factors` are the coarsening factors (fy, fx).
-        """
+        """Return the window of all coarse cells touched, for factors (fy, fx)."""
         fy, fx = factors
         return Window(self.y0 // fy, -(-self.y1 // fy), self.x0 // fx, -(-self.x1 // fx))
 

@@ -42,10 +42,7 @@ def execute(typing_context, function, plan):
 
 @cache
 def _load_library(dtype):
-    """Return FFTW's library and prefix for a precision.
-
-    The prefix is ``fftw`` or ``fftwf``.
-    """
+    """Return FFTW's library for a precision, and its prefix: ``fftw`` or ``fftwf``."""
     if dtype not in _PREFIXES:
         raise ValueError(f"dtype {dtype}: must be one of {', '.join(_PREFIXES)}")
     library, prefix = ctypes.CDLL(_FILE), _PREFIXES[dtype]

@@ -29,8 +29,5 @@ def fast_length(n, even=False):
 
 
 def transform_length(n):
-    """Return a fast even length to convolve n cells.
-
-    The length is at least 2 n - 1, so that the periodic convolution does not wrap around.
-    """
+    """Return a fast even length of at least 2 n - 1."""
     return fast_length(max(2 * n - 1, 2), even=True)

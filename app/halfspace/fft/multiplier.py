@@ -63,11 +63,7 @@ class _Sequences:
         self.execute = self._fftw.execute
 
     def plans(self, few):
-        """Return forward and backward plans for two batches.
-
-        The first two plans are for all sequences. The other two are for the first `few` sequences, or for all if `few`
-        is 0.
-        """
+        """Return both plans for all sequences, and for `few` (0: all)."""
         for count in (self._count, few or self._count):
             if count not in self._plans:
                 arrays = self.data[:count], self.transforms[:count]
@@ -184,10 +180,8 @@ class EvenMultiplier:
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
         slabs = Slabs.over(self.comm, rows)  # rows of the kernel, not of the fields
-        groups = [
-            ColumnGroup(group.edges[0], group.edges[-1], slabs.size, slabs.rank, slabs.counts)
-            for group in self._groups
-        ]
+        ranks = slabs.size, slabs.rank, slabs.counts
+        groups = [ColumnGroup(group.edges[0], group.edges[-1], *ranks) for group in self._groups]
         in_x = self._transformed.view(self.dtype)
         if in_x.size < slabs.local * (half_x + 1):
             in_x = np.zeros(slabs.local * (half_x + 1), self.dtype)
@@ -226,10 +220,8 @@ class EvenMultiplier:
         self._set_scaled(spectrum)
 
     def _frequencies(self):
-        columns = np.concatenate(
-            [np.arange(group.columns.start, group.columns.stop) for group in self._groups]
-        )
-        return columns, np.arange(self.periods[0] // 2 + 1)
+        columns = [np.arange(group.columns.start, group.columns.stop) for group in self._groups]
+        return np.concatenate(columns), np.arange(self.periods[0] // 2 + 1)
 
     def _set_scaled(self, spectrum):
         spectrum *= 1.0 / (self.periods[0] * self.periods[1])  # scale of the inverse transform
@@ -310,9 +302,8 @@ class EvenMultiplier:
             in_x.length, in_x.data, in_x.transforms, self._scratch, self._transformed, self._edges, in_x.execute,
         )  # fmt: skip
         rows_to_strips(p, mask, rows, *strips, *self._row_plans[::2])
-        for columns, plans, group in zip(
-            self._exchange.each(), self._column_plans, self._groups, strict=True
-        ):
+        groups = zip(self._exchange.each(), self._column_plans, self._groups, strict=True)
+        for columns, plans, group in groups:
             spectrum = self._spectrum[done : done + group.count]
             convolve_columns(*columns, *self._column_work, spectrum, scale, self._in_y.execute, *plans)
             done += group.count

@@ -70,10 +70,7 @@ def _split(both, first, a, b):
 
 @njit()
 def _unite(both, first, a, b):
-    """Combine the transforms of two rows to that of their pair.
-
-    This function is the inverse of `_split`, and has the same arguments.
-    """
+    """Combine the transforms of two rows; the inverse of `_split`."""
     length, start = np.uint64(both.size), np.uint64(first)
     for c in range(np.uint64(a.size)):
         x, y = a[c], b[c]
@@ -139,10 +136,7 @@ def _store_pairs(transforms, length, first, count, active, scratch, strips, heig
 
 @njit()
 def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
-    """Load rows from strips, and unite the transforms of each pair of rows.
-
-    This function is the inverse of `_store_pairs`.
-    """
+    """Unite the transforms of pairs of rows from strips; the inverse of `_store_pairs`."""
     if not height:
         return
     columns = strips.size // height

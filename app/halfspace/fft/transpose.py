@@ -57,10 +57,7 @@ class ColumnGroup:
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):
-        """Return this rank's rows of its own columns, which are not sent.
-
-        `part` is this group's part of the transformed rows.
-        """
+        """Return this rank's own columns in its `part`; they are not sent."""
         first = self._rows * (self.columns.start - self.edges[0])
         return part[first : first + self._rows * self.count]
 
@@ -70,9 +67,8 @@ class ColumnGroup:
         `transformed` are the strips of this rank. Return a list with an entry (first column, end column, strips) for
         each rank.
         """
-        return [
-            (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
-        ]
+        spans = itertools.pairwise(self.edges)
+        return [(a, b, transformed[self._rows * a : self._rows * b]) for a, b in spans]
 
     def deal(self, comm, part, received):
         """Exchange columns; return those of this rank. Collective.
@@ -83,11 +79,9 @@ class ColumnGroup:
         if comm is None:
             return [own]
         self.fetch(comm, part, received)
-        spans = zip(*self._by_row, strict=True)
-        return [
-            own if rank == self.rank else received[start : start + count]
-            for rank, (count, start) in enumerate(spans)
-        ]
+        dealt = [received[start : start + count] for count, start in zip(*self._by_row, strict=True)]
+        dealt[self.rank] = own
+        return dealt
 
     def fetch(self, comm, part, received):
         """Receive this rank's columns from the others. Collective."""
@@ -101,10 +95,7 @@ class ColumnGroup:
 
 
 class Exchange:
-    """Exchange of columns before and after their convolution. Collective.
-
-    `transformed` has the strips of this rank's rows.
-    """
+    """Exchange of columns of `transformed`, before and after their convolution. Collective."""
 
     def __init__(self, groups, transformed, comm, storage):
         self._groups, self._comm, self._received = groups, comm, None

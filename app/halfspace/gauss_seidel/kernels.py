@@ -21,10 +21,7 @@ _1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets 
 
 
 class RowSolver(NamedTuple):
-    """Kernels, FFT plans and work arrays to solve single rows.
-
-    Compiled code uses these data.
-    """
+    """Kernels, FFT plans and work arrays of compiled code for single rows."""
 
     execute: int  # address of FFTW's execute
     plans: np.ndarray  # (TILE, 2), transforms of `solved` to a row of `tile`, and of that row to `cells`
@@ -48,10 +45,7 @@ class RowSolver(NamedTuple):
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
 def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
-    """Return four scalar products of d with shifted kernels.
-
-    They are the sums of d[i] kernel[k + i] for i from `start` to `stop` - 1, for four offsets k.
-    """
+    """Return sums of d[i] kernel[k + i] over i, for four offsets k."""
     s0 = s1 = s2 = s3 = 0 * d[0]
     for index in range(start, stop):
         i = uintp(index)
@@ -65,10 +59,7 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
 
 @njit(fastmath={"contract"})
 def _convolve(rows, number):
-    """Convolve ``rows.work`` in place with a stored kernel.
-
-    `number` is the number of the kernel's spectrum.
-    """
+    """Convolve ``rows.work`` in place with the stored kernel `number`."""
     start = uintp(rows.starts[number])
     execute(rows.execute, rows.part_plans[number, 0])
     for k in range(uintp(rows.lengths[number] // 2 + 1)):
@@ -204,10 +195,7 @@ def _count(row):
 
 @njit()
 def find_contact_extent(mask, occupied):
-    """Return first and end contact column, and cell count.
-
-    ``occupied[j]`` is set to true if row j has contact cells.
-    """
+    """Mark `occupied` rows; return first and end contact column, and cells."""
     start, stop, cells = mask.shape[1], 0, 0
     for j in range(mask.shape[0]):
         first, last = nonzero_span(mask[j])
@@ -262,10 +250,8 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
                     copy_row(target, y)
                 else:
                     y[:] = 0
-                source = (before + t) * width
-                _add_tiles(
-                    y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, t + TILE, t + size
-                )
+                source, place = (before + t) * width, tiles + t // TILE
+                _add_tiles(y, flat, source, near, lags, reach[c], filled, place, t + TILE, t + size)
                 copy_row(y, target)
     for t in range(0, size, TILE):
         if not filled[tiles + t // TILE]:

@@ -66,19 +66,13 @@ class SweepMessages:
         for owner, (first, last) in enumerate(itertools.pairwise(self._starts)):
             a, b = max(first, leaf.start), min(last, leaf.stop)
             if a < b:
-                yield (
-                    owner,
-                    slice(a, b),
-                    field[a - leaf.start : b - leaf.start] if field is not None else None,
-                )
+                part = None if field is None else field[a - leaf.start : b - leaf.start]
+                yield owner, slice(a, b), part
 
     # -- rank 0 --------------------------------------------------------------------------------------------
 
     def fields(self, m):
-        """Return the defect on leaf m, and an array for its correction.
-
-        A leaf is a block of rows.
-        """
+        """Return the defect on leaf m, and an array for its correction."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return self._r[leaf], self._d[leaf]
@@ -91,10 +85,7 @@ class SweepMessages:
         return r, np.zeros_like(r)
 
     def send_back(self, m, d):
-        """Send the correction d of leaf m to the owners of its rows.
-
-        A leaf is a block of rows; an owner is the rank that stores a row.
-        """
+        """Send the correction d of leaf m to the owners of its rows."""
         leaf = self._leaves[m]
         if leaf.stop <= self._starts[1]:
             return
@@ -105,10 +96,7 @@ class SweepMessages:
                 self._d[rows] = part
 
     def collect(self, block):
-        """Receive the effects of earlier leaves on a leaf.
-
-        A leaf is a block of rows. Each rank sends the chunks of frequencies that it computes; `block` receives them.
-        """
+        """Receive the other ranks' effects of earlier leaves into `block`."""
         for rank, (first, last) in enumerate(self._edges):
             if rank and first < last:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
@@ -125,17 +113,11 @@ class SweepMessages:
     # -- other ranks ---------------------------------------------------------------------------------------
 
     def send_effects(self, m, block):
-        """Send the effects of earlier leaves on leaf m to rank 0.
-
-        `block` has these effects for the frequencies of this rank.
-        """
+        """Send `block`, the effects of earlier leaves on leaf m, to rank 0."""
         self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
     def receive_solved(self, m, block):
-        """Receive the solved leaf m into `block`.
-
-        The solved leaf overwrites the effects of earlier leaves on leaf m.
-        """
+        """Receive the solved leaf m into `block`, which had the effects on it."""
         if m in self._effects:
             self._effects.pop(m).Wait()
         self._comm.Recv(block, 0, _SOLVED)

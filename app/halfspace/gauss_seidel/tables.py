@@ -77,18 +77,12 @@ class SweepTables:
 
     @staticmethod
     def _with_spectrum(length):
-        """Return an array for in-place transforms, and its spectrum.
-
-        Both have the same memory.
-        """
+        """Return an array for in-place transforms, and its spectrum in the same memory."""
         spectrum = aligned(length // 2 + 1, complex)
         return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
-        """Return a `RowSolver`: FFT plans, kernel and work arrays.
-
-        `first_row` has the influence coefficients within a row.
-        """
+        """Return a `RowSolver`, given the influence coefficients within a row."""
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)
@@ -138,10 +132,7 @@ class SweepTables:
             rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
 
     def _prepare_transfers(self, kernel):
-        """Return spectra, FFT plans and work arrays for all transfers.
-
-        A transfer is the effect of solved leaves (blocks of rows) on later leaves.
-        """
+        """Return spectra, FFT plans and work arrays for transfers of all levels."""
         edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
         columns, rows = kernel.columns(edges), self.leaf_rows
         transfers = []

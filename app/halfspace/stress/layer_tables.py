@@ -136,9 +136,8 @@ def _add_corners(x, y, coefficients, spacing, scale, nu, nodes, weights, along_y
             along_y[0, i] += x[i] * g
             along_y[1, i] += x[i] * h
             along_y[2, i] += v
-            g, h, v, along_g, along_h = _integrate(
-                y[j], x_before, x[i], coefficients, spacing, scale, nodes, weights
-            )
+            edge = y[j], x_before, x[i]
+            g, h, v, along_g, along_h = _integrate(*edge, coefficients, spacing, scale, nodes, weights)
             x_g, x_h, x_v = x_g + y[j] * g, x_h + y[j] * h, x_v + v
             x_xy, x_before = x_xy + (1 - nu) * along_h + nu * along_g, x[i]
             out[0, j, i] += along_y[1, i] + nu * (x_h - x_g)

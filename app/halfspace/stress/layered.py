@@ -108,13 +108,11 @@ class LayeredStress(SubsurfaceStress):
         if side not in _SIDES:
             raise InputError(f"side {side!r}: allowed: {', '.join(_SIDES)}")
         depths = np.array(check_depths(depths))
-        depths[np.isclose(depths, t, rtol=_SAME_DEPTH, atol=0) & (depths != self._below)] = (
-            t if side == "coating" else self._below
-        )
-        if self.layer.on_rigid_base and depths.max() > t:
-            raise InputError(
-                f"depth {depths.max():.6g}: must be at most the thickness {t:.6g} mm, because the base is rigid"
-            )
+        at_interface = np.isclose(depths, t, rtol=_SAME_DEPTH, atol=0) & (depths != self._below)
+        depths[at_interface] = t if side == "coating" else self._below
+        if self.layer.on_rigid_base and (deepest := depths.max()) > t:
+            most = f"must be at most the thickness {t:.6g} mm, because the base is rigid"
+            raise InputError(f"depth {deepest:.6g}: {most}")
         return depths
 
     def plane(self, depth, side="coating"):
@@ -125,24 +123,15 @@ class LayeredStress(SubsurfaceStress):
         return super().plane(float(self._at_side(depth, side)[0]))
 
     def section(self, depths, x=None, y=None, side="coating"):
-        """Return the stress on a vertical plane; `side` is that of `plane`.
-
-        See `SubsurfaceStress.section`.
-        """
+        """Return the stress on a vertical plane; see `plane` and `SubsurfaceStress.section`."""
         return super().section(self._at_side(depths, side), x, y)
 
     def line(self, depths, x, y, side="coating"):
-        """Return the stress on a vertical line; `side` is that of `plane`.
-
-        See `SubsurfaceStress.line`.
-        """
+        """Return the stress on a vertical line; see `plane` and `SubsurfaceStress.line`."""
         return super().line(self._at_side(depths, side), x, y)
 
     def maximum(self):
-        """Return the largest von Mises stress in both materials.
-
-        See `SubsurfaceStress.maximum`.
-        """
+        """Return the largest von Mises stress; see `SubsurfaceStress.maximum`."""
         return self.maxima()[0]
 
     def maxima(self):
@@ -164,9 +153,7 @@ class LayeredStress(SubsurfaceStress):
         """Return the `LayerMaxima` of both materials and the interface."""
         largest = [at for at, _ in self._by_material]
         sides = [self.layer.thickness] if self.layer.on_rigid_base else [self.layer.thickness, self._below]
-        (one, shear), *other = (
-            self._search(np.array([depth]), von_mises, horizontal_shear) for depth in sides
-        )
+        (one, shear), *other = (self._search([depth], von_mises, horizontal_shear) for depth in sides)
         if not other:
             return LayerMaxima(largest[0], None, one, None, shear)
         return LayerMaxima(*largest, one, other[0][0], shear)

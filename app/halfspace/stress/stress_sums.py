@@ -44,12 +44,8 @@ class PeriodicStress:
         self._transform = scipy.fft.rfft2(pressure, norm="forward")
         qx, qy = wave_numbers(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
         self._q = np.hypot(qx, qy[:, None])
-        self._direction = [
-            np.divide(
-                np.broadcast_to(k, self._q.shape), self._q, out=np.zeros_like(self._q), where=self._q > 0
-            )
-            for k in (qx, qy[:, None])
-        ]
+        length = np.where(self._q > 0, self._q, 1.0)
+        self._direction = [qx / length, qy[:, None] / length]
         # Odd components of a sawtooth wave are zero at the cell centres.
         self._odd = [np.where(2 * np.arange(grid.nx // 2 + 1) == grid.nx, 0.0, 1.0),
                      np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
@@ -128,10 +124,7 @@ class FreeStress:
         # Offsets of the cells of the patch from the loaded cells.
         lengths = grid.ny + rows - 1, grid.nx + columns - 1
         padded = [scipy.fft.next_fast_len(n, real=True) for n in lengths]
-        mirror_y, mirror_x = (
-            _Mirror(1 - first - loaded, length)
-            for first, loaded, length in zip(self._first, (rows, columns), lengths, strict=True)
-        )
+        mirror_y, mirror_x = map(_Mirror, 1 - np.array(self._first) - (rows, columns), lengths)
         corners = self._corners(mirror_x.edge(grid.dx), mirror_y.edge(grid.dy), depth)
         transform = scipy.fft.rfft2(self._loaded, padded)
         out = np.empty((6, *grid.shape))
@@ -173,9 +166,8 @@ class OneWayStress:
         self._along = "yx".index(grid.one_way)  # axis of the period
         self._mean = pressure.mean(axis=self._along)
         size, length = (grid.dx, grid.ny * grid.dy) if self._along == 0 else (grid.dy, grid.nx * grid.dx)
-        count = scipy.fft.next_fast_len(
-            self._mean.size + int(np.ceil(_GAP_PERIODS * length / size)), real=True
-        )
+        gap = int(np.ceil(_GAP_PERIODS * length / size))
+        count = scipy.fft.next_fast_len(self._mean.size + gap, real=True)
         shape = (grid.ny, count) if self._along == 0 else (count, grid.nx)
         padded = np.zeros(shape)
         padded[: grid.ny, : grid.nx] = pressure - np.expand_dims(self._mean, self._along)
@@ -192,11 +184,9 @@ class OneWayStress:
         size, centres = (grid.dx, grid.x()) if self._along == 0 else (grid.dy, grid.y())
         offsets = size * np.arange(1 - n, n) if at is None else at - centres
         low, high = (_strip_edge(offsets + side * size / 2, depth) for side in (-1, 1))
-        in_plane = [
-            np.convolve(self._mean, part)[n - 1 : 2 * n - 1] if at is None else part @ self._mean
-            for part in high - low
-        ]
-        across, zz, shear = in_plane
+        inside = slice(n - 1, 2 * n - 1)
+        parts = (np.convolve(self._mean, k)[inside] if at is None else k @ self._mean for k in high - low)
+        across, zz, shear = parts
         along, none = self.nu * (across + zz), 0 * across
         if self._along == 0:
             return np.stack([across, along, zz, none, shear, none])
@@ -218,10 +208,7 @@ class OneWayStress:
 
 
 def _strip_edge(x, z):
-    """Return integrals of the stress by lines of force, from 0 to x.
-
-    The components are xx, zz and xz in plane strain, at the depth z.
-    """
+    """Integrate plane-strain xx, zz and xz by line forces, from 0 to x."""
     squares = x * x + z * z
     ratio = np.divide(x * z, squares, out=np.zeros_like(x), where=squares > 0)
     share = np.divide(z * z, squares, out=np.zeros_like(x), where=squares > 0)

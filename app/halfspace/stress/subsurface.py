@@ -53,19 +53,13 @@ class StressMaximum:
 
 
 def von_mises(stress):
-    """Return the von Mises stress of stress components [N/mm2].
-
-    `stress` has the shape (6, ...), in the order of `COMPONENTS`.
-    """
+    """Return the von Mises stress [N/mm2] of `COMPONENTS`, shape (6, ...)."""
     xx, yy, zz, xy, xz, yz = stress
     return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + xz**2 + yz**2))
 
 
 def max_shear(stress):
-    """Return the largest shear stress of stress components [N/mm2].
-
-    `stress` has the shape (6, ...), in the order of `COMPONENTS`.
-    """
+    """Return the largest shear stress [N/mm2] of `COMPONENTS`, shape (6, ...)."""
     xx, yy, zz, xy, xz, yz = stress
     tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
     principal = np.linalg.eigvalsh(tensors)
@@ -73,10 +67,7 @@ def max_shear(stress):
 
 
 def horizontal_shear(stress):
-    """Return the shear stress on horizontal planes [N/mm2].
-
-    `stress` has the shape (6, ...), in the order of `COMPONENTS`.
-    """
+    """Return the shear stress on horizontal planes [N/mm2] of `COMPONENTS`, (6, ...)."""
     return np.hypot(stress[4], stress[5])
 
 
@@ -179,10 +170,7 @@ class SubsurfaceStress:
         return np.stack([sums.row(depth, x)[[1, 0, 2, 3, 5, 4]] for depth in depths], axis=1)
 
     def line(self, depths, x, y):
-        """Return the stress on a vertical line; lengths in mm.
-
-        The result has the shape (6, depths) [N/mm2].
-        """
+        """Return the stress on a vertical line, (6, depths) [N/mm2]; lengths in mm."""
         _check_places(x=x, y=y)
         return np.stack([self._sums.point(depth, x, y) for depth in check_depths(depths)], axis=1)
 
@@ -197,10 +185,7 @@ class SubsurfaceStress:
         return self._search(None, von_mises)[0]
 
     def maxima(self):
-        """Return the largest von Mises and the largest shear stress.
-
-        Both results are a `StressMaximum`.
-        """
+        """Return the largest von Mises and shear stress, each a `StressMaximum`."""
         return self._search(None, von_mises, shear_where_large)
 
     def _search_depths(self):
@@ -220,8 +205,7 @@ class SubsurfaceStress:
             while depth > _MAX_CELLS_DEEP * max(grid.dx, grid.dy) and (
                 coarse := coarsen(sums.pressure, grid)
             ):
-                pressure, grid = coarse
-                sums = self._make_sums(pressure, grid)
+                sums, grid = self._make_sums(*coarse), coarse[1]
             stress = sums.plane(depth)
             for k, measure in enumerate(measures):
                 field = measure(stress)
