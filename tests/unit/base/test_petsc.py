@@ -53,7 +53,7 @@ def test_errors_of_petsc_are_unchanged():
 @pytest.mark.skipif(PETSc.IntType().itemsize > 4, reason="integers of 64 bits number every grid")
 def test_a_grid_with_more_cells_than_petsc_can_number_is_refused():
     grid = Grid.from_domain(46341, 46341, (0, 1, 0, 1))
-    with pytest.raises(InputError, match="64 bits"):
+    with pytest.raises(InputError, match="64-bit integers"):
         solve(ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: x * y), approach=1.0)
 
 
