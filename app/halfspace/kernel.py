@@ -33,6 +33,7 @@ class HalfSpaceKernel:
 
     scale_free = far_reaching = True
     encloses_images = False
+    layers = ()  # the Layers of the bodies
 
     def __init__(self, compliance):
         self.compliance = float(compliance)

@@ -122,7 +122,7 @@ class OneWayKernel(HalfSpaceKernel):
             if width > period:
                 outside = _log_integral(self.datum, width / 2) - _log_integral(self.datum, inner / 2)
                 total[:, near] += 2 * length / period * 2 * outside
-        for layer in getattr(self.base, "layers", ()):
+        for layer in self.base.layers:
             own = _layer_integrals(
                 layer, width, period, self.datum, max(count, int(across.max(initial=0)) + 1)
             )
@@ -176,7 +176,9 @@ def patch_kernel(kernel, grid):
         return kernel
     axis = "yx".index(grid.one_way)
     sides = grid.ny * grid.dy, grid.nx * grid.dx
-    thinnest, layers = _MIN_THICKNESS * max(sides), getattr(kernel, "layers", ())
+    thinnest, layers = _MIN_THICKNESS * max(sides), kernel.layers
+    if not (kernel.scale_free or layers):
+        raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a {type(kernel).__name__}")
     for layer in layers:
         if layer.thickness < thinnest:
             raise InputError(

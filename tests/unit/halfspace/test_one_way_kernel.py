@@ -7,7 +7,7 @@ from app.base.errors import InputError
 from app.halfspace import one_way_kernel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
-from app.halfspace.kernel import UNIT
+from app.halfspace.kernel import UNIT, HalfSpaceKernel
 from app.halfspace.love import love_coefficients
 from app.halfspace.material import Material
 from app.halfspace.one_way_kernel import patch_kernel
@@ -160,3 +160,11 @@ def test_thin_layers_are_refused():
     thin = Material.coated((1.0, 2.0), (0.3, 0.3), 1e-3)
     with pytest.raises(InputError, match=r"coating thickness 0.001 mm: must be at least .* periodic in y"):
         patch_kernel(thin.kernel, GRIDS[0])
+
+
+def test_other_kinds_of_bodies_are_refused():
+    class Springs(HalfSpaceKernel):
+        scale_free = False
+
+    with pytest.raises(InputError, match="must be True or False with a Springs"):
+        patch_kernel(Springs(1.0), GRIDS[0])
