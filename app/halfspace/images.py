@@ -42,10 +42,9 @@ class Box:
     def __init__(self, grid, periods, kernel):
         self.grid, self.periods, self.influence = grid, periods, partial(kernel.unit_coefficients, grid)
         ny, nx = periods
-        side = nx * grid.dx
-        terms = _lattice_sum(ny * grid.dy / side)
+        terms = _lattice_sum(ny * grid.dy / (nx * grid.dx))
         if not kernel.scale_free:
-            terms = terms + _layer_lattice_sum(grid, (ny * grid.dy, nx * grid.dx), kernel)
+            terms = terms + _layer_lattice_sum((ny * grid.dy, nx * grid.dx), kernel)
         in_y, in_x = (_cell_means(n, count) for n, count in zip(periods, terms.shape, strict=True))
         self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
@@ -101,13 +100,12 @@ def _lattice_sum(aspect):
     return fit_even_chebyshev(total)
 
 
-def _layer_lattice_sum(grid, sides, kernel):
+def _layer_lattice_sum(sides, kernel):
     """Return Chebyshev coefficients [y, x] of a lattice sum for layers.
 
     Instead of 1/rho as in `_lattice_sum`, the part that layers add to 1/rho is summed, plus a constant. The sum
     converges exponentially, because its terms end by a smooth cutoff: a smooth function, summed over the lattice, is
-    constant. So the origin also has a term, with the cutoff minus 1. `sides` are those of the box in y and x, and
-    `grid` has the size of the cells.
+    constant. So the origin also has a term, with the cutoff minus 1. `sides` are those of the box in y and x.
     """
     height, length = sides
     aspect, width = height / length, _CUTOFF_WIDTH * max(1.0, height / length)
@@ -118,7 +116,7 @@ def _layer_lattice_sum(grid, sides, kernel):
         rho = np.hypot(x + np.arange(-count_x, count_x + 1)[:, None, None], y + aspect * j)
         weights = erfc(rho / width - _CUTOFF_RADIUS) / 2
         weights[count_x] -= j == 0
-        total += length * (kernel.layer_influence(grid, length * rho) * weights).sum(axis=0)
+        total += length * (kernel.layer_influence(length * rho) * weights).sum(axis=0)
     return fit_even_chebyshev(total)
 
 

@@ -10,7 +10,6 @@ origin is a sum of two integrals of Phi over angles.
 """
 
 from functools import lru_cache
-from math import ceil, log2
 
 import numpy as np
 
@@ -18,26 +17,22 @@ from app.halfspace.hankel import HankelRule
 from app.halfspace.layer import displacement_ratio
 
 _TABLE = 1024  # number of points of a table
-_MIN_RADIUS, _MAX_RADIUS = 30.0, 600.0  # of the tables; the least one is for G1 <= G2
-_CELLS = 60  # least radius in cells
+_MIN_RADIUS = 1024.0  # of the tables; for a layer much stiffer than its substrate, about 100 times the ratio
 _MAX_GAUSS_CELL = 0.25  # largest cell of which Gauss points suffice everywhere
 _NEAR = 8  # longer sides of a cell within which larger cells need Phi
 _FAR = 64  # longer sides of a cell beyond which two points in a direction suffice
 _ANGLES = 32  # Gauss points of an angle
 
 
-@lru_cache(maxsize=16)
-def layer_tables(layer, cell):
-    """Return a layer's `LayerTables` for a cell (dx, dy) in thicknesses."""
+def layer_tables(layer):
+    """Return the `LayerTables` of a layer; all grids share them."""
     mu = float(f"{layer.modulus_ratio:.13g}")  # the same in all units
-    widest = _MIN_RADIUS * max(1.0, mu)
-    radius = min(max(widest, _CELLS * max(cell)), max(2 * widest, _MAX_RADIUS))
-    return _tables(mu, *layer.poisson, 2.0 ** ceil(log2(radius)))
+    return _tables(mu, *layer.poisson)
 
 
 @lru_cache(maxsize=8)
-def _tables(mu, nu1, nu2, radius):
-    limit = mu * (1 - nu2) / (1 - nu1)
+def _tables(mu, nu1, nu2):
+    limit, radius = mu * (1 - nu2) / (1 - nu1), _MIN_RADIUS * max(1.0, mu / 10)
     return LayerTables(lambda x: displacement_ratio(x, mu, nu1, nu2), limit, radius)
 
 

@@ -99,22 +99,22 @@ class LayeredKernel(HalfSpaceKernel):
         total = self.other * love
         for layer in self.layers:
             cell = grid.dx / layer.thickness, grid.dy / layer.thickness
-            own = love + layer.thickness * layer_tables(layer, cell).integrals(cell, rows, columns)
+            own = love + layer.thickness * layer_tables(layer).integrals(cell, rows, columns)
             if layer.on_rigid_base:
                 x, y = cell[0] * np.maximum(columns - 0.5, 0), cell[1] * np.maximum(rows - 0.5, 0)
                 own[np.hypot(x, y[:, None]) > _MAX_REACH] = 0.0  # below rounding
             total += layer.plane_compliance * own
         return total / self.compliance
 
-    def layer_influence(self, grid, distances):
+    def layer_influence(self, distances):
         """Return the displacement by a point force, for unit compliance [1/mm].
 
-        The displacement of half-spaces of the layers' materials is left out. `grid` has the size of the cells.
+        The displacement of half-spaces of the layers' materials is left out.
         """
         total = 0.0
         for layer in self.layers:
             r = distances / layer.thickness
-            own = layer_tables(layer, (grid.dx / layer.thickness, grid.dy / layer.thickness)).influence(r)
+            own = layer_tables(layer).influence(r)
             if layer.on_rigid_base:
                 own = np.where(r > _MAX_REACH, -1 / np.maximum(r, _MAX_REACH), own)
             total = total + layer.plane_compliance / layer.thickness * own
