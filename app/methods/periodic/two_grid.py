@@ -35,10 +35,15 @@ DAMPED_EIGENVALUES = 0.5, 1.4  # interval of eigenvalues of the centre of B, ove
 DAMPED_FRACTION = (
     0.9  # upper end over the largest eigenvalue, if that would be amplified: on few rows of long cells
 )
-LONG_WAVE_CELLS = 24.0  # length of the wave for which the weights of a layered body are right
-HALF_SPACE_WAVE_CELLS = 18.0  # the same for the weights of a half-space
-MAX_WEIGHT_FACTOR = 2.0  # largest factor on these weights
+# Lengths of waves: the weights of a layered body are right for the one with the larger eigenvalue.
+LONG_WAVE_CELLS = 24.0, 96.0
+HALF_SPACE_WAVE_CELLS = 18.0  # length of the wave for which the weights of a half-space are right
+WEIGHT_FACTORS = 0.5, 2.0  # least and largest factor on the weights of a layered body
 SAMPLE_CELLS = 16  # largest number of cells, along an axis, of the grid for the weights of a half-space
+MISSED_WAVE_CELLS = 8.0  # length of the shortest waves that the coarser grid has
+MAX_STEEP_EIGENVALUE = 0.6  # of these waves over that of a half-space, below which there is one more sweep
+MIN_DAMPED_EIGENVALUE = 0.2  # smallest lower end of the damped interval
+MAX_EXCESS = 0.8  # largest eigenvalue minus the upper end, over the lower end; waves are amplified from 1 on
 MIN_PRESWEPT_EIGENVALUE = 1.7  # largest eigenvalue above which sweeps also come first; 4:1 cells reach it
 ROW_TOLERANCE = 1e-6  # in coarse cells: a row this near to a coarse row also fetches the next one
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
@@ -96,25 +101,33 @@ class TwoGrid:
         self.weights = _weights(operator.influence.kernel, operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
         (low, high), (_, x, y, diagonal) = DAMPED_EIGENVALUES, self.weights
+        # On stiff coatings waves that the coarser grid just misses have smaller eigenvalues.
+        smaller = _relative_eigenvalue(
+            operator.influence.kernel, self.stiffness, operator.grid, MISSED_WAVE_CELLS
+        )
+        low = max(low * min(smaller, 1.0), MIN_DAMPED_EIGENVALUE)
+        sweeps = self._applied_sweeps = self.sweeps + (smaller < MAX_STEEP_EIGENVALUE)
         # Extreme eigenvalues of the sweeps, of constants and of waves that alternate in x, y or both.
         waves = x + y + 2 * diagonal, x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y
         highest = 1 + 2 * float(max(waves))
         low = max(low, 1 + 2 * float(min(waves)))  # or sweeps reverse long waves on thin layers
-        if highest > low + high:
+        if smaller < 1:
+            high = max(high, highest - MAX_EXCESS * low)
+        elif highest > low + high:
             high = DAMPED_FRACTION * highest
-        self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
+        self._before, self._after = None, chebyshev_steps(1 + sweeps, low, high).astype(np.float32)
         springs = CONSTANT_COMPLIANCE, CONTACT_STIFFNESS
         if highest > MIN_PRESWEPT_EIGENVALUE:
             springs = CONSTANT_COMPLIANCE_PRESWEPT, CONTACT_STIFFNESS_PRESWEPT
-            self._before = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
+            self._before = chebyshev_steps(sweeps, low, high).astype(np.float32)
             self._after = np.append(np.float32(0), self._before[::-1])
-        self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
+        self._rows = Halo(operator.slabs, operator.comm, sweeps)
         nx, kind = operator.grid.nx, np.float32
-        self._work = stencil.make_work(1 + self.sweeps, nx)
+        self._work = stencil.make_work(1 + sweeps, nx)
         self._zero = (np.empty((0, nx), kind),) * 3
         self._no_waves = _NO_WAVES, _NOWHERE, (np.empty(0, kind), np.empty(nx, kind))
         has_coarser = operator.coarser is not None
-        self._long_waves = _LongWaves(operator, self.sweeps, springs) if has_coarser else None
+        self._long_waves = _LongWaves(operator, sweeps, springs) if has_coarser else None
         self._contact_version, self._response = -1, None  # contact version of `_unit_response`, and that
 
     def apply(self, pc, x, y):
@@ -190,9 +203,12 @@ class TwoGrid:
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             if self._before is None:
-                sweeps, place = f"{1 + self.sweeps} sweeps with the centre of B", "added to the first"
+                sweeps, place = (
+                    f"{1 + self._applied_sweeps} sweeps with the centre of B",
+                    "added to the first",
+                )
             else:
-                sweeps, place = f"twice {self.sweeps} sweeps with the centre of B", "between them"
+                sweeps, place = f"twice {self._applied_sweeps} sweeps with the centre of B", "between them"
             coarse = self._long_waves.coarse.grid if self._long_waves else None
             more = f", A on {coarse.nx} x {coarse.ny} cells {place}" if coarse else ""
             viewer.printfASCII(f"  {sweeps}{more}\n")
@@ -209,16 +225,13 @@ def _weights(kernel, centre, grid):
     """
     middle, *around = _centre_weights(centre, grid)
     if not kernel.scale_free and min(grid.shape) > 2:
-        sample = Grid(
-            *(min(n, SAMPLE_CELLS) for n in (grid.nx, grid.ny)), grid.dx, grid.dy, periodic=grid.periodic
+        here, there = (-2 * (x + y + 2 * xy) for x, y, xy in (around, _half_space_weights(grid)[1:]))
+        wanted = 1 - (1 - there) * max(
+            HALF_SPACE_WAVE_CELLS / cells * _relative_eigenvalue(kernel, middle, grid, cells)
+            for cells in LONG_WAVE_CELLS
         )
-        diagonal, *others = _half_space_weights(sample)
-        here, there = (-2 * (x + y + 2 * xy) for x, y, xy in (around, others))
-        q = 2 * np.pi / (LONG_WAVE_CELLS * np.sqrt(grid.dx * grid.dy))
-        softer = middle * float(kernel.wave_compliance(np.array([q]))[0]) / diagonal
-        wanted = 1 - (1 - there) * HALF_SPACE_WAVE_CELLS / LONG_WAVE_CELLS / softer
-        if here > 0 and wanted > 0:
-            factor = min(wanted / here, MAX_WEIGHT_FACTOR)
+        if here > 0:
+            factor = np.clip(wanted / here, *WEIGHT_FACTORS)
             around = [factor * value for value in around]
     return 1.0 / middle, *map(np.float32, around)
 
@@ -234,9 +247,25 @@ def _centre_weights(centre, grid):
     return middle, *(value / middle for value in around)
 
 
-@lru_cache(maxsize=16)
+def _relative_eigenvalue(kernel, diagonal, grid, cells):
+    """Return an eigenvalue of B over its `diagonal` entry, divided by that of a half-space.
+
+    The wave is `cells` long. The number is 1 for half-spaces.
+    """
+    if kernel.scale_free:
+        return 1.0
+    q = 2 * np.pi / (cells * np.sqrt(grid.dx * grid.dy))
+    return _half_space_weights(grid)[0] / (diagonal * float(kernel.wave_compliance(np.array([q]))[0]))
+
+
 def _half_space_weights(grid):
-    """Return `_centre_weights` for a half-space with compliance 1."""
+    """Return `_centre_weights` for a half-space with compliance 1, with few cells."""
+    counts = (min(n, SAMPLE_CELLS) for n in (grid.nx, grid.ny))
+    return _weights_of_sample(Grid(*counts, grid.dx, grid.dy, periodic=grid.periodic))
+
+
+@lru_cache(maxsize=16)
+def _weights_of_sample(grid):
     x, y = np.arange(grid.nx), np.arange(grid.ny)
     values = UNIT.eigenvalues(grid, np.minimum(x, grid.nx - x), np.minimum(y, grid.ny - y))
     values[0, 0] = np.inf

@@ -84,6 +84,16 @@ def test_short_waves_see_the_layer_and_long_waves_the_substrate(name):
     assert layer.ratio(1e-12) == pytest.approx(substrate, rel=1e-10, abs=1e-11)
 
 
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
+def test_a_stiff_substrate_is_a_rigid_base(nu):
+    """The difference is proportional to the compliance of the substrate."""
+    x = np.geomspace(0.1, 10, 20)
+    rigid = Layer(1.0, (1.0, np.inf), (nu, 0.0)).ratio(x)
+    for stiffness in (1e4, 1e8):
+        found = Layer(1.0, (1.0, stiffness), (nu, 0.3)).ratio(x)
+        assert abs(found - rigid).max() < 2 / stiffness
+
+
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
 def test_long_waves_press_a_layer_on_a_rigid_base_uniformly(nu):
     layer, q = Layer(0.2, (3.0, np.inf), (nu, 0.0)), 1e-6
