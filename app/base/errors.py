@@ -150,11 +150,7 @@ def call_collectively(comm, function, *args, only_root=False):
 
 
 def check_equal_on_ranks(comm, value, what):
-    """Check that a value is equal on all ranks.
-
-    Collective over the mpi4py communicator `comm`. Different values would lead to a deadlock later. `what` is the name
-    of the value in the error message.
-    """
+    """Raise InputError if a value, called `what`, differs between ranks. Collective."""
     if len(set(comm.allgather(repr(value)))) > 1:
         raise InputError(f"{what}: not the same on all ranks")
 

@@ -93,10 +93,9 @@ def check_address_space():
     """Raise if ``ulimit -v`` leaves too little space for the solver's libraries."""
     free = _address_space()
     if free < LOADING:
-        raise InputError(
-            f"a process may take {_size(free, LOADING)} more of address space (ulimit -v); "
-            f"needed: {_size(LOADING, free)} and what the grid takes"
-        )
+        needed = f"needed: {_size(LOADING, free)} and what the grid takes"
+        have = f"a process may take {_size(free, LOADING)} more of address space (ulimit -v)"
+        raise InputError(f"{have}; {needed}")
 
 
 def check_rank_memory(grid, cells):
@@ -107,10 +106,9 @@ def check_rank_memory(grid, cells):
 def _check(grid, needed, free, where):
     """Raise InputError if a grid exceeds the free bytes of a memory."""
     if needed > free:
-        raise InputError(
-            f"grid {grid.nx},{grid.ny}: needs about {_size(needed, free)} {where}; {_size(free, needed)} are free: "
-            f"about {format_distinct(int(grid.n * free / needed), grid.n, 2)} cells would fit"
-        )
+        fit = f"about {format_distinct(int(grid.n * free / needed), grid.n, 2)} cells would fit"
+        what = f"needs about {_size(needed, free)} {where}; {_size(free, needed)} are free"
+        raise InputError(f"grid {grid.nx},{grid.ny}: {what}: {fit}")
 
 
 def check_fits(size, what):

@@ -59,10 +59,7 @@ def single_host_variables(environment):
 
 
 def single_rank_variables(environment):
-    """Return changes of the environment for a child process without MPI ranks.
-
-    The child process is not a rank of mpiexec. The value None removes a variable.
-    """
+    """Return environment changes (None: remove) for a child that is no rank."""
     changes = {name: None for name in environment if name.startswith(_OF_RANKS)}
     return changes | SINGLE_RANK | {"OMP_NUM_THREADS": environment.get("OMP_NUM_THREADS", "1")}
 

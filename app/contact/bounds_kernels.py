@@ -7,7 +7,7 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.contact.kernels import gap
-from app.parallel.reductions import add_tuples, njit_reassoc
+from app.parallel.reductions import add_tuples, njit_reassoc, sum_row
 
 NO_CELLS = 0, 0, 0, 0.0, 0.0, 0.0  # result of `activate` without cells
 
@@ -115,15 +115,6 @@ def _squares_row(b, depth, u, contact):
     return gaps, distances
 
 
-@njit_reassoc
-def _sum_row(x):
-    """Return the sum of a row."""
-    total = 0.0
-    for i in range(x.size):
-        total += x[i]
-    return total
-
-
 @njit()
 def enter_row(enters, admissible, contact, released, b, depth, u, p):
     """Add the cells that `enters` marks in a row to C; see `activate`."""
@@ -131,7 +122,7 @@ def enter_row(enters, admissible, contact, released, b, depth, u, p):
     if cells[0]:
         squares = _squares_row(b, depth, u, contact)
     released[:] = False
-    return cells + squares + (_sum_row(p),)
+    return cells + squares + (sum_row(p),)
 
 
 @njit()

@@ -104,10 +104,7 @@ class UndeformedDistance:
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
-        """Return the distance in a window, with statistics of the grid. Collective.
-
-        `scatter` moves fields from the grid of `whole` to the window.
-        """
+        """Return a window's distance with the grid's statistics, by a `Scatter`. Collective."""
         part = cls.__new__(cls)
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics

@@ -95,11 +95,7 @@ class FullContact:
         return distance.full_contact_pressures
 
     def _is_unlikely(self, mean_pressure):
-        """Return whether a coarser grid is far from full contact. Collective.
-
-        The coarser grid is far from full contact if full contact there needs much more than the prescribed
-        `mean_pressure` [N/mm2], or if the hardness does not allow full contact there.
-        """
+        """Return whether full contact needs much more pressure on coarser grids. Collective."""
         if not self.level:
             return False
         number = max(self.level - _PROBED_LEVELS, 0)

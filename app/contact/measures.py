@@ -46,10 +46,9 @@ class ContactMeasures(NamedTuple):
         """
         if before.depth is None:
             return self
-        return self._replace(
-            plastic_volume=self.plastic_volume + state.grid.cell_area * before.total,
-            mean_plastic_depth=self.mean_plastic_depth + before.total / state.distance.statistics.cells,
-        )
+        volume = self.plastic_volume + state.grid.cell_area * before.total
+        depth = self.mean_plastic_depth + before.total / state.distance.statistics.cells
+        return self._replace(plastic_volume=volume, mean_plastic_depth=depth)
 
 
 class Indentation(NamedTuple):
@@ -205,11 +204,7 @@ def _steps_at_sides(operator, shape):
 
 
 def _wave_slope(operator, shape):
-    """Return the mean square slope of the Fourier interpolant. Collective.
-
-    The mean square slope is the sum of q^2 |h_q|^2 over all waves of the shape; q is the wave number, h_q the
-    amplitude.
-    """
+    """Return the sum of q^2 |h_q|^2 over all waves. Collective."""
     grid = operator.grid
 
     def square(columns, rows):

@@ -101,11 +101,7 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _fill_plateaus(self, state):
-        """Bring p to the prescribed load. Collective.
-
-        In general p is scaled, or a constant is added to p on C. If the pressures in C are all at a bound, the approach
-        changes first, until another cell enters C.
-        """
+        """Bring p to the load; approach if C is at a bound. Collective."""
         for _ in range(_MAX_PLATEAUS):
             state.set_load(self.load, load := state.load)
             if isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):

@@ -180,16 +180,16 @@ class ContactState:
 
     def in_contact(self):
         """Return a mask of cells in contact: those of C, and plastic ones."""
-        return self.contact | self.bounds.plastic(self.p) if self._local_plastic_cells() else self.contact
+        if not (self.bounds.capped and self._local_plastic_cells()):
+            return self.contact
+        return self.contact | self.bounds.plastic(self.p)
 
     def not_plastic(self):
         """Return a mask of the admissible cells with p < H."""
-        return self.bounds.not_plastic(self.p) if self._local_plastic_cells() else self.admissible
+        return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible
 
     def _local_plastic_cells(self):
         """Count this rank's plastic cells, again only if p has changed."""
-        if not self.bounds.capped:
-            return 0
         if self._counted_at != (key := self.pressure.stateGet()):
             self._counted_at, self._plastic_cells = key, None
             self._local_plastic = self.bounds.count_plastic(self.p)
@@ -197,9 +197,9 @@ class ContactState:
 
     def plastic_cells(self):
         """Return the number of plastic cells. Collective."""
-        local = self._local_plastic_cells()
         if not self.bounds.capped:
             return 0
+        local = self._local_plastic_cells()
         if self._plastic_cells is None:
             self._plastic_cells = int(self.sum([local])[0])
         return self._plastic_cells
@@ -341,7 +341,7 @@ class ContactState:
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)
-        plastic = self._local_plastic_cells() if pressure is None else self.bounds.capped
+        plastic = self.bounds.capped and (pressure is not None or self._local_plastic_cells())
         p = self._p if pressure is None else pressure
         fields = self.u, p, self.admissible, self.contact, self._released
         expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)

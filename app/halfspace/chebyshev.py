@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from scipy.fft import dctn
 
 
 def chebyshev_nodes(count):
@@ -12,10 +13,7 @@ def chebyshev_nodes(count):
 
 
 def even_chebyshev(t, count):
-    """Return the first even Chebyshev polynomials at points t.
-
-    The polynomials are T_0, T_2, T_4, ...; the shape is (*t.shape, count).
-    """
+    """Return T_0, T_2, T_4, ... at points t, shape (*t.shape, count)."""
     return chebyshev.chebvander(2 * np.square(t) - 1, count - 1)  # T_2k(t) = T_k(2 t^2 - 1)
 
 
@@ -25,11 +23,10 @@ def fit_even_chebyshev(values):
     ``values[i, k]`` is f at node i of s and node k of t, both from `chebyshev_nodes`. The coefficient [m, n] belongs to
     T_2m(s) T_2n(t).
     """
-    first, second = (
-        even_chebyshev(chebyshev_nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
-        for n in values.shape
-    )
-    return first @ values @ second.T
+    coefficients = dctn(values) / values.size
+    coefficients[0] /= 2
+    coefficients[:, 0] /= 2
+    return coefficients
 
 
 def lagrange_weights(at, places):

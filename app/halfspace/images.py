@@ -22,7 +22,7 @@ from scipy.special import erf, erfc
 from app.base.mpi import MPI
 from app.base.numba_cache import njit
 from app.halfspace.chebyshev import chebyshev_nodes, even_chebyshev, fit_even_chebyshev, lagrange_weights
-from app.parallel.reductions import add_masked, add_row, njit_reassoc
+from app.parallel.reductions import add_masked, add_row, any_nonzero, copy_row
 
 _ERFC_RANGE = 6.2  # erfc(6.2) is below rounding.
 _TERMS = 16  # even Chebyshev polynomials per direction for a square box
@@ -57,11 +57,7 @@ class Box:
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
-        """Return the influence of the periodic images of a cell.
-
-        The cell itself is not included. `rows` and `columns` are arrays of offsets in y and x, up to half a period. The
-        result is for unit compliance, and has the shape (rows, columns).
-        """
+        """Return `kernel` without the part of the cell itself."""
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
@@ -149,32 +145,18 @@ def _cell_means(period, count):
     return np.einsum("jgt,g->jt", even_chebyshev(at, count), _GAUSS[1] / 2)
 
 
-@njit_reassoc
-def _copy_row(a, out):
-    nonzero = False
-    for i in range(a.size):
-        out[i] = a[i]
-        nonzero |= a[i] != 0
-    return nonzero
-
-
-@njit_reassoc
-def _copy_masked(a, mask, out):
-    nonzero = False
-    for i in range(a.size):
-        out[i] = a[i] if mask[i] else 0
-        nonzero |= mask[i]
-    return nonzero
-
-
 @njit()
 def _collect(p, mask, first, weights, nodes, row):
     """Add the pressures of cells to nodes in y, by interpolation weights."""
     step, width = weights.shape
     for j in range(p.shape[0]):
-        nonzero = _copy_masked(p[j], mask[j], row) if mask.size else _copy_row(p[j], row)
-        if not nonzero:
+        if not (any_nonzero(mask[j : j + 1]) if mask.size else any_nonzero(p[j : j + 1])):
             continue
+        if mask.size:
+            row[:] = 0
+            add_masked(p[j], mask[j], row)
+        else:
+            copy_row(p[j], row)
         node, place = divmod(first + j, step)
         for k in range(width):
             add_row(nodes[node + k, : row.size], weights[place, k], row)

@@ -88,11 +88,7 @@ class HalfSpaceKernel:
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def scale(self, eigenvalues, q):
-        """Return eigenvalues for the compliance of this kernel.
-
-        `eigenvalues` are those for unit compliance, at wave numbers `q` [1/mm]. They are multiplied by the compliance
-        of these waves.
-        """
+        """Return eigenvalues for unit compliance times the compliance at `q` [1/mm]."""
         return self.compliance * eigenvalues
 
     def scale_sampled(self, eigenvalues, grid, columns, rows):

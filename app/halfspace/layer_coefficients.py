@@ -101,11 +101,7 @@ class LayerTables:
         return total
 
     def _gauss_integrals(self, x, y, dx, dy, points):
-        """Return integrals over cells, by Gauss points.
-
-        The cells have the sides `dx` and `dy`, and the centres `x` and `y`, in thicknesses. A cell has `points` Gauss
-        points in each direction. The module docstring defines g and its rest.
-        """
+        """Return integrals over cells about (x, y), by `points` squared Gauss points."""
         nodes, weights = np.polynomial.legendre.leggauss(points)
         total = np.zeros(x.shape)
         for a, in_x in zip(nodes, weights, strict=True):
@@ -117,9 +113,7 @@ class LayerTables:
         """Return integrals over cells at some offsets, from Phi at their corners."""
         if not rows.size:
             return 0.0
-        x, y = (
-            (np.arange(most + 1) + 0.5) * d for most, d in zip((columns.max(), rows.max()), cell, strict=True)
-        )
+        x, y = ((np.arange(k.max() + 1) + 0.5) * d for k, d in zip((columns, rows), cell, strict=True))
         to_corner = self._triangles(x, y[:, None]) + self._triangles(y[:, None], x)
         # Row and column -1 are the mirror images of row and column 0.
         to_corner = np.pad(to_corner, ((1, 0), (1, 0)), mode="edge")

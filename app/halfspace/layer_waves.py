@@ -53,7 +53,7 @@ class LayerWaves:
         material are subtracted in the layer.
         """
         if depth <= self.layer.thickness:
-            return self._layer_functions(depth, reflected)
+            return self._layer_functions(depth, reflected)[:3]
         if self.layer.on_rigid_base:
             raise ValueError("a rigid base has no stress")
         s = self._q * (depth - self.layer.thickness)
@@ -62,15 +62,15 @@ class LayerWaves:
 
     def displacements(self, depth):
         """Return the displacements at a depth in the layer [mm]."""
-        nu, (a, a1, a2, a3) = self.layer.poisson[0], self._layer_functions(depth, order=3)
+        nu, (a, a1, a2, a3) = self.layer.poisson[0], self._layer_functions(depth)
         return (1 - nu) * a3 - (2 - nu) * a1, (1 - nu) * a2 + nu * a
 
-    def _layer_functions(self, depth, reflected=False, order=2):
-        functions = np.empty((order + 1, *self._q.shape))
+    def _layer_functions(self, depth, reflected=False):
+        functions = np.empty((4, *self._q.shape))
         thin, s = self._thin, self._q * depth
-        functions[:, thin] = _from_surface(s[thin], *self._curvature)[: order + 1]
+        functions[:, thin] = _from_surface(s[thin], *self._curvature)
         if reflected:
-            functions[:, thin] -= _decaying(1.0, 1.0, s[thin], np.exp(-s[thin]))[: order + 1]
+            functions[:, thin] -= _decaying(1.0, 1.0, s[thin], np.exp(-s[thin]))
         c0, c1, b0, b1 = self._amplitudes
         if not reflected:
             c0, c1 = c0 + 1, c1 + 1
@@ -78,8 +78,7 @@ class LayerWaves:
         down, up = s[thick], self._x[thick] - s[thick]
         down = _decaying(c0, c1, down, np.exp(-down))
         up = _decaying(b0, b1, up, np.exp(-up))
-        for k in range(order + 1):
-            functions[k, thick] = down[k] - up[k] if k % 2 else down[k] + up[k]
+        functions[:, thick] = _combine(down, up)
         return functions
 
 
@@ -92,6 +91,11 @@ def _decaying(c0, c1, s, decay):
         (c0 - 2 * c1 + line) * decay,
         (3 * c1 - c0 - line) * decay,
     )
+
+
+def _combine(down, up):
+    """Return a and its derivatives, from those of functions of z and of t - z."""
+    return [d - u if k % 2 else d + u for k, (d, u) in enumerate(zip(down, up, strict=True))]
 
 
 def _from_surface(s, second, third):
@@ -139,7 +143,7 @@ def _amplitudes(layer, x):
     def functions(b0, b1):
         c0, c1 = reflected(b0, b1)
         down, up = _decaying(1 + c0, 1 + c1, x, decay), _decaying(b0, b1, 0.0, 1.0)
-        return [d - u if k % 2 else d + u for k, (d, u) in enumerate(zip(down, up, strict=True))]
+        return _combine(down, up)
 
     b0, b1 = _solve(layer, functions, x.size)
     return *reflected(b0, b1), b0, b1

@@ -57,13 +57,12 @@ class LayeredKernel(HalfSpaceKernel):
 
     def in_units(self, length):
         """Return the kernel in other units; see `HalfSpaceKernel.in_units`."""
-        scale = self.compliance
-        young = [tuple(scale * young for young in layer.young) for layer in self.layers]
-        numbers = zip(self.layers, young, strict=True)
-        layers = tuple(
-            replace(layer, thickness=layer.thickness / length, young=each) for layer, each in numbers
-        )
-        return LayeredKernel(layers, self.other / scale)
+
+        def scaled(layer):
+            young = tuple(self.compliance * young for young in layer.young)
+            return replace(layer, thickness=layer.thickness / length, young=young)
+
+        return LayeredKernel(tuple(map(scaled, self.layers)), self.other / self.compliance)
 
     def uniform_compliance(self, grid):
         """Return the displacement by pressure 1 on all cells; see `HalfSpaceKernel`."""
@@ -148,10 +147,7 @@ class LayeredKernel(HalfSpaceKernel):
         return rigid, compliance
 
     def middle_displacement(self, lengths):
-        """Return a bound of the displacement of a rectangle [mm].
-
-        The rectangle is loaded, and the displacement is that of its middle.
-        """
+        """Return a bound of the displacement in a loaded rectangle's middle [mm]."""
         rigid, compliance = self.softest_parts(max(lengths))
         return rigid + HalfSpaceKernel(compliance).middle_displacement(lengths)
 
@@ -218,11 +214,7 @@ def _alias_sums(layer, grid, columns, rows, highest):
 
 
 def _aliases(index, n, d, highest):
-    """Return wave numbers and sinc of aliased waves along an axis.
-
-    The shape is (aliases, index). There are `n` cells of length `d`. Waves beyond the wave number `highest` are left
-    out.
-    """
+    """Return aliased wave numbers up to `highest`, and sinc, shape (aliases, index)."""
     count = int(highest * d / (2 * np.pi)) + 1
     waves = index / n + np.arange(-count, count + 1)[:, None]
     return 2 * np.pi * waves / d, np.sinc(waves)

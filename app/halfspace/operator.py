@@ -366,8 +366,8 @@ class InfluenceOperator(MatMethods):
     def equivalent_products(self):
         """Work on this grid, in products with A."""
         cached = vars(self)
-        products = {id(cached[name]): cached[name] for name in _PRODUCTS if name in cached}
-        total = self._spent + sum([product.count for product in products.values()])
+        products = {cached[name] for name in _PRODUCTS if name in cached}
+        total = self._spent + sum([product.count for product in products])
         points = [multiplier.points for multiplier in self.multipliers.values() if multiplier]
         total += sum(points) / self._transformed_cells
         if "relaxation" in cached:
@@ -385,9 +385,8 @@ class InfluenceOperator(MatMethods):
             return
         grid, kind = self.grid, type(self.product).__name__
         slabs = f"{self.slabs.size} slab{'s'[: self.slabs.size > 1]}"
-        viewer.printfASCII(
-            f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {slabs}\n"
-        )
+        cells = f"{grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm"
+        viewer.printfASCII(f"  influence matrix of {cells}, {kind}, {slabs}\n")
 
 
 def apply_logged(event, product, *fields):

@@ -29,9 +29,7 @@ _NODES = {_SINGLE: (6, 10), _DOUBLE: (14, 32)}
 
 
 class Convolution(EvenMultiplier):
-    """Product with A by FFT, with zero padding to twice the size.
-
-    Collective over the layout's ranks.
+    """Product with A by FFT, with zero padding to twice the size. Collective.
 
     ``quadrant_rows(slice)`` returns rows of the influence coefficients K, shape (rows, nx). Each call is for a few
     rows. In a direction in which the patch `repeats`, a pair for y and x, no padding is needed.
@@ -97,9 +95,7 @@ class BoxProduct(EvenMultiplier):
 
 
 class PeriodicProduct(EvenMultiplier):
-    """Product with A on a periodic patch, without padding.
-
-    Collective over the layout's ranks.
+    """Product with A on a periodic patch, without padding. Collective.
 
     ``symbol(columns, rows)`` returns the eigenvalues of A; see `EvenMultiplier.set_spectrum`.
     """

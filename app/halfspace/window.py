@@ -88,11 +88,7 @@ def local_bounds(mask, slabs):
 
 
 def window_from_bounds(minima):
-    """Return the window around the cells of a mask.
-
-    `minima` are the minima over all ranks of the four numbers of `local_bounds`. The window is None if the mask has no
-    cells.
-    """
+    """Return the window from minima of `local_bounds`; None without cells."""
     y0, x0, y1, x1 = minima
     return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
 
@@ -127,10 +123,7 @@ class Scatter:
         self._place = slice(first, first + self._reverse.rows), self._columns
 
     def forward(self, field, out=None):
-        """Copy a field's part in the window. Collective.
-
-        Return the field on the window; this is `out` if given.
-        """
+        """Copy a field's part in the window to `out`, by default new. Collective."""
         part = self._forward(field[:, self._columns], out)
         if out is None:
             return part.copy() if self._forward.unchanged else part

@@ -129,11 +129,7 @@ def quintic_weights(start, stop, place, first):
 
 
 def _before(index, place):
-    """Return the last coarse centre before each fine centre, and the distance.
-
-    Centres are those of cells along one axis; `index` has the numbers of the fine cells. The unit of the distance is a
-    coarse cell.
-    """
+    """Return the coarse centre before each fine one, and the distance [cells]."""
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)
     return before, centre - before

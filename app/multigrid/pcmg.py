@@ -137,10 +137,7 @@ class ContactMG:
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y from x by multigrid cycles.
-
-        The number of cycles is ``-pc_mg_multiplicative_cycles``, by default 1.
-        """
+        """Compute y from x by ``-pc_mg_multiplicative_cycles`` cycles, by default one."""
         if self._cycle is None:
             self.setUp(pc)
         try:

@@ -43,10 +43,7 @@ class SolverCache:
         return self._solvers[operator]
 
     def release_solver(self, operator):
-        """Free the solver of an operator if its grid is large. Collective.
-
-        The target's solver only frees its large work arrays.
-        """
+        """Free a large grid's solver; of the target only arrays. Collective."""
         if self._is_of_target(operator):
             self._target.free_work()
         elif is_large(operator.grid):

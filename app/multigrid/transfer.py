@@ -172,10 +172,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
-        """Interpolate a coarse field bilinearly. Collective.
-
-        At the boundary of a patch or window the field is extrapolated.
-        """
+        """Interpolate a coarse field bilinearly; extrapolate at boundaries. Collective."""
         wide = self._fetch_neighbours(coarse)
         if not fine.size:
             return

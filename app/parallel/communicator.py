@@ -98,10 +98,7 @@ class Communicator(MPI.Intracomm):
         return value
 
     def exchange_barrier(self):
-        """Wait for all ranks after an exchange by shared memory. Collective.
-
-        The exchange is counted as an all-to-all without messages.
-        """
+        """Wait for all ranks; count an all-to-all without messages. Collective."""
         self.traffic.all_to_alls += 1
         self.Barrier()
 

@@ -26,6 +26,15 @@ def _add_tuples(sums, more):
 
 
 @njit_reassoc
+def sum_row(row):
+    """Return the sum of a row, of an array of bool the count."""
+    total = 0
+    for i in range(row.size):
+        total += row[i]
+    return total
+
+
+@njit_reassoc
 def add_row(a, scale, b):
     """Compute a += scale b for a row."""
     for i in range(a.size):

@@ -62,11 +62,7 @@ class ColumnGroup:
         return part[first : first + self._rows * self.count]
 
     def pieces(self, transformed):
-        """Divide this rank's strips by the ranks that own their columns.
-
-        `transformed` are the strips of this rank. Return a list with an entry (first column, end column, strips) for
-        each rank.
-        """
+        """Return (first column, end column, strips) for each rank that owns columns."""
         spans = itertools.pairwise(self.edges)
         return [(a, b, transformed[self._rows * a : self._rows * b]) for a, b in spans]
 

@@ -132,11 +132,7 @@ class GaussSeidel:
             d[:, columns] = correction
 
     def _prepare(self, mask):
-        """Make tables if necessary; return where contact is. Collective.
-
-        `mask` is the contact set on this rank's rows. Return which rows of the grid have contact, the number of contact
-        cells, and the columns to sweep over.
-        """
+        """Make tables; return rows with contact, cells, and columns to sweep. Collective."""
         ny, nx = self.shape
         local = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
         local[-3:] = find_contact_extent(mask, local[:-3])
@@ -233,11 +229,7 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Count the operations of a sweep on near rows.
-
-        These are operations within rows, and between rows of the same leaf (block of rows) or of neighbouring leaves.
-        `_transfer` counts those between leaves further apart.
-        """
+        """Count operations within rows, and between rows of neighbouring leaves."""
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)
         pairs = np.sum(filled[1:] * (filled[1:] - 1) / 2) + np.sum(filled[1:] * filled[:-1])

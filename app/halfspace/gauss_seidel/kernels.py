@@ -11,7 +11,7 @@ from numba import uintp
 
 from app.base.numba_cache import njit
 from app.halfspace.fft.fftw import execute
-from app.parallel.reductions import add_row, copy_row, njit_reassoc, nonzero_span
+from app.parallel.reductions import add_row, copy_row, nonzero_span, sum_row
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others in one loop
@@ -111,9 +111,8 @@ def solve_row(rows, count, weight):
             # With fewer than four cells the last one replaces the missing ones, without effect.
             t0, t1 = contact[done], contact[done + min(1, more - 1)]
             t2, t3 = contact[done + min(2, more - 1)], contact[done + more - 1]
-            s0, s1, s2, s3 = _four_dots(
-                d, start, t0, reverse, uintp(last - t0), uintp(last - t1), uintp(last - t2), uintp(last - t3)
-            )
+            k0, k1, k2, k3 = uintp(last - t0), uintp(last - t1), uintp(last - t2), uintp(last - t3)
+            s0, s1, s2, s3 = _four_dots(d, start, t0, reverse, k0, k1, k2, k3)
             d[t0] = d0 = weight * (x[t0] - s0)
             if more > 1:
                 d[t1] = d1 = weight * (x[t1] - s1 - kernel[t1 - t0] * d0)
@@ -185,14 +184,6 @@ def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
             _tile(y, flat, uintp(source - lag * _WIDTH), near, uintp(start + (lag - 3) * _WIDTH), _WIDTH)
 
 
-@njit_reassoc
-def _count(row):
-    cells = 0
-    for i in range(row.size):
-        cells += row[i]
-    return cells
-
-
 @njit()
 def find_contact_extent(mask, occupied):
     """Mark `occupied` rows; return first and end contact column, and cells."""
@@ -202,7 +193,7 @@ def find_contact_extent(mask, occupied):
         occupied[j] = last > 0
         if last > 0:
             start, stop = min(start, first), max(stop, last)
-            cells += _count(mask[j, first:last])
+            cells += sum_row(mask[j, first:last])
     return start, stop, cells
 
 

@@ -175,11 +175,7 @@ class OneWayStress:
         self._waves = PeriodicStress(padded, wide, nu)
 
     def _of_strips(self, depth, at=None):
-        """Return stress by the mean pressure along the period.
-
-        Without `at` the result is that below all rows or columns across the period, shape (6, rows or columns); else
-        that at the position `at`, shape (6,).
-        """
+        """Return stress by the mean pressure below all strips, or at `at`."""
         grid, n = self.grid, self._mean.size
         size, centres = (grid.dx, grid.x()) if self._along == 0 else (grid.dy, grid.y())
         offsets = size * np.arange(1 - n, n) if at is None else at - centres
