@@ -88,13 +88,6 @@ def test_folder_removed_while_solving_is_an_error(solve, tmp_path):
     assert_ended(done, "results does not exist")
 
 
-def test_longest_possible_name_is_solved(solve, tmp_path):
-    name = "a" * (os.pathconf(tmp_path, "PC_NAME_MAX") - 3) + ".h5"
-    done = solve(*HERTZ, "-output", name, ranks=2)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
 def test_host_without_memory_is_named(solve):
     done = solve(*HERTZ, "-grid", 16, ranks=2, program=(TESTS / "troubled.py", "little_memory", 1))
     assert_ended(done, "grid 16,16: needs about ")
@@ -163,16 +156,6 @@ def test_files_of_a_user_defined_problem_are_not_overwritten(solve, tmp_path):
     done = solve(*words.split(), *GAP[4:], ranks=2)
     assert_ended(done, "is the input mine.h5; choose another name")
     assert (tmp_path / "mine.h5").read_text() == "1"
-
-
-def test_result_is_written_through_a_link(solve, tmp_path):
-    (tmp_path / "there").mkdir()
-    (tmp_path / "there" / "result").write_text("an earlier result")
-    (tmp_path / "link.h5").symlink_to("there/result")
-    assert solve(*HERTZ, "-output", "link.h5", ranks=2).returncode == 0
-    assert (tmp_path / "link.h5").is_symlink()
-    assert read_result(tmp_path / "there" / "result").pressure.shape == (8, 8)
-    assert [path.name for path in (tmp_path / "there").iterdir()] == ["result"]
 
 
 def test_missing_mpi4py_is_reported(solve):

@@ -3,7 +3,6 @@
 import csv
 import errno
 import os
-import re
 from pathlib import Path
 
 import h5py
@@ -122,31 +121,6 @@ def test_notes_come_back_with_resumed_steps(cli_here, tmp_path):
     (tmp_path / "broken_0003.h5").rmdir()
     assert cli_here(*few, "-output", broken, "-resume").stderr == expected
     assert read_result(broken).attributes["notes"] == read_result(whole).attributes["notes"]
-
-
-def test_merged_notes_have_ranges_of_numbers(cli_here, tmp_path):
-    """Two surfaces, whose names differ in a number only, have notes of their own."""
-    x = np.linspace(0, 1, 32)
-    for number in (1, 2):
-        np.save(tmp_path / f"s{number}.npy", number * (x + 0.01 * np.cos(40 * x + 9 * x[:, None])))
-    surfaces = ("-surface_file", tmp_path / "s1.npy", "-surface_file2", tmp_path / "s2.npy")
-    words = "-problem rough -domain 0,0.32,0,0.32 -contact_modulus 1e3 -mean_pressure_path 20,100,500".split()
-    done = cli_here(*words, *surfaces, "-surface_unit", "um")
-    notes = [line for line in done.stderr.splitlines() if line.startswith("warning: ")]
-    for number in (1, 2):
-        [note] = [line for line in notes if f"s{number}.npy: is tilted" in line]
-        assert "all steps: " in note and f" by {0.001 * number:g}" in note
-    [note] = [line for line in notes if "the maximum pressure is" in line]
-    low, high = map(float, re.search(r"steps 2, 3: the maximum pressure is (.*) to (.*) E\*", note).groups())
-    assert 0.2 < low < 1 < high
-
-
-def test_singular_and_plural_notes_are_merged(cli_here):
-    """A cell at first, cells later; said in the plural."""
-    words = "-problem sphere -sphere_radius 10 -contact_modulus 1e3 -domain -1,1,-1,1 -grid 63"
-    done = cli_here(*words.split(), "-load_path", "1e-5,2e-5,2e-2")
-    [note] = [line for line in done.stderr.splitlines() if "finer grid" in line]
-    assert re.search(r": contact is at most 1 to \d cells wide in \w: ", note)
 
 
 def test_resume_repeats_steps_without_their_file(cli_here, tmp_path):

@@ -12,15 +12,6 @@ from app.base.errors import InputError
 from .solvers import punch_on, solver_of
 
 
-@pytest.mark.parametrize("loading", [{"approach": -1.0}, {"load": 0.0}, {"approach": 0.1}])
-def test_a_start_on_another_grid_is_refused(loading):
-    other = solve(punch(20), approach=0.1)
-    with solver_of("fast") as solver:
-        for start in "nonsense", other:
-            with pytest.raises(InputError, match="start: must be a Solution on the same grid"):
-                solver.solve(**loading, start=start)
-
-
 @pytest.mark.parametrize("method", ["fast", "norm", "mg", "fmg"])
 @pytest.mark.parametrize("by_load", [False, True], ids=["approach", "load"])
 def test_a_start_saves_work_and_keeps_the_solution(method, by_load):

@@ -19,6 +19,18 @@ def test_merged_notes_keep_the_signs_of_numbers():
     assert merge_notes(notes) == ["all steps: from -0.5 to 0.2 mm on, as in a-2.txt"]
 
 
+def test_merged_notes_have_ranges_of_numbers():
+    """Surfaces whose names differ in a number only have notes of their own; a plural follows a singular."""
+    tilts = ["s1.npy: is tilted by 1 um", "s2.npy: is tilted by 2 um"]
+    steps = [[*tilts, "at most 1 cell wide"], [*tilts, "at most 2 cells wide", "the pressure is 0.3 E*"]]
+    steps.append([*tilts, "the pressure is 1.5 E*"])
+    assert merge_notes(steps) == [
+        *(f"all steps: {note}" for note in tilts),
+        "steps 1, 2: at most 1 to 2 cells wide",
+        "steps 2, 3: the pressure is 0.3 to 1.5 E*",
+    ]
+
+
 @pytest.mark.parametrize("of", ["path", "sweep"])
 def test_hashing_an_input_needs_little_memory(tmp_path, of):
     """Measured surfaces are large, and rank 0 of a path has work arrays beside them."""

@@ -42,6 +42,8 @@ def prescribed(read, files):
         ("own.opts", ("load", 8)),  # a file comes after those that it includes
         ("both.opts -Approach 3", ("approach", 3)),
         ("replaced.opts", ("load", 8)),
+        ("approach.opts -mean_gap 0", ("mean_gap", 0)),
+        ("-mean_pressure 3 load.opts", ("mean_pressure", 3)),
     ],
 )
 def test_later_loading_replaces_an_earlier_one(prescribed, line, expected):
@@ -73,18 +75,6 @@ def test_command_line_overrides_petsc_options_variable(prescribed):
 def test_exactly_one_of_approach_and_load(prescribed, line, where):
     with pytest.raises(InputError, match=where):
         prescribed(line)
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("approach.opts -mean_gap 0", ("mean_gap", 0)),
-        ("load.opts -mean_pressure 3", ("mean_pressure", 3)),
-        ("-mean_pressure 3 load.opts", ("mean_pressure", 3)),
-    ],
-)
-def test_mean_pressure_and_mean_gap_replace_other_loadings(prescribed, line, expected):
-    assert prescribed(line) == expected
 
 
 @pytest.mark.parametrize(
