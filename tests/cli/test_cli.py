@@ -154,15 +154,8 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
     level = str(result.history["level"][0])
     iterations = [line for line in done.stdout.splitlines() if line.split()[:2] == [level, "1"]]
     assert len(iterations) == 1
-    for words in (
-        "influence matrix of 20 x 12 cells",
-        "2 slabs",
-        "InfluenceMult",
-        "Setup:",
-        "Solve:",
-        "Output:",
-    ):
-        assert words in done.stdout
+    shown = "influence matrix of 20 x 12 cells", "2 slabs", "InfluenceMult", "Setup:", "Solve:", "Output:"
+    assert all(words in done.stdout for words in shown), done.stdout
     assert done.stdout.count("KSP Object: contact 20 x 12 ") == 1  # of the target grid, once
 
 

@@ -178,34 +178,17 @@ def test_load_path_has_a_row_for_each_step(tmp_path, capsys):
         rows = list(csv.DictReader(file))
     assert [row["step"] for row in rows] == ["1", "2", "3"] * 2 + [""]
     assert [row["sphere_radius"] for row in rows] == ["10"] * 3 + ["20"] * 3 + ["ten"]
-    assert list(rows[0])[:6] == [
-        "sphere_radius",
-        "exit_status",
-        "step",
-        "load",
-        "contact_fraction",
-        "max_pressure",
-    ]
+    assert list(rows[0])[:6] == "sphere_radius exit_status step load contact_fraction max_pressure".split()
     for run in rows[:3], rows[3:6]:
         table = read_result(run[0]["result"]).path
-        for name in (
-            "load",
-            "approach",
-            "indentation",
-            "contact_area",
-            "max_pressure",
-            "mean_contact_pressure",
-        ):
+        for name in "load approach indentation contact_area max_pressure mean_contact_pressure".split():
             np.testing.assert_allclose([float(row[name]) for row in run], table[name], rtol=1e-12)
         assert [bool(row["solve_seconds"]) for row in run] == [False, False, True]
         assert {row["contact_modulus"] for row in run} == {"100000.0"}
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     panel = sweep_figure(columns).axes[0]
-    assert panel.get_xlabel() == "load F  [N]" and [len(line.get_xdata()) for line in panel.lines] == [
-        3,
-        3,
-        0,
-    ]
+    assert panel.get_xlabel() == "load F  [N]"
+    assert [len(line.get_xdata()) for line in panel.lines] == [3, 3, 0]
 
 
 def test_known_spots_and_errors_have_columns(tmp_path):

@@ -22,15 +22,7 @@ def test_unloading_is_independent_of_ranks(comm, tmp_path):
             solver.update(replace(problem, surfaces=(surface,)))
             paths[-1][1].append(solver.solve(load=4e4).gather())
     (several, steps), (alone, expected) = paths
-    for name in (
-        "load",
-        "approach",
-        "indentation",
-        "max_pressure",
-        "plastic_area",
-        "plastic_volume",
-        "mean_gap",
-    ):
+    for name in "load approach indentation max_pressure plastic_area plastic_volume mean_gap".split():
         assert several[name] == pytest.approx(alone[name], rel=1e-6), name
     for step, other in zip(steps, expected, strict=True):
         if comm.rank:

@@ -62,11 +62,8 @@ def test_each_step_keeps_p_and_the_loading(steps, loading, holes, pressure_of):
         wrong = state.contact & (p < 0), ~state.contact & state.admissible & (w < state.distance.b)
         update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
         assert (state.contact == (old & ~wrong[0]) | wrong[1]).all()
-        assert (update.cells, update.added, update.released) == (
-            state.contact.sum(),
-            wrong[1].sum(),
-            wrong[0].sum(),
-        )
+        expected = state.contact.sum(), wrong[1].sum(), wrong[0].sum()
+        assert (update.cells, update.added, update.released) == expected
         moves = (w - state.distance.b)[wrong[1]], p[wrong[0]] / solver.preconditioner.stiffness
         assert update.moves == pytest.approx(np.linalg.norm(np.concatenate(moves)), rel=1e-6)
         check(closed=False)
