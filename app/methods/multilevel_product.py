@@ -233,7 +233,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, repe
     """Restrict p to the coarse grid: coarse = P^T p.
 
     P^T is the transpose of interpolation. `first` and `first_coarse` are the numbers of the first fine and coarse row
-    of this rank; `four` and `halves` are work rows. `repeats` is true if the patch repeats in y, and in x.
+    of this rank; `four` and `halves` are work rows. `repeats` has two flags, for y and x: true if the patch repeats.
     """
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
     pad_y, pad = 1 if repeats[0] else 3, 1 if repeats[1] else 3

@@ -50,9 +50,9 @@ class StencilLevel(NamedTuple):
 
 
 def coarsening_factors(near):
-    """Return the size of a coarse cell in y and x, in finest cells.
+    """Return the size (y, x) of a coarse cell in finest cells.
 
-    The coarse cells are those of the grid below the levels `near`, a sequence of StencilLevels.
+    `near` are the StencilLevels from the finest grid to the coarse grid.
     """
     return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
@@ -160,10 +160,10 @@ def _stencils(kind, dx, dy, power, kernel):
 def near_field_correction(grid, levels, kernel=UNIT):
     """Return the near-field correction of influence coefficients.
 
-    On the grid below `levels` levels with stencils, multilevel A uses the influence coefficients plus this correction.
-    The correction vanishes at large distances, where only the load of a cell matters, not its shape. The result has the
-    shape (offsets in y, offsets in x). The correction is for compliance 1, and for cells of the finest grid whose
-    longer side is 1.
+    Multilevel A has stencils on the `levels` finest grids. On the next coarser grid it uses the influence coefficients
+    plus this correction. The correction vanishes at large distances, where only the load of a cell matters, not its
+    shape. The result has the shape (offsets in y, offsets in x). The correction is for compliance 1, and for cells of
+    the finest grid whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     return _near_field_correction(grid.dx / side, grid.dy / side, levels, kernel.in_units(side))

@@ -147,10 +147,10 @@ class Circulant:
     def precondition(self, r, z, reduced=None):
         """Apply the preconditioner to a residual on contact.
 
-        The result is z = E^T B E r, with the extension E of `Circulant` and the periodic inverse B of A. r must be zero
-        outside contact, where z is arbitrary. Both are float64 or float32, and may be the same array. To save a sum
-        over ranks, pass ``reduced = (share, terms)`` if r is the residual of the last call minus share * q on the same
-        contact set; `terms` is the sum of `local_terms(q)` over the ranks. Return r.z if it needs no extra work,
+        The result is z = E^T B E r, with the extension E of `Circulant` and the periodic inverse B of A. Outside
+        contact r must be zero, and z is arbitrary. Both are float64 or float32, and may be the same array. To save a
+        sum over ranks, pass ``reduced = (share, terms)`` if r is the residual of the last call minus share * q on the
+        same contact set; `terms` is the sum of `local_terms(q)` over the ranks. Return r.z if it needs no extra work,
         otherwise None.
         """
         with _event:
@@ -173,8 +173,8 @@ class Circulant:
     def extend(self, r, out=None, reduced=None):
         """Extend the residual r past the contact edge: out = E r.
 
-        E does not change r on contact, and continues it outside by steps with the centre of B. `out` is by default r.
-        `reduced` saves a sum over ranks, as in `precondition`.
+        E does not change r on contact. It continues r outside by steps with the 3 x 3 centre of B
+        (`app.methods.free.contact_edge`). Without `out`, the result replaces r. For `reduced` see `precondition`.
         """
         out = r if out is None else out
         if self._contact_version != self.operator.contact_version:

@@ -121,7 +121,8 @@ class EdgeExtension:
     def restrict(self, x):
         """Apply E^T, the transpose of the extension, to x in place.
 
-        Outside the contact set, the result is the transpose with respect to the start values (zeros or block means).
+        E is a function of the residual on contact and of the start values outside (zeros or block means). So outside
+        contact, x receives the part of E^T x that belongs to the start values.
         """
         self._sweep(x, x, back=True)
 

@@ -60,9 +60,9 @@ def _close_row(b, depth, u, admissible, contact, target):
 
 @njit()
 def _close_gaps(b, depth, u, admissible, contact, target):
-    """Add overlapping cells to contact, and close gaps in contact.
+    """Add overlapping cells to contact; close the gaps of contact cells.
 
-    The gap h + u of contact cells is subtracted from `target`, the displacement on the periodic patch.
+    `target` is the wanted displacement on the periodic patch. In contact cells the gap h + u is subtracted from it.
     """
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

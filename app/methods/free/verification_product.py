@@ -10,9 +10,10 @@ _PRODUCT = "product"  # broadcast to waiting ranks before a product
 
 
 class VerificationProduct:
-    """Product of a window with A on all cells, in double precision.
+    """Product A p on all cells, for a pressure in a window.
 
-    This product verifies the pressure of the window, and is the exact product of the window's operator.
+    Outside the window p is zero. The product is in double precision. It is also the `exact_product` of the window's
+    operator.
 
     Parameters
     ----------
@@ -41,8 +42,8 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window. Collective over its ranks.
 
-        p is zero outside the window. The product is computed on all cells of the grid by all ranks; the ranks outside
-        the window take part from `end`, where they wait.
+        The product is computed on all cells of the grid by all ranks. The ranks outside the window wait in `end`, and
+        take part from there.
         """
         if self._waiting:
             self._waiting.bcast_or_raise(_PRODUCT)

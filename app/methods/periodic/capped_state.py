@@ -196,7 +196,7 @@ class CappedPrimalState(PrimalState):
         return int(state.sum([np.count_nonzero(capped)])[0])
 
     def finish(self, solver):
-        """Commit, and set p = H in plastic cells; see `PrimalState.finish`."""
+        """Also set p = H in plastic cells; see `PrimalState.finish`."""
         super().finish(solver)
         np.copyto(self.state.values, self.state.bounds.upper, where=self.plastic)
 

@@ -172,7 +172,10 @@ class CarryingCG(KspContext):
         self.scratch = self._z = self.change = self.direction = self.product = None
 
     def solve(self, ksp, b, x):
-        """Reduce p on the free cells; compute `change` and `carried`."""
+        """Reduce the pressure p on the free cells by CG.
+
+        Store the change of w in `change`, and the new p in `carried`.
+        """
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
         multiply = operator.multilevel_pressure if self.multilevel_share else operator.pressure

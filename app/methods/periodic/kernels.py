@@ -57,7 +57,7 @@ def _guess_row(p, w, b, admissible, scale, force, lowest):
 
 @njit_reassoc
 def guess_sources(p, w, b, admissible, scale, force, lowest):
-    """Compute data of an obstacle problem for the change of w.
+    """Compute force and lower bound of an obstacle problem.
 
     The unknown x of the problem is the change of the displacement w. `force` receives the right-hand side -scale p.
     `lowest` receives the lower bound of x, which is minus the gap w - b, or -inf where contact is impossible.

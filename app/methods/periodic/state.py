@@ -174,7 +174,7 @@ class PrimalState:
         return [self.mean_pressure, self._has_pressure, *(field.copy() for field in self._start_fields())]
 
     def restart(self, start):
-        """Restore the fields of `copy_start`, and no longer extrapolate."""
+        """Restore what `copy_start` saved, and set `extrapolates` to False."""
         self.mean_pressure, self._has_pressure, *copies = start
         for field, copied in zip(self._start_fields(), copies, strict=True):
             field[...] = copied
@@ -217,9 +217,9 @@ class PrimalState:
         return self.state.admissible
 
     def _guess_sources(self, scale, force, lowest):
-        """Compute the data of `guess`; see `kernels.guess_sources`.
+        """Compute `force` and `lowest` for `guess`; see `kernels.guess_sources`.
 
-        `force` and `lowest` are set. Return the displacement of a cell by the hardness; None without a hardness.
+        Return how far a pressure equal to the hardness displaces a cell [mm], or None without a hardness.
         """
         state = self.state
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)
@@ -293,9 +293,10 @@ class PrimalState:
         np.copyto(self.w, self.state.distance.b, where=self._captured)
 
     def close_captured_gaps(self, solver):
-        """Close the gaps of captured cells, and recompute p by FFT.
+        """Set w so that captured cells have no gap, and update p.
 
-        A preconditioned step also corrects w in the other free cells, if `extrapolates`.
+        The change of p is computed by FFT. If `extrapolates`, a preconditioned step also corrects w in the other free
+        cells.
         """
         state, z, damping = self.state, solver.product, CLOSING_DAMPING if self.extrapolates else 0.0
         if self.extrapolates:
@@ -320,7 +321,7 @@ class PrimalState:
         self.state.displacement_status, self.pending = Displacement.STALE, False
 
     def finish(self, solver):
-        """Commit, and set p to a valid pressure of a coarser grid."""
+        """Finish a coarse grid: copy w and p from the solver."""
         self.commit(solver)
 
     def project(self, p):

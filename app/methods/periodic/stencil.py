@@ -371,7 +371,8 @@ def add_centre(d, before, after, weights, work, out):
 def make_work(steps, nx, kind=bool):
     """Return the work arrays for a number of sweeps.
 
-    `kind` is bool for `sweep`. `kind` is float32 for `sweep_projected`, which needs one more array.
+    `kind` is the dtype of the second array: bool for `sweep`, float32 for `sweep_projected`. The latter needs one more
+    array.
     """
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     work = sources, np.empty((steps + 1, nx), kind), swept

@@ -218,9 +218,9 @@ def _weights(kernel, centre, grid):
     """Return 1 / B_00, and the weights of neighbours.
 
     B_00 is the diagonal entry of B. The weights are entries of the 3 x 3 `centre` of B, divided by B_00, for the
-    neighbours in x, in y and on the diagonal. With the centre alone, long waves would have wrong eigenvalues: for a
-    stiff coating the neighbours outweigh the diagonal, and sweeps diverge; for a soft one they weigh too little, and
-    sweeps undo the work of the coarser grid. So with layers the weights are multiplied by a factor that makes the
+    neighbours in x, in y and on the diagonal. If B is cut to these 3 x 3 entries, long waves have wrong eigenvalues:
+    for a stiff coating the neighbours outweigh the diagonal, and sweeps diverge; for a soft one they weigh too little,
+    and sweeps undo the work of the coarser grid. So with layers the weights are multiplied by a factor that makes the
     eigenvalue of a long wave right relative to that of a half-space.
     """
     middle, *around = _centre_weights(centre, grid)
@@ -248,9 +248,9 @@ def _centre_weights(centre, grid):
 
 
 def _relative_eigenvalue(kernel, diagonal, grid, cells):
-    """Return an eigenvalue of B over its `diagonal` entry, divided by that of a half-space.
+    """Return an eigenvalue of B divided by that of a half-space.
 
-    The wave is `cells` long. The number is 1 for half-spaces.
+    The wave is `cells` long. Both eigenvalues are first divided by the diagonal entry of their B, here `diagonal`.
     """
     if kernel.scale_free:
         return 1.0
