@@ -71,11 +71,11 @@ class PressureBounds:
         return np.where(contact, 0.0, self.lower - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with p above its lower bound by `margin`."""
+        """Return a mask of cells with p > lower bound + `margin`."""
         return self.admissible & (p > self.lower + margin)
 
     def contact(self, p, gap, margin=0.0):
-        """Return a mask of cells with pressure, or with overlap."""
+        """Return a mask of cells with p > `margin`, or with overlap."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
     def overlap(self, p, gap):
@@ -145,7 +145,7 @@ class CappedBounds(PressureBounds):
         return p.sum() if plastic.any() else total
 
     def count_plastic(self, p, factor=1.0):
-        """Count the cells with factor p >= H."""
+        """Count the admissible cells with `factor` * p >= H."""
         return capped_kernels.count_plastic(p, self.upper, self.admissible, factor)
 
     def sum_at_nearest_bound(self, p):
@@ -183,9 +183,9 @@ class CappedBounds(PressureBounds):
         return p - np.clip(p, self.lower, self.upper)
 
     def room(self, p, contact, step):
-        """Count cells of C where p can increase or decrease.
+        """Count the cells of C where p has not reached a bound.
 
-        p increases if `step` is positive, otherwise p decreases.
+        The bound is the upper one if `step` is positive, otherwise the lower one.
         """
         return capped_kernels.room(p, self.upper, contact, step)
 
@@ -213,7 +213,10 @@ class CappedBounds(PressureBounds):
         return np.where(contact, 0.0, bound - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with p inside its bounds by `margin`."""
+        """Return a mask of cells with p inside its bounds.
+
+        The distance of p from each bound is more than `margin`.
+        """
         return self.admissible & (p > self.lower + margin) & (p < self.upper - margin)
 
     def contact(self, p, gap, margin=0.0):

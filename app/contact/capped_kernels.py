@@ -142,7 +142,7 @@ def _count_row(p, upper, admissible, factor):
 
 @njit()
 def count_plastic(p, upper, admissible, factor):
-    """Count the admissible cells with factor p >= H."""
+    """Count the admissible cells with `factor` * p >= H."""
     cells = 0
     for j in range(p.shape[0]):
         cells += _count_row(p[j], upper[j], admissible[j], factor)
@@ -180,9 +180,9 @@ def _room_row(p, upper, contact, up):
 
 @njit()
 def room(p, upper, contact, step):
-    """Count cells of C where p can increase or decrease.
+    """Count the cells of C where p has not reached a bound.
 
-    p increases if `step` is positive, otherwise p decreases.
+    The bound is the upper one if `step` is positive, otherwise the lower one.
     """
     cells = 0
     for j in range(p.shape[0]):

@@ -53,8 +53,8 @@ class GridSequence:
     def broadcast_to_next(self, state, extra=None):
         """Broadcast the results to ranks that join on the next grid. Collective.
 
-        These ranks receive the depth of `state`, the state on the grid or on a window of it, and `extra`, any other
-        results. Return `extra`.
+        These ranks receive the depth of `state`, the results so far, and `extra`. `state` is on the grid or on a window
+        of it. Return `extra`, which may be any object.
         """
         if self.hierarchy.gains_ranks(state.operator, self.following) and (comm := self.waiting_ranks(state)):
             results = state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra
@@ -77,10 +77,10 @@ class GridSequence:
 def _route(hierarchy, distances, loading, nested):
     """Return the numbers of the levels to solve on.
 
-    A nested iteration solves on all levels that are finer than any level without admissible cells. Without nested
-    iteration there is one solve on the target grid, after a solve on a small grid if the approach is unknown. If the
-    bodies touch without pressure, or do not touch, only the target grid is used. On a coarser grid they might overlap,
-    and the pressure would vanish only up to rounding.
+    A nested iteration begins on the coarsest level such that it and all finer levels have admissible cells. Without
+    nested iteration there is one solve on the target grid, after a solve on a small grid if the approach is unknown. If
+    the bodies do not overlap, only the target grid is used: on a coarser grid they might overlap, and the pressure
+    would then vanish only up to rounding.
     """
     last = len(hierarchy.levels) - 1
     if loading.misses_contact(distances[last]):

@@ -96,7 +96,10 @@ class Loading:
         return 0.0
 
     def meet(self, state):
-        """Prepare p for `settle`, which then needs no product. Collective."""
+        """Add the missing load to p, before `settle`. Collective.
+
+        `settle` then needs no product. The base class does nothing.
+        """
 
     def settle(self, state, update):
         """Meet the prescribed number exactly; return the new `Update`. Collective."""

@@ -8,7 +8,10 @@ _PATIENCE = 4  # iterations in which the number of changed cells may stagnate
 
 
 def contact_state(operator, distance, **options):
-    """Make a grid's `ContactState` with some `options`, periodic or not. Collective."""
+    """Make the `ContactState` of a grid. Collective.
+
+    It is a `PeriodicState` on a periodic patch. `options` are those of the class.
+    """
     kind = PeriodicState if operator.grid.symbol else ContactState
     return kind(operator, distance, **options)
 

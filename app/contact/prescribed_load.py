@@ -123,7 +123,10 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the relative error of load^(2/3), linear in depth for spheres."""
+            """Return the relative error of load^(2/3) at a depth.
+
+            For spheres load^(2/3) is linear in the depth.
+            """
             nonlocal outcome
             if depth not in loads:
                 state.depth = depth

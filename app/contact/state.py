@@ -108,9 +108,9 @@ class ContactState:
     Attributes
     ----------
     p : ndarray, shape (local rows, nx), [N/mm2]
-        Local pressure, read-only; still valid after `destroy`. To write, use `values`.
+        Local pressure, read-only; still valid after `destroy`. To change it, write to `values`.
     displacement_status : Displacement
-        Accuracy of `u`. Set it when you change `pressure` or `u`.
+        Accuracy of `u`. Set it when you change `p` or `u`.
     patience : float
         Number of iterations in which the number of changed cells may stagnate, see `activate_penetrating`.
     """
@@ -295,7 +295,7 @@ class ContactState:
         self.bounds.project(self.values, self.admissible, self.values)
 
     def tension(self):
-        """Return the sum of tension on C over that of pressure. Collective.
+        """Return the total tension on C divided by the total pressure. Collective.
 
         Pressure above the hardness counts like tension. The result is infinite if there is tension without pressure.
         """

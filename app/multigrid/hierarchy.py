@@ -68,7 +68,10 @@ def _check_equal_on_ranks(comm, problem):
 
 
 def _make_coarser(target, grids, sizes, ranks):
-    """Make ``target.coarser_levels`` on `grids`, finest first, `sizes` ranks each. Collective."""
+    """Make ``target.coarser_levels`` on `grids`, finest first. Collective.
+
+    `sizes` has the number of ranks of each grid.
+    """
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
         InfluenceOperator(grid, target.kernel, *ranks.distribute(grid, size), dtype, target=finest)
@@ -199,7 +202,7 @@ class Hierarchy:
         return shapes
 
     def hardness(self, problem):
-        """Return the hardness on all levels, coarsest first; None without one. Collective.
+        """Return the hardness on all levels, coarsest first, or None. Collective.
 
         Arrays are averaged, so that a cell is elastic if one of its children is.
         """

@@ -75,7 +75,7 @@ class Transfer:
         return [place if repeats else None for place, repeats in places]
 
     def _make_parent_fetch(self, margin):
-        """Make the `Fetch` of the parents, and `margin` rows on either side."""
+        """Make the `Fetch` of parent rows, with `margin` more at each end."""
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
         first, last = first // self.fy - margin, -(-last // self.fy) + margin
@@ -96,7 +96,10 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Return coarse cells' means over children, missing ones zero. Collective."""
+        """Return coarse cells' means over children. Collective.
+
+        Missing children count as zero.
+        """
         coarse = np.zeros(self._local)
         _add_children(self._fetch_children(fine), coarse, self.fy, self.fx)
         coarse *= 1.0 / (self.fy * self.fx)  # Sec. 4.2, 3, formula 1
@@ -151,7 +154,10 @@ class Transfer:
             return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Return coarse cells' minima over children; NaN if all are. Collective."""
+        """Return coarse cells' minima over children. Collective.
+
+        NaN children are left out; the minimum is NaN if all children are.
+        """
         coarse = np.full(self._local, np.nan)
         for child, parents in self._children(fine):
             np.fmin(coarse[parents], child, out=coarse[parents])
