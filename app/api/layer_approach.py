@@ -66,7 +66,8 @@ def search_load(solve, approach, touching, tolerance, area, compliance, allowed)
 
     Collective if ``solve(load)`` is, which returns a Solution for a load [N]. Makes secant steps of log(approach) over
     log(load) within a bracket. `approach` is above `touching`, the approach of first touch [mm]; `tolerance` is its
-    largest error. `area` is that of the patch [mm2], `compliance` is c, and `allowed` the largest error bound.
+    largest error. `area` is that of the patch [mm2], `compliance` is the displacement by a uniform pressure 1 [mm /
+    (N/mm2)]. `allowed` is the largest accepted error bound.
     """
     target, spent = approach - touching, []
     low, high = 0.0, target * area / compliance  # a compression by the mean pressure alone

@@ -358,7 +358,7 @@ class ContactSolver(Derivatives):
 
     @contextmanager
     def replaced(self, problem):
-        """Replace the problem like `update`, in a ``with`` block."""
+        """Replace the problem by `update` until a ``with`` block ends."""
         before = self.problem
         if problem is before:
             yield self

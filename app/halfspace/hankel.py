@@ -48,8 +48,8 @@ class HankelRule:
     def transform(self, near, far, order):
         """Return the transform of a function f at each distance r.
 
-        The transform is the integral of f(q) J0(q r) dq if `order` is 0, and of f(q) J1(q r) / r dq if it is 1. `near`
-        and `far` are the values of f at the wave numbers of these names.
+        The transform is the integral of f(q) J0(q r) dq if `order` is 0, and of f(q) J1(q r) / r dq if it is 1. The
+        arguments `near` and `far` are the values of f at the wave numbers in the attributes `near` and `far`.
         """
         beyond = far @ self._far[order] / self._distances ** (1 + order)
         return np.concatenate([self._near[order] @ near, beyond])

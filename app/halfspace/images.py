@@ -1,15 +1,15 @@
 """Influence of the periodic images of a patch, interpolated from few nodes.
 
 A product by FFT in a periodic box slightly larger than the patch also contains the influence of the patch's images. Let
-K be the influence coefficients of a cell, and G those of the cell and all its images in the box, minus their mean. The
-matrix of the free patch is ``A = G + S``, where S is minus the influence of the images. The product with G is an FFT on
-the box, with a third of the points of a zero-padded FFT. The images are at some distance, so S is a smooth function of
-the offset between two cells: ``S = P S' P^T``. P^T collects pressures at nodes many cells apart, S' is S between nodes,
-and P interpolates displacements from the nodes.
+K be the influence coefficients of a cell, and G those of the cell and all its periodic images, minus the mean over the
+box. The matrix of the free patch is ``A = G + S``, where S is minus the influence of the images. The product with G is
+an FFT on the box, with a third of the points of a zero-padded FFT. The images are at some distance, so S is a smooth
+function of the offset between two cells: ``S = P S' P^T``. P^T collects pressures at nodes many cells apart, S' is S
+between nodes, and P interpolates displacements from the nodes.
 
 Let F be the influence of all images without the cell itself, minus the mean, so ``G = K + F``. F is a lattice sum
-(Ewald), computed at few points and interpolated by polynomials. At offsets up to half the box ``S = -F``. At larger
-offsets ``S = K - G``, where G is periodic.
+(Ewald), computed at few points and interpolated by polynomials. F is used for offsets up to half the box only: there
+``S = -F``. At larger offsets ``S = K - G``, because G is periodic, and so known there.
 """
 
 from functools import lru_cache, partial

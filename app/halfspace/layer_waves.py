@@ -1,15 +1,15 @@
 """Stress waves in a layer and in its base.
 
 A surface pressure exp(i q x) on a layer makes stresses that depend on depth by a stress function a(s) with s = q z. In
-the plane of the wave, with dots for derivatives by s,
+the plane of the wave, with primes for derivatives by s,
 
-    s_zz = -a,    s_xz = -i a.,    s_xx = a..,    s_yy = nu (a.. - a),
-    2 G q u_z = (1 - nu) a... - (2 - nu) a.,    2 G q u_x = -i ((1 - nu) a.. + nu a).
+    sigma_zz = -a,    sigma_xz = -i a',    sigma_xx = a'',    sigma_yy = nu (a'' - a),
+    2 G q u_z = (1 - nu) a''' - (2 - nu) a',    2 G q u_x = -i ((1 - nu) a'' + nu a).
 
 In the base, a = (c0 + c1 q (z - t)) exp(-q (z - t)). In the layer, a is the sum of such a function of z, which decays
 from the surface, and of one of t - z, which decays from the base. No exponential exceeds 1. For q t below 1 these
-functions are nearly dependent, so a is computed from the values of a, a., a.. and a... at the surface. Two conditions
-at the surface (a = 1, a. = 0) and four at the interface (stresses and displacements are continuous) determine the six
+functions are nearly dependent, so a is computed from the values of a, a', a'' and a''' at the surface. Two conditions
+at the surface (a = 1, a' = 0) and four at the interface (stresses and displacements are continuous) determine the six
 coefficients; on a rigid base the displacements are 0.
 
 References
@@ -38,12 +38,12 @@ class LayerWaves:
         self.layer, self._q = layer, np.asarray(q, dtype=float)
         self._x = self._q * layer.thickness
         self._thin = self._x < _SMALL
-        # Of thin layers: a.. and a... at the surface. Of others: the amplitudes (c0 - 1, c1 - 1, b0, b1), where a is
+        # Of thin layers: a'' and a''' at the surface. Of others: the amplitudes (c0 - 1, c1 - 1, b0, b1), where a is
         # (c0 + c1 s) exp(-s) + (b0 + b1 (x - s)) exp(s - x).
         thin = self._x[self._thin]
         self._curvature = _solve(layer, partial(_from_surface, thin), thin.size)
         self._amplitudes = _amplitudes(layer, self._x[~self._thin])
-        # Of the base: a and a. at the interface.
+        # Of the base: a and a' at the interface.
         self._base = self._layer_functions(layer.thickness)[:2]
 
     def functions(self, depth, reflected=False):
@@ -136,7 +136,7 @@ def _amplitudes(layer, x):
     """Return the amplitudes of the exponentials of the stress function."""
     decay = np.exp(-x)
 
-    def reflected(b0, b1):  # from a = 1 and a. = 0 at the surface
+    def reflected(b0, b1):  # from a = 1 and a' = 0 at the surface
         top = (b0 + b1 * x) * decay
         return -top, b1 * decay - 2 * top
 

@@ -295,7 +295,7 @@ def _real(name, value):
 
 
 def _pair_of_reals(first, second, what):
-    """Return two pairs of numbers as tuples of floats."""
+    """Return both pairs of numbers as tuples of floats."""
     try:
         pairs = tuple(tuple(map(float, pair)) for pair in (first, second))
     except (TypeError, ValueError):

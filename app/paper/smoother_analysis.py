@@ -28,7 +28,7 @@ STEEL = Material(shear_modulus=82000.0, poisson_ratio=0.28)
 class LineContact:
     """Contact of a long cylinder, one row of cells (Sec. 4.4).
 
-    The strip has `cells` across; `half_width` and `half_length` are in mm.
+    The grid is `cells` cells wide and one cell long. `half_width` and `half_length` are half its sides [mm].
     """
 
     cells: int = 32

@@ -82,7 +82,7 @@ def _combine(content):
 
 
 def _file_axis(entry):
-    """Return the axis of combinations of an entry of ``option_files``.
+    """Return the alternatives in an entry of ``option_files``.
 
     The entry is an option file, or a list of alternatives.
     """

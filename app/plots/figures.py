@@ -204,7 +204,7 @@ def draw_section(axes, result, along, row, column, reference):
 
 
 def _draw_gap(axes, sides, gap, ends):
-    """Draw the gap in a section, downwards from the top."""
+    """Draw the gap in a section, on an axis that points down."""
     shown = gap[(sides[1:] > ends[0]) & (sides[:-1] < ends[1])]
     highest = float(np.nanmax(shown, initial=0.0))
     if not 0 < highest < np.inf:

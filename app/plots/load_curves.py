@@ -60,7 +60,7 @@ class Path(NamedTuple):
 
     @property
     def relative(self):
-        """1 / (E* times rms slope) [mm2/N]; NaN without `scale`."""
+        """1 / (E* times rms slope) [mm2/N]; NaN if unknown."""
         return 1 / self.scale if self.scale > 0 else np.nan
 
 

@@ -54,7 +54,7 @@ class LineContact:
 
     @property
     def compliance(self):
-        """Factor ``W / (pi E* L)`` of the approach and the crown [mm]."""
+        """Factor ``W / (pi E* L)`` in `approach` and `crown` [mm]."""
         return self.load / (math.pi * self.e_star * self.length)
 
     @property

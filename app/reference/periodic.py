@@ -210,9 +210,9 @@ class Bisinusoidal(WavyContact):
     def hollow_radius(self):
         """Radius c of the gap around a hollow, near full contact [mm].
 
-        Let pbar be the mean pressure, a little below that of full contact, p*. To close the gap, the tension p* - pbar
-        - p* (2 pi r / L)^2 / 2 would be needed at a distance r from the hollow. So there is a crack whose edge has no
-        singularity if (2 pi c / L)^2 = 3 (1 - pbar / p*).
+        The mean pressure pbar is a little below p*, that of full contact. The gap is like a round crack of radius c,
+        which the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a distance r from the hollow would close. The pressure at
+        its edge is not singular, so (2 pi c / L)^2 = 3 (1 - pbar / p*).
         """
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 

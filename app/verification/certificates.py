@@ -87,9 +87,10 @@ def of_anything(quick):
 
 
 def _ratios(kind, things, true, bounds, large):
-    """Return figures of largest and smallest ratio of error to bound.
+    """Check the largest and the smallest ratio of error to bound.
 
-    The largest ratio must be at most 1. Among errors above `large`, the smallest ratio must be at least `_MIN_RATIO`.
+    Return a `Figure` for each. The largest ratio must be at most 1. Among errors above `large`, the smallest ratio must
+    be at least `_MIN_RATIO`.
     """
     ratios = true / bounds
     sharp = ratios[true > large]

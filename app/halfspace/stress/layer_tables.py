@@ -3,8 +3,8 @@
 Lengths are in thicknesses t of the layer. With the stress function a(q) of `app.halfspace.layer_waves` at a depth, the
 stress below a pressure on cells follows from radial functions,
 
-    g(r) = 1 / (2 pi r) int a(q) J1(q r) dq,      h(r), the same with a..,
-    v(r) = -1 / (2 pi) int a.(q) J0(q r) dq,
+    g(r) = 1 / (2 pi r) int a(q) J1(q r) dq,      h(r), the same with a'',
+    v(r) = -1 / (2 pi) int a'(q) J0(q r) dq,
 
 because the stresses are derivatives of potentials. By Gauss's theorem, the stress of a cell is an integral along its
 edges: of g and h, times the distance from the line of the edge or, for s_xy, along it; and of v. In the layer, a is
@@ -58,7 +58,7 @@ _radial_functions = lru_cache(maxsize=4)(_RadialFunctions)
 def _table(layer, depth, radius):
     """Return spline coefficients, shape (intervals, 3 functions, 4), and the scale.
 
-    The functions are g, h and v times (r^2 + scale^2). The depth is in thicknesses.
+    The functions are g, h and v, each multiplied by r^2 + scale^2. The depth is in thicknesses.
     """
     from scipy.interpolate import CubicSpline
 

@@ -242,9 +242,9 @@ class _Mirror:
     def difference(self, corners, axis, odd):
         """Return the difference between the two edges of each cell.
 
-        It is the value at the upper edge minus that at the lower edge. `corners` are the values at positive edges,
-        along `axis`: integrals of a stress component. `odd` is true if the component is odd in this direction, so that
-        its integral is even.
+        It is the value at the upper edge minus that at the lower edge. The values are integrals of a stress component
+        up to an edge. `corners` has them for edges at positive coordinates along `axis`; the others follow by symmetry.
+        `odd` is true if the component is an odd function of this coordinate, so that its integral is even.
         """
         mirrored = corners.take(self._index, axis)
         if not odd:

@@ -154,8 +154,8 @@ def _fit(moment, weights, sums, periodic):
 def _smooth(values, axis, cells, periodic, power=0):
     """Convolve values along an axis with filter weights.
 
-    `cells` is the nesting index in cells. The weights are multiplied by a `power` of the signed distance, divided by
-    the width alpha c of the filter.
+    `cells` is the nesting index in cells. The weights are multiplied by (distance / width)^`power`, with the signed
+    distance and the filter's width alpha c.
     """
     from scipy.fft import irfft, next_fast_len, rfft  # loads slowly
 
