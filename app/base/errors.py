@@ -102,10 +102,7 @@ def format_error(error):
 
 
 def format_yaml_error(error, content):
-    """Return line and cause of an error in YAML, for a message.
-
-    `content` is the text of the file; the returned line number is at most that of its last line.
-    """
+    """Return the line in `content`, and the cause, of a YAML error."""
     mark = getattr(error, "problem_mark", None)
     line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
     return f"{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}"

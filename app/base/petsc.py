@@ -89,10 +89,7 @@ def _forget_last_exception():
 
 
 def collect_garbage(comm=PETSc.COMM_SELF):
-    """Free PETSc objects whose Python objects were garbage-collected.
-
-    An interrupted solve leaves such objects. Collective over the PETSc communicator `comm`.
-    """
+    """Free PETSc objects that interrupted solves left to Python. Collective."""
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(comm)
 
@@ -101,10 +98,7 @@ _LOCK = threading.RLock()
 
 
 def synchronized(function):
-    """Decorate a function so that one thread at a time runs it.
-
-    All decorated functions share one lock, because PETSc's options database is global.
-    """
+    """Decorate a function so that one thread at a time runs it."""
 
     @wraps(function)
     def locked(*args, **kwargs):
@@ -115,14 +109,9 @@ def synchronized(function):
 
 
 def mpi_comm(comm):
-    """Convert a communicator of petsc4py or mpi4py to mpi4py.
+    """Convert a communicator of petsc4py or mpi4py to mpi4py; None: all ranks.
 
-    None means all ranks.
-
-    Raises
-    ------
-    InputError
-        If `comm` is something else, or does not contain this rank.
+    Raises InputError if `comm` is something else, or does not contain this rank.
     """
     if comm is None:
         return MPI.COMM_WORLD

@@ -23,16 +23,8 @@ _MAX_PRESSURE_FRACTION = 0.5
 class FullContact:
     """Solver for the case that all cells are in contact.
 
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-    distances : list of UndeformedDistance
-        Undeformed distances on all levels, coarsest first.
-
-    Attributes
-    ----------
-    postponed : bool
-        True if a coarser grid showed that full contact is unlikely.
+    `distances` are the undeformed distances on all levels, coarsest first. The attribute `postponed` is true if a
+    coarser grid showed that full contact is unlikely.
     """
 
     work_units, postponed = 0.0, False

@@ -63,10 +63,7 @@ class GridSequence:
         return extra
 
     def result(self, state, difference=float("nan")):
-        """Return the outcome with estimated errors. Collective.
-
-        `difference` is the relative difference of the pressures on the last two grids.
-        """
+        """Return the outcome with estimated errors and a pressure `difference`. Collective."""
         errors = UNKNOWN
         if self.grid_numbers:
             numbers = [*self.grid_numbers, compute_grid_numbers(state, self.hierarchy.comm)]

@@ -129,10 +129,7 @@ class Outcome(NamedTuple):
     to_rounding: bool = False  # the residual is as small as rounding allows
 
     def require_bound(self, bound, allowed):
-        """Return this outcome, not converged if its error is too large.
-
-        `bound` is the proved relative error of the pressure, `allowed` the largest error that is accepted.
-        """
+        """Return this outcome, not converged if the proved `bound` exceeds `allowed`."""
         if not self.converged or bound <= allowed:
             return self
         smaller = "a smaller -lcp_rtol or the default method is more accurate"

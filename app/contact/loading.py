@@ -106,10 +106,7 @@ class Loading:
         return update
 
     def scale_pressure(self, pressure, total, cell_area):
-        """Scale a pressure to the load, if prescribed; return success.
-
-        `total` is the sum of the pressures of all cells before they are scaled.
-        """
+        """Scale a pressure with the sum `total` to the load; return success."""
         return True
 
     def set_depth(self, state):

@@ -30,12 +30,8 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
 
     `grid` and `distance` are those of the target grid. In `given` exactly one of `LOADINGS` is not None: approach or
     mean gap [mm], load [N], or mean pressure [N/mm2], the load divided by the area of the patch. If the bodies have a
-    `uniform_compliance`, approaches beyond full contact are allowed.
-
-    Raises
-    ------
-    InputError
-        If not exactly one number is given, or the number is not allowed.
+    `uniform_compliance`, approaches beyond full contact are allowed. Raises InputError if not exactly one number is
+    given, or the number is not allowed.
     """
     kind, number = single_loading(given)
     value = validate_number(kind, number)
@@ -90,10 +86,7 @@ def _without_rounding(depth, size, touching, full):
 def validate_number(kind, number):
     """Return the prescribed number of a loading as a float.
 
-    Raises
-    ------
-    InputError
-        If it is no real number, too large or too small, or a negative load.
+    Raises InputError if it is no real number, too large or too small, or a negative load.
     """
     if isinstance(number, np.ndarray) and not number.shape:
         number = number[()]

@@ -251,10 +251,7 @@ class ContactState:
             self.approach_next_cell()
 
     def approach_next_cell(self):
-        """Approach until the nearest cell without contact touches. Collective.
-
-        This cell is added to C. Plastic cells count as cells in contact.
-        """
+        """Approach until the nearest open cell touches, and add it. Collective."""
         gap, candidates = self.gap(), self.not_plastic()
         nearest = float(self.minimum(gap[candidates].min(initial=np.inf)))
         np.less_equal(gap, nearest, out=self.contact)

@@ -19,17 +19,10 @@ _POINTS = 16  # Gauss points of a panel
 
 
 class HankelRule:
-    """Points and weights of Hankel transforms.
+    """Points and weights of Hankel transforms, at increasing `distances` from 0 on.
 
-    Parameters
-    ----------
-    distances : ndarray
-        Distances from 0 on, increasing.
-
-    Attributes
-    ----------
-    near, far : ndarray
-        Wave numbers at which a function is needed. `far` has a row for each distance above ten.
+    The attributes `near` and `far` are the wave numbers at which a function is needed. `far` has a row for each
+    distance above ten.
     """
 
     def __init__(self, distances):

@@ -34,10 +34,7 @@ _CUTOFF_WIDTH, _CUTOFF_RADIUS = 1.6, 4.0
 
 
 class Box:
-    """Periodic box around a patch, with the influence of images in it.
-
-    `periods` are the numbers of cells of the box in y and x, and `kernel` is the kernel of the bodies.
-    """
+    """Box of `periods` (y, x) cells around a patch, with its images."""
 
     def __init__(self, grid, periods, kernel):
         self.grid, self.periods, self.influence = grid, periods, partial(kernel.unit_coefficients, grid)

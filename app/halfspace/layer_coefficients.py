@@ -39,16 +39,8 @@ def _tables(mu, nu1, nu2):
 class LayerTables:
     """Tables of the influence of a layer.
 
-    The influence is the difference between a layered body and a half-space of the layer's material.
-
-    Parameters
-    ----------
-    ratio : callable
-        S(x), for arrays of x = q t.
-    limit : float
-        S(0); 0 on a rigid base.
-    radius : float
-        Radius up to which the tables reach.
+    The influence is the difference between a layered body and a half-space of the layer's material. `ratio` is a
+    function that returns S(x) for arrays of x = q t, and `limit` is S(0). The tables reach up to `radius`.
     """
 
     def __init__(self, ratio, limit, radius):

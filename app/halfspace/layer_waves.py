@@ -25,13 +25,9 @@ _SMALL = 1.0  # q t below which the layer's functions are computed from values a
 
 
 class LayerWaves:
-    """Response of a layer and its base to pressure waves of amplitude 1.
+    """Response of a `Layer` and its base to pressure waves of amplitude 1.
 
-    Parameters
-    ----------
-    layer : Layer
-    q : ndarray
-        Wave numbers, at least 0 [1/mm].
+    `q` is an array of wave numbers, at least 0 [1/mm].
     """
 
     def __init__(self, layer, q):

@@ -22,10 +22,7 @@ def scale_and_shift(mat):
 
 
 def check_unscaled(mat, solver):
-    """Raise InputError if a Mat was scaled or shifted.
-
-    `solver` is the name of the solver that cannot use such a Mat; the message contains it.
-    """
+    """Raise InputError for a `solver` whose Mat was scaled or shifted."""
     if scale_and_shift(mat) != (1.0, 0.0):
         raise InputError(f"{solver}: needs a Mat that is neither scaled nor shifted")
 
@@ -40,10 +37,7 @@ class MatMethods:
     """Mat methods for assembly, copies, scales, shifts and norms. Collective."""
 
     def assemblyEnd(self, mat, kind):
-        """Adopt the operator's current contact set.
-
-        PETSc calls this function when a Mat is assembled, and sets up preconditioners again in the next solve.
-        """
+        """Adopt the contact set; then PETSc sets up its preconditioners again."""
         self.mask_changed()
 
     def duplicate(self, mat, _=None):

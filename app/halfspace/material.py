@@ -227,17 +227,20 @@ class Material:
                 "stiffness does not give the conductance"
             )
         copied = copy(self)
-        for name, values, wanted, is_allowed in (
-            ("resistivity", resistivity, "at least 0, and one above 0 [ohm m]", _are_resistivities),
-            ("thermal_conductivity", thermal_conductivity, "above 0, and one finite [W/(m K)]", _are_conductivities),
-        ):  # fmt: skip
+        for name, values, wanted in (
+            ("resistivity", resistivity, "at least 0, and one above 0 [ohm m]"),
+            ("thermal_conductivity", thermal_conductivity, "above 0, and one finite [W/(m K)]"),
+        ):
             if values is None:
                 continue
             try:
                 pair = np.broadcast_to(np.asarray(values, dtype=float), 2)
             except (TypeError, ValueError):
                 pair = np.full(2, np.nan)
-            if not is_allowed(pair):
+            # A resistivity is the reciprocal of a conductivity.
+            finite, positive = np.isfinite(pair), pair > 0
+            every, some = (finite & (pair >= 0), positive) if name == "resistivity" else (positive, finite)
+            if not (every.all() and some.any()):
                 given = ",".join(map(str, values)) if np.ndim(values) else values
                 raise InputError(f"{name} {given}: must be a number or one for each body, {wanted}")
             object.__setattr__(copied, name, tuple(pair.tolist()))
@@ -304,11 +307,3 @@ def _pair_of_reals(first, second, what):
         both = "(E_coat, E_substrate), (nu_coat, nu_substrate)"
         raise InputError(f"{what}: must be {'E, nu of the other body' if what == 'other' else both}")
     return pairs
-
-
-def _are_resistivities(pair):
-    return np.isfinite(pair).all() and (pair >= 0).all() and pair.any()
-
-
-def _are_conductivities(pair):
-    return (pair > 0).all() and np.isfinite(pair).any()

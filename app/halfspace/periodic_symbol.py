@@ -30,10 +30,7 @@ _POINTS = 12  # Quadrature points per panel; the error is below rounding.
 
 
 def wave_numbers(grid, columns, rows):
-    """Return wave numbers in x and in y [1/mm].
-
-    `columns` are frequencies in x, `rows` frequencies in y. A frequency is a number of waves on the patch.
-    """
+    """Return wave numbers of `columns` and `rows` waves on the patch [1/mm]."""
     return (2 * np.pi * np.asarray(index) / (n * d) for index, n, d in
             ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy)))  # fmt: skip
 
@@ -119,10 +116,7 @@ def _line_sums(phases, lengths):
 
 
 def periodic_quadrant(grid, kernel):
-    """Return periodic influence coefficients up to half a period.
-
-    The coefficients are the inverse Fourier transform of the symbol, shape (ny // 2 + 1, nx // 2 + 1) [mm / (N/mm2)].
-    """
+    """Return periodic influence coefficients up to half a period [mm / (N/mm2)]."""
     symbol = kernel.eigenvalues(grid, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
     in_y = transform_even(symbol, grid.ny)
     return transform_even(np.ascontiguousarray(in_y.T), grid.nx) / grid.n

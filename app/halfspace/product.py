@@ -106,10 +106,7 @@ class PeriodicProduct(EvenMultiplier):
             self.set_spectrum(symbol)
 
     def inverse(self):
-        """Return the product with B, which inverts A on zero-mean fields.
-
-        B maps a constant field to zero. B shares the work array of A.
-        """
+        """Return the product with B: inverse of A, but zero on constants."""
         other = self.in_precision(self.dtype)
         scaled = self._spectrum * float(self.periods[0] * self.periods[1]) ** 2
         np.divide(1.0, scaled, out=other._spectrum, where=scaled > 0)

@@ -28,10 +28,7 @@ def starts_directly(hierarchy, number):
 def stored_matrix(operator):
     """Return the dense A of a small grid; empty on ranks without rows.
 
-    Raises
-    ------
-    InputError
-        If the grid is too large, or on several ranks.
+    Raises InputError if the grid is too large, or on several ranks.
     """
     grid = operator.grid
     if not solves_directly(operator):

@@ -186,12 +186,7 @@ class Hierarchy:
         """Return the undeformed distance on all levels, coarsest first. Collective.
 
         A gap that is a function is evaluated on every grid. A gap that is an array is averaged over the cells of
-        coarser grids.
-
-        Raises
-        ------
-        InputError
-            If the undeformed distance has invalid values, or differs between ranks.
+        coarser grids. Raises InputError if the undeformed distance has invalid values, or differs between ranks.
         """
         levels = self.levels[-1:] if problem.sampled else self.levels
         grids = [(level.grid, level.slabs.rows) for level in levels]
@@ -243,11 +238,7 @@ class Hierarchy:
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Add a window's products to the work count.
-
-        Products on the coarser levels of the window are included. Products that an earlier call has counted are left
-        out.
-        """
+        """Count products of a window and its coarser levels, each once."""
         for level in (operator, *(operator.coarser_levels or ())):
             products = level.equivalent_products
             self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))

@@ -8,10 +8,7 @@ from app.parallel.reductions import sum_over
 class KspContext:
     """Context of Python KSPs that use PETSc's convergence test.
 
-    Attributes
-    ----------
-    norm_type : PETSc.KSP.NormType
-        Norm that the method computes.
+    The attribute `norm_type` is the norm that the method computes.
     """
 
     norm_type = PETSc.KSP.NormType.UNPRECONDITIONED

@@ -97,11 +97,7 @@ class ContactMG:
     Collective. Each set-up restricts the contact set to the coarser grids. PETSc repeats the set-up when the Mat has
     changed, as by ``mat.assemble()``. The coarser operators are those of the operator's hierarchy; without a hierarchy
     they are made here. Options, with the prefix of the PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
-
-    Attributes
-    ----------
-    operators : list of InfluenceOperator
-        Operators of the levels, coarsest first.
+    The attribute `operators` has the operators of the levels, coarsest first.
     """
 
     operators = _transfers = _mats = ()

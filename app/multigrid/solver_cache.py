@@ -14,13 +14,8 @@ def is_large(grid):
 class SolverCache:
     """Cache of the linear solvers of one hierarchy.
 
-    Parameters
-    ----------
-    kind : type
-        Class of the solvers: `LinearSolver` or a subclass.
-    hierarchy : Hierarchy
-    target : LinearSolver or None
-        Solver of the target grid, which the cache returns but does not free.
+    `kind` is the class of the solvers, `LinearSolver` or a subclass. `target` is the solver of the target grid, or
+    None; the cache returns this solver, but does not free it.
     """
 
     def __init__(self, kind, hierarchy, target=None):

@@ -59,10 +59,7 @@ def aligned(shape, dtype):
 
 
 class FFTW:
-    """Plans of FFTW in one precision, for compiled code.
-
-    A plan is an address, valid as long as this object exists.
-    """
+    """Plans of FFTW in one precision: addresses, valid with this object."""
 
     def __init__(self, dtype):
         self._library, self._prefix = _load_library(dtype.name)

@@ -15,11 +15,7 @@ _GROUP_BYTES = 1 << 22  # sent by a rank at once, approximately
 
 
 def deal_columns(columns, row_counts, comm):
-    """Split the columns into groups, and deal each group to all ranks.
-
-    The groups are the same in single and double precision. `row_counts` are the numbers of rows of all ranks. Return a
-    list of `ColumnGroup`.
-    """
+    """Return all columns in `ColumnGroup`s, the same in single and double precision."""
     if comm is None:
         return [ColumnGroup(0, columns, 1, 0, row_counts)]
     column = max(row_counts) * np.dtype(complex).itemsize

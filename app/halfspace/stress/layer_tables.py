@@ -34,24 +34,13 @@ _NODES, _WEIGHTS = (np.concatenate([rule[k] for rule in map(np.polynomial.legend
                     for k in (0, 1))  # fmt: skip
 
 
-class _RadialFunctions:
-    """Radial functions g, h and v of a layer, at any depth."""
-
-    def __init__(self, layer, radius):
-        reach = asinh(radius)
-        self.v = np.linspace(0.0, reach, ceil(reach / _SPACING) + 1)
-        self.r = np.sinh(self.v)
-        self._rule = HankelRule(self.r)
-        unit = replace(layer, thickness=1.0)
-        self._waves = [LayerWaves(unit, q) for q in (self._rule.near, self._rule.far)]
-
-    def at(self, depth):
-        near, far = (waves.functions(depth, reflected=True) for waves in self._waves)
-        g, slope, h = (self._rule.transform(near[k], far[k], order) for k, order in enumerate((1, 0, 1)))
-        return np.stack([g, h, -slope]) / (2 * np.pi)
-
-
-_radial_functions = lru_cache(maxsize=4)(_RadialFunctions)
+@lru_cache(maxsize=4)
+def _waves(layer, radius):
+    """Return asinh of the radii, their Hankel rule, and its near and far waves."""
+    reach = asinh(radius)
+    v = np.linspace(0.0, reach, ceil(reach / _SPACING) + 1)
+    rule, unit = HankelRule(np.sinh(v)), replace(layer, thickness=1.0)
+    return v, rule, [LayerWaves(unit, q) for q in (rule.near, rule.far)]
 
 
 @lru_cache(maxsize=256)
@@ -62,10 +51,12 @@ def _table(layer, depth, radius):
     """
     from scipy.interpolate import CubicSpline
 
-    radial = _radial_functions(layer, radius)
+    v, rule, waves = _waves(layer, radius)
+    near, far = (wave.functions(depth, reflected=True) for wave in waves)
+    g, slope, h = (rule.transform(near[k], far[k], order) for k, order in enumerate((1, 0, 1)))
     scale = 2 - depth if depth <= 1 else depth
-    functions = radial.at(depth) * (radial.r**2 + scale**2)
-    splines = CubicSpline(radial.v, functions, axis=1, bc_type=("clamped", "not-a-knot"))
+    functions = np.stack([g, h, -slope]) / (2 * np.pi) * (np.sinh(v) ** 2 + scale**2)
+    splines = CubicSpline(v, functions, axis=1, bc_type=("clamped", "not-a-knot"))
     return np.ascontiguousarray(splines.c.transpose(1, 2, 0)), scale
 
 
@@ -83,14 +74,6 @@ def add_layer_corners(layer, x, y, depth, out):
     spacing = asinh(radius) / len(coefficients)
     nu = layer.poisson[int(depth > 1)]
     _add_corners(x, y, coefficients, spacing, scale, nu, _NODES, _WEIGHTS, np.zeros((3, x.size)), out)
-
-
-@njit()
-def _interval(r, spacing, coefficients):
-    """Return the interval of the splines at r, and the place in it."""
-    v = asinh(r)
-    k = min(int(v / spacing), len(coefficients) - 1)
-    return k, v - k * spacing
 
 
 @njit()
@@ -116,7 +99,9 @@ def _integrate(line, start, end, coefficients, spacing, scale, nodes, weights):
         for m in range(first, first + count):
             at = position + half * (1 + nodes[m])
             squared = line * line + at * at
-            k, v = _interval(sqrt(squared), spacing, coefficients)
+            v = asinh(sqrt(squared))
+            k = min(int(v / spacing), len(coefficients) - 1)
+            v -= k * spacing
             weight = half * weights[m] / (squared + scale * scale)
             g, h = weight * _cubic(coefficients[k, 0], v), weight * _cubic(coefficients[k, 1], v)
             sum_g, sum_h, sum_v = sum_g + g, sum_h + h, sum_v + weight * _cubic(coefficients[k, 2], v)

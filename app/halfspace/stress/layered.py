@@ -12,14 +12,8 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.units import format_lengths
-from app.halfspace.stress.subsurface import (
-    StressMaximum,
-    SubsurfaceStress,
-    check_depths,
-    horizontal_shear,
-    shear_where_large,
-    von_mises,
-)
+from app.halfspace.stress import subsurface
+from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, von_mises
 
 _SIDES = "coating", "substrate"
 _COATING_DEPTHS = 8  # of a section, at least
@@ -107,7 +101,7 @@ class LayeredStress(SubsurfaceStress):
         t = self.layer.thickness
         if side not in _SIDES:
             raise InputError(f"side {side!r}: allowed: {', '.join(_SIDES)}")
-        depths = np.array(check_depths(depths))
+        depths = np.array(subsurface.check_depths(depths))
         at_interface = np.isclose(depths, t, rtol=_SAME_DEPTH, atol=0) & (depths != self._below)
         depths[at_interface] = t if side == "coating" else self._below
         if self.layer.on_rigid_base and (deepest := depths.max()) > t:
@@ -147,13 +141,15 @@ class LayeredStress(SubsurfaceStress):
         if not self.layer.on_rigid_base:
             deeper = depths[depths > t]
             parts.append(np.concatenate([[self._below], deeper if deeper.size else [2 * t]]))
-        return [self._search(part, von_mises, shear_where_large) for part in parts]
+        return [self._search(part, von_mises, subsurface.shear_where_large) for part in parts]
 
     def layer_maxima(self):
         """Return the `LayerMaxima` of both materials and the interface."""
         largest = [at for at, _ in self._by_material]
         sides = [self.layer.thickness] if self.layer.on_rigid_base else [self.layer.thickness, self._below]
-        (one, shear), *other = (self._search([depth], von_mises, horizontal_shear) for depth in sides)
+        (one, shear), *other = (
+            self._search([depth], von_mises, subsurface.horizontal_shear) for depth in sides
+        )
         if not other:
             return LayerMaxima(largest[0], None, one, None, shear)
         return LayerMaxima(*largest, one, other[0][0], shear)

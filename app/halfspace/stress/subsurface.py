@@ -72,10 +72,7 @@ def horizontal_shear(stress):
 
 
 def shear_where_large(stress):
-    """Return `max_shear` where it may be largest, 0 at other points.
-
-    Points with a small von Mises stress are skipped to save time.
-    """
+    """Return `max_shear` where it may be largest, else 0 to save time."""
     mises = von_mises(stress)
     large = mises >= 0.86 * mises.max()  # The shear stress is 1/2 to 1/sqrt(3) of it.
     shear = np.zeros_like(mises)

@@ -169,13 +169,13 @@ def test_tables_are_as_accurate_as_stated(layer, thickness, monkeypatch):
     monkeypatch.setattr(layer_tables, "_SPACING", 0.01)
     for name, value in (("_NEAR", 20.0), ("_PANEL", 0.15), ("_Y_PANEL", 2.0), ("_Y_MIDDLE", 55.0)):
         monkeypatch.setattr(hankel, name, value)
-    for cached in (layer_tables._radial_functions, layer_tables._table):
+    for cached in (layer_tables._waves, layer_tables._table):
         cached.cache_clear()
     try:
         for depth, plane in zip(depths, coarse, strict=True):
             np.testing.assert_allclose(plane, below(layer).plane(depth), rtol=0, atol=TABLES)
     finally:
-        for cached in (layer_tables._radial_functions, layer_tables._table):
+        for cached in (layer_tables._waves, layer_tables._table):
             cached.cache_clear()
 
 
