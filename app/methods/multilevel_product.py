@@ -112,7 +112,7 @@ class MultilevelOperator:
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
-        """Compute the product out = M p.
+        """Compute out = M p with the multilevel product M.
 
         Parameters
         ----------

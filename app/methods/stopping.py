@@ -68,7 +68,8 @@ class InexactStop(StoppingTest):
     def is_weak(self, state, h_on_contact):
         """Return whether the test (5.1) is weak because contact is small.
 
-        It is weak if `h_on_contact`, the norm of h on C [mm], is below 1% of the norm of h on all cells.
+        It is weak if `h_on_contact` is below 1% of the norm of the undeformed distance on all cells. `h_on_contact` is
+        the norm on the contact cells [mm].
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 

@@ -45,7 +45,7 @@ class BlockAverage:
         Number of cells of a block in each direction.
     contrast : float
         Compliance for long waves over that for short ones. If it is large, displacements decay slowly between contact
-        spots, so the offset is divided by it.
+        spots, so the offset (see the module) is divided by it.
     """
 
     def __init__(self, shape, slabs, comm, cells, contrast=1.0):

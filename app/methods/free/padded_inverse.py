@@ -20,6 +20,8 @@ _WEIGHTS = np.arange(1, PADDING + 1) / (PADDING + 1)  # of the cells up to the b
 class PaddedInverse:
     """Product with W^T B W. Collective over the ranks of the layout.
 
+    B is the inverse of A continued periodically. W continues fields past the patch boundary.
+
     The parameters are those of `create_circulant_inverse`.
 
     Attributes

@@ -50,9 +50,9 @@ class VerificationProduct:
         self.apply_on_all(p, u)
 
     def apply_on_all(self, p, u):
-        """Compute A p on the whole grid. Collective.
+        """Compute the product A p on the whole grid. Collective.
 
-        `u` receives the part of the product in the window.
+        Only its part in the window is copied to `u`.
         """
         if self.u is None:
             self.u = np.empty(self._target.local_shape)

@@ -48,7 +48,7 @@ class CappedPrimalState(PrimalState):
         super().reset_for_safeguard()
 
     def refresh(self, exact=False):
-        """Recompute the stored pressure from w; see `PrimalState.refresh`."""
+        """Recompute pressure from displacement; see `PrimalState.refresh`."""
         super().refresh(exact)
         self._subtract_hardness(self.state.values)
 
@@ -106,9 +106,9 @@ class CappedPrimalState(PrimalState):
     def _fill_up(self, w, excess=None):
         """Make the lowest cells plastic until they carry the load.
 
-        `w` is the displacement minus the approach [mm]. Cells become plastic in the order of their gaps ``w - b``, and
-        for equal gaps of their `excess`, the part of p beyond its bounds [N/mm2]. The next cells become contact cells,
-        and a constant added to the state's w closes their gap.
+        `w` is the displacement minus the approach [mm]. Cells become plastic in the order of their gaps (w plus the
+        shape), and for equal gaps of their `excess`, the part of p beyond its bounds [N/mm2]. The next cells become
+        contact cells, and a constant added to the state's w closes their gap.
         """
         state, upper = self.state, self.state.bounds.upper
         gap, total = np.where(state.admissible, w - state.distance.b, np.inf), self.mean_pressure * self.cells

@@ -43,8 +43,8 @@ def _dots_row(d, q, p, free):
 def _dots(d, q, p, free):
     """Return the scalar products of a step of CG.
 
-    They are d.q and d.p over all cells, and p.p, p.q and q.q over free cells. d is the direction, q = B d, p the
-    pressure.
+    They are d.q and d.p over all cells, and p.p, p.q and q.q over free cells. d is the direction, q its product with
+    the matrix B, and p the pressure.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
@@ -63,7 +63,7 @@ def _first_step_row(p, d, q, alpha, left, change):
 def _first_step(p, d, q, alpha, left, change):
     """Make the first step of CG along the direction d.
 
-    With q = B d, `change` is set to alpha d, and the updated pressure `left` to p + alpha q.
+    q is the pressure by the displacement d. `change` is set to alpha d, and the updated pressure `left` to p + alpha q.
     """
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
@@ -73,7 +73,7 @@ def _first_step(p, d, q, alpha, left, change):
 def _step(d, q, alpha, left, change):
     """Make a further step of CG along the direction d.
 
-    With q = B d, alpha d is added to `change`, and alpha q to the updated pressure `left`.
+    q is the pressure by the displacement d. alpha d is added to `change`, and alpha q to the updated pressure `left`.
     """
     for j in range(d.shape[0]):
         add_row(change[j], alpha, d[j])
@@ -174,7 +174,7 @@ class CarryingCG(KspContext):
     def solve(self, ksp, b, x):
         """Reduce the pressure p on the free cells by CG.
 
-        Store the change of w in `change`, and the new p in `carried`.
+        Store the change of the displacement in `change`, and the new p in `carried`.
         """
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type

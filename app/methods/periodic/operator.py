@@ -46,7 +46,7 @@ class InverseOperator:
 
     @property
     def product(self):
-        """Product with B in the precision of the iteration."""
+        """Product with the inverse B of A, in the iteration's precision."""
         return self.influence.inverse
 
     def spare_fields(self, *types):
@@ -75,21 +75,21 @@ class InverseOperator:
         self.contact_version += 1
 
     def pressure(self, d, q):
-        """Compute the pressure q = B d of a displacement d."""
+        """Compute the pressure q that causes a displacement d."""
         apply_logged(_mult_event, self.product, d, q)
 
     def multilevel_pressure(self, d, q):
-        """Compute the pressure q = B d by the multilevel product."""
+        """Compute the pressure q of a displacement d by multilevel product."""
         apply_logged(_levels_event, self.multilevel, d, q)
 
     def exact_pressure(self, w, p):
-        """Compute the pressure p = B w in double precision."""
+        """Compute the pressure p of a displacement w in double precision."""
         apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
         """Compute y = O B O x for PETSc.
 
-        O sets contact cells to zero.
+        B is the inverse of A, and O sets contact cells to zero.
         """
         self.products += 1
         with y as out:

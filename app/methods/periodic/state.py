@@ -56,7 +56,7 @@ class PrimalState:
 
     @property
     def prescribed_depth(self):
-        """Prescribed depth, which is minus the mean of w [mm].
+        """Prescribed depth: minus the mean of the displacement w [mm].
 
         The depth is infinite if the load is prescribed.
         """
@@ -68,11 +68,11 @@ class PrimalState:
 
     @property
     def depth(self):
-        """Present depth, minus the mean of w = u - approach [mm]."""
+        """Present depth: minus the mean of the displacement w [mm]."""
         return -self.mean(self.w)
 
     def largest(self):
-        """Return the largest |w|, where w = u - approach [mm]."""
+        """Return the largest absolute value of the displacement w [mm]."""
         return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
 
     @property
@@ -119,7 +119,9 @@ class PrimalState:
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
-        """Shift w from the coarser grid's depth to the predicted depth [mm].
+        """Shift the displacement w from a depth to the predicted one [mm].
+
+        `depth` is that of the coarser grid.
 
         The pressure does not change. If the bodies move apart, some contact is kept: a part of the depth beyond first
         touch remains, and cells that touched before the shift are put into contact.
@@ -153,9 +155,10 @@ class PrimalState:
             solver.preconditioner.shift(missing, self.w, *changes)
 
     def start(self, solver):
-        """Close overlaps, set a prescribed mean of w, and compute p.
+        """Close overlaps, set a prescribed mean displacement, and compute the pressure.
 
-        If p was interpolated from the coarser grid, only the 3 x 3 centre of B corrects it for the closed overlaps.
+        A pressure interpolated from the coarser grid is only corrected for the closed overlaps, by the 3 x 3 centre of
+        the inverse of A.
         """
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, self._touchable(), state.contact, change)
@@ -225,11 +228,11 @@ class PrimalState:
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)
 
     def _apply_guess(self, x, lowest):
-        """Add the guess x to w, and set C; see `kernels.apply_guess`."""
+        """Add the guess x to w, and set contact; see `kernels.apply_guess`."""
         loops.apply_guess(x, lowest, self.w, self.state.distance.b, self.state.contact)
 
     def _touch(self):
-        """Shift w so that the cells with the smallest gap touch.
+        """Shift the displacement so that the cells with the smallest gap touch.
 
         These cells become the contact set.
         """

@@ -180,8 +180,8 @@ def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
 def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
     """Compute means of the residual of x over coarse cells.
 
-    The residual is (s - B3 x) / B3_00 on free cells, where B3 is the 3 x 3 centre of B. `weights` are those of `sweep`,
-    `work` are three work rows, and the other parameters are those of `free_in_cells`.
+    The residual is (s - B3 x) / B3_00 on free cells, where B3 is the 3 x 3 centre of the inverse B of A. `weights` are
+    those of `sweep`, `work` are three work rows, and the other parameters are those of `free_in_cells`.
     """
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0

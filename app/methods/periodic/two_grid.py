@@ -131,7 +131,7 @@ class TwoGrid:
         self._contact_version, self._response = -1, None  # contact version of `_unit_response`, and that
 
     def apply(self, pc, x, y):
-        """Apply the preconditioner: y = M x."""
+        """Apply the preconditioner to x; store the result in y."""
         with y as out:
             shape = self.operator.local_shape
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
