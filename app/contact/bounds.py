@@ -197,7 +197,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
     def local_load(self, b, depth, u, p, t, compliance):
-        """Return sums after all cells have approached by t; see `capped_kernels.local_load`."""
+        """Return sum of p after an approach by t; see `capped_kernels.local_load`."""
         return capped_kernels.local_load(b, depth, u, p, self.upper, self.admissible, t, compliance)
 
     def change(self, p, step):

@@ -106,7 +106,7 @@ def _activate_row(overlap, admissible, contact, released):
 
 @njit_reassoc
 def _squares_row(b, depth, u, contact):
-    """Return the sums of e^2 and h^2 over C."""
+    """Return the sums of gap^2 and h^2 over contact cells."""
     gaps, distances = 0.0, 0.0
     for i in range(b.size):
         e, h = gap(u[i], b[i], depth), b[i] + depth

@@ -103,8 +103,8 @@ def _gaps_row(b, depth, u, p, upper, admissible, slope):
 def gaps(b, depth, u, p, upper, admissible, slope):
     """Return the sums that certify a pressure on a periodic patch.
 
-    The summed fields are: the reduced gap g where it is open, -g where it overlaps, g - e, `_price` of open gaps,
-    `_price` of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
+    The summed fields are: the reduced gap g where it is open, -g where it overlaps, g minus the gap, `_price` of open
+    gaps, `_price` of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):

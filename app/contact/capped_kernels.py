@@ -272,8 +272,8 @@ def _local_load_row(b, depth, u, p, upper, admissible, t, compliance):
 def local_load(b, depth, u, p, upper, admissible, t, compliance):
     """Return the sum of pressures after all cells have approached by t.
 
-    Return also the number of cells whose pressure is then between its bounds. Each cell has its own `compliance`: p
-    changes by (t - e) / compliance, within the bounds.
+    Return also the number of cells whose pressure is then between its bounds. Cells do not act on each other: p changes
+    by (t - gap) / `compliance`, within the bounds.
     """
     sums = 0.0, 0
     for j in range(b.shape[0]):

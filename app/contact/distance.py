@@ -141,7 +141,7 @@ class UndeformedDistance:
 
     @property
     def deviation(self):
-        """Standard deviation of h over the admissible cells [mm]."""
+        """Standard deviation of the undeformed distance over admissible cells [mm]."""
         return float(np.sqrt(self.statistics.squares_about_mean / max(self.statistics.cells, 1)))
 
     @property

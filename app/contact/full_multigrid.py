@@ -78,7 +78,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
 
 
 def prolongate(transfer, coarse, state, beta, prolong):
-    """Set the first C, p and u from the coarser grid. Collective.
+    """Set contact, p and u from the coarser grid. Collective.
 
     The function ``prolong(transfer, coarse, state)`` sets C and p. If `prolong` is None or returns false,
     `copy_prolongation` sets them.
@@ -90,7 +90,7 @@ def prolongate(transfer, coarse, state, beta, prolong):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """Set C by the tolerance (4.1), and p by copying. Collective.
+    """Set contact by the tolerance (4.1), and p by copying. Collective.
 
     Let u be the displacement interpolated from the coarser grid, and e = h + u the gap. C has the admissible cells with
     e <= beta max(u); `beta` is the option -lcp_beta. With an upper bound of p, a local Jacobi step first finds the

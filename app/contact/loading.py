@@ -143,7 +143,7 @@ class PrescribedApproach(Loading):
         return self.approach
 
     def first_solve(self, state, solve):
-        """Solve from the set C = {h <= 0}; see `Loading.first_solve`."""
+        """Solve from contact in all cells with h <= 0; see `Loading`."""
         state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
@@ -182,7 +182,7 @@ class PrescribedMeanGap(PrescribedApproach):
     def restore_prescribed(self, measures):
         """Restore the mean gap, at least 0; see `Loading.restore_prescribed`.
 
-        The prescribed number is the mean of e. The mean of max(e, 0) is larger if plastic cells overlap.
+        The prescribed number is the mean of the gap e. The mean of max(e, 0) is larger if plastic cells overlap.
         """
         return measures if measures.mean_plastic_depth else measures._replace(mean_gap=self._mean_gap)
 

@@ -31,7 +31,7 @@ def step_to_load(state, load, target, stiffness=0.0):
         compliance = cells * grid.cell_area / stiffness
 
     def model(t):
-        """Return F(t) minus the target, and its derivative."""
+        """Return the model's load minus the target, and its derivative."""
         total, free = state.sum(state.bounds.local_load(*fields, t, compliance))
         return grid.cell_area * float(total) - target, grid.cell_area * float(free) / compliance
 

@@ -66,12 +66,12 @@ class Gaps(NamedTuple):
 
     @property
     def rms(self):
-        """Root mean square of h + u [mm]; 0 without cells."""
+        """Root mean square of the gaps [mm]; 0 without cells."""
         return sqrt(self.squares / max(self.cells, 1))
 
     @property
     def mean(self):
-        """Mean of h + u [mm]; 0 without cells."""
+        """Mean of the gaps h + u [mm]; 0 without cells."""
         return float(self.total / max(self.cells, 1))
 
 
@@ -238,7 +238,7 @@ class ContactState:
         """Adapt C before iteration k, on periodic patches only. Collective."""
 
     def start_from_interpenetration(self):
-        """Start from C = {h <= 0} and p = 0 (step 1)."""
+        """Start from contact where h <= 0, without pressure (step 1)."""
         np.greater_equal(self.distance.b, -self.depth, out=self.contact)
         self.contact &= self.admissible
         self.pressure.set(0)
@@ -370,9 +370,10 @@ class ContactState:
         return self.compute_displacement(exact=True)
 
     def reach_load(self, load):
-        """Reach a load [N] by a constant added on C. Collective.
+        """Reach a load [N] by a constant added to p. Collective.
 
-        p stays within its bounds, and u becomes stale. If all cells of C reach a bound, the load is not reached.
+        The constant is added on C. p stays within its bounds, and u is not updated. If all cells of C reach a bound,
+        the load is not reached.
         """
         self.reach_sum(self.values, load / self.grid.cell_area)
         self.displacement_status = Displacement.STALE

@@ -250,7 +250,10 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells' values, beginning with a first child, to coarse cells."""
+    """Add fine cells' values to those of their parents.
+
+    The first fine row and column are first children.
+    """
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])
@@ -326,7 +329,7 @@ class _Prolongation:
         self.multAdd(mat, x, y, y)
 
     def multAdd(self, mat, x, v, y):
-        """Compute y = v + P x."""
+        """Compute y = v + P x, with the prolongation P."""
         t = self.transfer
         if v.handle != y.handle:
             v.copy(y)
