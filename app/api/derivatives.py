@@ -255,9 +255,9 @@ class Derivatives:
 
 
 def _read_number(of, solution):
-    """Return dJ/dp for the argument `of`, and what is fixed.
+    """Return dJ/dp of the number J in `of`, and what is fixed.
 
-    dJ/dp has the local rows. It is None if the approach is differentiated.
+    dJ/dp has the local rows. It is None if J is the approach.
     """
     if isinstance(of, str):
         if of == "load":

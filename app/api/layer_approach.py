@@ -24,8 +24,8 @@ _SUMS = "iterations", "inner_iterations", "work_units", "operator_applications",
 def add_uniform_displacement(solution, compliance):
     """Return a Solution with the uniform displacement of the layer.
 
-    The uniform displacement is c times the mean pressure, where `compliance` is c [mm / (N/mm2)]. This is added to
-    displacement and approach.
+    The uniform displacement is `compliance` [mm / (N/mm2)] times the mean pressure. It is added to displacement and
+    approach.
     """
     added, distance = compliance * solution.mean_pressure, solution.distance
     return replace(

@@ -73,13 +73,16 @@ class Layer:
         return self.thickness * (1 + nu) * (1 - 2 * nu) / ((1 - nu) * self.young[0])
 
     def ratio(self, q):
-        """Return S(q t) for wave numbers q above 0, an array [1/mm]."""
+        """Return `displacement_ratio` at wave numbers q above 0, an array [1/mm]."""
         x = np.asarray(q, dtype=float) * self.thickness
         return displacement_ratio(x, self.modulus_ratio, *self.poisson)
 
 
 def displacement_ratio(x, mu, nu1, nu2):
-    """Return S(x) of the module for an array x of numbers above 0."""
+    """Return a layered body's displacement over that of its layer's material.
+
+    This is the function S(x) of the module, for an array x of numbers q t above 0.
+    """
     values, small = np.empty(x.shape), x < _SMALL
     values[small] = _ratio_of_long_waves(x[small], mu, nu1, nu2)
     values[~small] = _ratio_of_short_waves(np.minimum(x[~small], _LARGEST), mu, nu1, nu2)
@@ -94,7 +97,7 @@ def _ratio_of_short_waves(x, mu, nu1, nu2):
 
 
 def _ratio_of_long_waves(x, mu, nu1, nu2):
-    """Return S(x) for x below 1 by sums without cancellation.
+    """Return `displacement_ratio` for x below 1, without cancellation.
 
     The sums contain 1 - lambda, 1 - kappa, 1 + lambda and 1 - lambda kappa, which are computed as products.
     """

@@ -61,24 +61,27 @@ class LayerTables:
         self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
 
     def rest(self, r):
-        """Return the rest of g at distances r [1 / t]."""
+        """Return `influence` without its part of long range, at distances r."""
         inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
         return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
 
     def influence(self, r):
-        """Return g(r) of the module, in 1 / t."""
+        """Return the layer's displacement by a point force at distances r.
+
+        This is g(r) of the module. Lengths are in thicknesses.
+        """
         return self._excess / np.sqrt(r * r + 4) + self.rest(r)
 
     def _phi(self, r):
-        """Return Phi(r), the integral of rest r dr from 0 to r."""
+        """Return the integral of `rest`(s) s ds from 0 to r."""
         inside = self._phi_table(np.arcsinh(np.minimum(r, self._radius)))
         return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
 
     def integrals(self, cell, rows, columns):
         """Return the layer's part of influence coefficients, in thicknesses.
 
-        It is the integral of g (see the module) over each cell. `cell` is the size (dx, dy) of a cell; `rows` and
-        `columns` are arrays of offsets in y and x. The shape is (rows, columns).
+        It is the integral of `influence` over each cell. `cell` is the size (dx, dy) of a cell; `rows` and `columns`
+        are arrays of offsets in y and x. The shape is (rows, columns).
         """
         dx, dy = cell
         x, y, widest = dx * columns[None, :], dy * rows[:, None], max(dx, dy)
@@ -102,7 +105,7 @@ class LayerTables:
         return dx * dy / 4 * total
 
     def _corner_integrals(self, cell, rows, columns):
-        """Return integrals over cells at some offsets, from Phi at their corners."""
+        """Return integrals of `rest` over cells, from their corners."""
         if not rows.size:
             return 0.0
         x, y = ((np.arange(k.max() + 1) + 0.5) * d for k, d in zip((columns, rows), cell, strict=True))
@@ -114,7 +117,7 @@ class LayerTables:
         return np.diff(np.diff(to_corner, axis=0), axis=1)[rows, columns]
 
     def _triangles(self, u, v):
-        """Return the integrals of the rest of g over triangles.
+        """Return the integrals of `rest` over triangles.
 
         The corners are (0, 0), (u, 0) and (u, v), with arrays u and v above 0 that are broadcast.
         """

@@ -43,7 +43,7 @@ class LayerWaves:
         self._base = self._layer_functions(layer.thickness)[:2]
 
     def functions(self, depth, reflected=False):
-        """Return a, its first and its second derivative, at a depth [mm].
+        """Return the stress function and two derivatives at a depth [mm].
 
         A depth equal to the thickness is in the layer. With `reflected` the functions of a half-space of the layer's
         material are subtracted in the layer.

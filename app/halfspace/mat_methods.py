@@ -41,7 +41,7 @@ class MatMethods:
         self.mask_changed()
 
     def duplicate(self, mat, _=None):
-        """Return another Mat of this operator, with the same a and s."""
+        """Return another Mat of this operator, with equal factor and shift."""
         other = self.mat(mat.comm)
         other.setAttr(_FACTORS, scale_and_shift(mat))
         return other

@@ -205,10 +205,10 @@ def _log_integrals(datum, offsets, width):
 
 @lru_cache(maxsize=16)
 def _wave_integrals(width, period, count):
-    """Return integrals of K0(q_k |x|) over the width of cells.
+    """Return integrals of waves K0(q_k |x|) over cells.
 
-    The shape is (waves, cells), for offsets from 0 to `count` - 1. It is zero in cells near the line x = 0. A cell
-    wider than the period has only the part at more than half a period.
+    The wave numbers are q_k = 2 pi k / `period`. The shape is (waves, cells) for offsets from 0 to `count` - 1. It is
+    zero in cells near the line x = 0. In a cell wider than the period, the integral is over |x| above half a period.
     """
     from scipy.special import k0
 

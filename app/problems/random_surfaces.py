@@ -114,7 +114,7 @@ class WavySurface(_Function):
 
     @cached_property
     def coefficients(self):
-        """Amplitudes a [mm], phases phi, theta, each (M, N)."""
+        """Amplitudes [mm] and both phases of the M x N waves."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
@@ -124,7 +124,7 @@ class WavySurface(_Function):
 
     @cached_property
     def _wave_numbers(self):
-        """Wave numbers in x, shape (M,), and in y, shape (N,) [1/mm]."""
+        """Wave numbers of M waves in x and N in y [1/mm]."""
         return [2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)]
 
     def describe(self):

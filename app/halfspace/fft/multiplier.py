@@ -63,7 +63,10 @@ class _Sequences:
         self.execute = self._fftw.execute
 
     def plans(self, few):
-        """Return both plans for all sequences, and for `few` (0: all)."""
+        """Return four plans: forward and back for all sequences, then for `few`.
+
+        `few` is a number of sequences; 0 means all.
+        """
         for count in (self._count, few or self._count):
             if count not in self._plans:
                 arrays = self.data[:count], self.transforms[:count]

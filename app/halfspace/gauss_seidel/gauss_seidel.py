@@ -183,7 +183,7 @@ class GaussSeidel:
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
     def _solve(self, m, affected, filled, r, mask, d, column, omega, backward, messages):
-        """Solve leaf m (a block of rows), and send it on."""
+        """Solve leaf m (a block of rows); send it to other ranks."""
         tables, step, weight = self._tables, -1 if backward else 1, omega / self._diagonal
         block, own = tables.ring[m % 2], slice(*tables.edges[0])
         if affected:

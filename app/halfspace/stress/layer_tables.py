@@ -47,7 +47,8 @@ def _waves(layer, radius):
 def _table(layer, depth, radius):
     """Return spline coefficients, shape (intervals, 3 functions, 4), and the scale.
 
-    The functions are g, h and v, each multiplied by r^2 + scale^2. The depth is in thicknesses.
+    The functions of the distance r are g, h and v of the module, each multiplied by r^2 + scale^2. The depth is in
+    thicknesses.
     """
     from scipy.interpolate import CubicSpline
 

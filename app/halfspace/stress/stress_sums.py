@@ -53,7 +53,7 @@ class PeriodicStress:
     def _functions(self, depth):
         """Return the stress function of unit waves, two derivatives, and Poisson's ratio.
 
-        They are functions of s; `app.halfspace.layer_waves` defines them.
+        They are functions of the wave number times the depth; `app.halfspace.layer_waves` defines them.
         """
         s = self._q * depth
         decay = np.exp(-s)

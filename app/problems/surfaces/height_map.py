@@ -49,9 +49,9 @@ def turn_spacing(spacing, orient):
 class HeightMap(StoredArray):
     """Heights after turns, with unit and spacing as their source states them.
 
-    `spacing` is the size dx, dy of a cell, as an argument before the turns, as an attribute after them. `unit` is that
-    of the heights, `lateral` that of the spacing if it differs, and `other_unit` that of values which are no lengths,
-    such as V. What is unknown is None.
+    The argument `spacing` is the size (dx, dy) of a cell before the turns; the attribute is that after them. `unit` is
+    that of the heights, `lateral` that of the spacing if it differs, and `other_unit` that of values which are no
+    lengths, such as V. What is unknown is None.
     """
 
     label = "surface file"
