@@ -229,7 +229,7 @@ class CappedBounds(PressureBounds):
         return self.between(p, margin) | (self.admissible & leaves)
 
     def overlap(self, p, gap):
-        """Return overlaps of open cells and gaps of plastic cells, 1D [mm]."""
+        """Return overlaps of open cells, gaps of plastic cells [mm], 1-D array."""
         plastic = self.plastic(p)
         opened = self.admissible & ~self.between(p) & ~plastic
         return np.concatenate([gap[opened].clip(max=0), gap[plastic].clip(min=0)])

@@ -117,7 +117,7 @@ def _squares_row(b, depth, u, contact):
 
 @njit()
 def enter_row(enters, admissible, contact, released, b, depth, u, p):
-    """Add the cells that `enters` marks in a row to C; see `activate`."""
+    """Add a row's cells marked in `enters` to C; see `activate`."""
     cells, squares = _activate_row(enters, admissible, contact, released), (0.0, 0.0)
     if cells[0]:
         squares = _squares_row(b, depth, u, contact)

@@ -257,12 +257,12 @@ def _close_gap(state, energy, enough, work, capped):
 
 
 def _gap_with_mean(gaps, excess, inside, n, depths=0.0):
-    """Choose a dual feasible gap g with the mean of the gap e.
+    """Choose a dual feasible gap g with the same mean as e.
 
-    ``g = (1 + stretch) max(e - p / B_II, 0) + constant``, where the constant is 0 if the stretch is within -1 and 1.
-    In inadmissible cells any g is allowed; there the change of the gap is `elsewhere`. `inside` of the n cells are
-    admissible. `gaps` is the sum of ``max(e - p / B_II, 0)``, `excess` the sum of ``max(e - p / B_II, 0) - e``,
-    `depths` the sum of overlaps, which get the factor ``1 - stretch``.
+    Here e is the gap, and g0 = max(e - p / B_II, 0), with the diagonal entry B_II of A's inverse. Then ``g = (1 +
+    stretch) g0 + constant``, where the constant is 0 if the stretch is within -1 and 1. In inadmissible cells any g is
+    allowed; there the change of the gap is `elsewhere`. `inside` of the n cells are admissible. `gaps` is the sum of
+    g0, `excess` the sum of g0 - e, `depths` the sum of overlaps, which get the factor 1 minus the stretch.
     """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere + depths

@@ -79,9 +79,9 @@ class Layer:
 
 
 def displacement_ratio(x, mu, nu1, nu2):
-    """Return a layered body's displacement over that of its layer's material.
+    """Return a layered body's displacement over that of a half-space.
 
-    This is the function S(x) of the module, for an array x of numbers q t above 0.
+    The half-space is of the layer's material. The ratio is S(x) of the module, for an array x of numbers q t above 0.
     """
     values, small = np.empty(x.shape), x < _SMALL
     values[small] = _ratio_of_long_waves(x[small], mu, nu1, nu2)

@@ -90,7 +90,10 @@ def _decaying(c0, c1, s, decay):
 
 
 def _combine(down, up):
-    """Return a and its derivatives, from those of functions of z and of t - z."""
+    """Return the stress function and derivatives, as sums of two functions.
+
+    `down` are those of a function of the depth, `up` those of a function of the height above the interface.
+    """
     return [d - u if k % 2 else d + u for k, (d, u) in enumerate(zip(down, up, strict=True))]
 
 

@@ -187,7 +187,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def screened_product(self):
-        """`ScreenedProduct`: (`inverse` + k)^-1, with springs k. Collective on first use."""
+        """`ScreenedProduct` with (`inverse` + spring stiffness)^-1. Collective on first use."""
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 

@@ -170,8 +170,8 @@ def _multiply_add(y, kernel, x):
 def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
     """Add the effect of earlier tiles on a tile to `y`.
 
-    A tile is a group of TILE rows. The lag of an earlier tile is its distance from this tile in rows. Added are the
-    tiles with contact at lags from `least` to `most`, if they are within the `reach` of these frequencies.
+    A tile is a group of TILE rows. The lag of an earlier tile is its distance from this tile in rows. The sum is over
+    the tiles with contact at lags from `least` to `most`, within the `reach` of these frequencies.
 
     - `flat` has the rows of all tiles; `source` is the index at which this tile begins.
     - `near` has the kernel for all lags; `start` is the index of lag 0.
@@ -186,7 +186,10 @@ def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
 
 @njit()
 def find_contact_extent(mask, occupied):
-    """Mark `occupied` rows; return first and end contact column, and cells."""
+    """Mark the rows with contact in `occupied`; return three numbers.
+
+    They are the first and the end column with contact, and the number of contact cells.
+    """
     start, stop, cells = mask.shape[1], 0, 0
     for j in range(mask.shape[0]):
         first, last = nonzero_span(mask[j])

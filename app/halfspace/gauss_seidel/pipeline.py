@@ -117,7 +117,7 @@ class SweepMessages:
         self._effects[m] = self._comm.Isend(block, 0, _EFFECT)
 
     def receive_solved(self, m, block):
-        """Receive the solved leaf m into `block`, which had the effects on it."""
+        """Receive the solved leaf m into `block`, replacing the effects on it."""
         if m in self._effects:
             self._effects.pop(m).Wait()
         self._comm.Recv(block, 0, _SOLVED)
