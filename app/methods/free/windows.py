@@ -150,8 +150,9 @@ class WindowedLevel:
         """Return the Boxes from which the next finer window is chosen.
 
         Collective over the ranks of the state. The result is None on grids coarser than the finest grid without a
-        window. On the finest grid without a window, contact is predicted from `coarse_minimum`, the least undeformed
-        distance of target cells in its cells, and from `depth`, the depth predicted on the next finer grid [mm].
+        window. On that grid, contact is predicted from `coarse_minimum` and `depth`. `coarse_minimum` is the least
+        undeformed distance of the target cells in each cell. `depth` is the predicted depth on the next finer grid
+        [mm].
         """
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:

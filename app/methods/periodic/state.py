@@ -173,7 +173,7 @@ class PrimalState:
         return self.w, self.state.values, self.state.contact
 
     def copy_start(self):
-        """Return a copy of the fields before `primal_active_set`."""
+        """Return a copy of the fields that `restart` restores."""
         return [self.mean_pressure, self._has_pressure, *(field.copy() for field in self._start_fields())]
 
     def restart(self, start):

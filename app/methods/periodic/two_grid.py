@@ -259,7 +259,10 @@ def _relative_eigenvalue(kernel, diagonal, grid, cells):
 
 
 def _half_space_weights(grid):
-    """Return `_centre_weights` for a half-space with compliance 1, with few cells."""
+    """Return `_centre_weights` of a half-space, computed on few cells.
+
+    The compliance is 1.
+    """
     counts = (min(n, SAMPLE_CELLS) for n in (grid.nx, grid.ny))
     return _weights_of_sample(Grid(*counts, grid.dx, grid.dy, periodic=grid.periodic))
 

@@ -154,7 +154,7 @@ def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
     """Return the `HeightMap` of a file or array.
 
     `skip`, `orient` and `channel` are those of `read_surface`. A text that looks like a line scan, or that begins with
-    coordinates, is an error, unless `coordinates` is true; a crop may remove coordinates.
+    coordinates, is an error. `coordinates` allows both, because a crop may remove coordinates.
     """
     channel = "" if channel is None else str(channel)
     if not isinstance(path, str | os.PathLike):
