@@ -101,7 +101,7 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _fill_plateaus(self, state):
-        """Bring p to the load; approach if C is at a bound. Collective."""
+        """Bring p to the load, past approaches at which it is constant. Collective."""
         for _ in range(_MAX_PLATEAUS):
             state.set_load(self.load, load := state.load)
             if isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):

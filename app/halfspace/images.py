@@ -34,7 +34,7 @@ _CUTOFF_WIDTH, _CUTOFF_RADIUS = 1.6, 4.0
 
 
 class Box:
-    """Box of `periods` (y, x) cells around a patch, with its images."""
+    """Periodic box of `periods` (y, x) cells around a patch, with images."""
 
     def __init__(self, grid, periods, kernel):
         self.grid, self.periods, self.influence = grid, periods, partial(kernel.unit_coefficients, grid)

@@ -84,7 +84,7 @@ class HalfSpaceKernel:
         return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
     def self_displacement(self, grid):
-        """Return a cell's displacement by pressure 1 on it, free patch [mm / (N/mm2)]."""
+        """Return a free cell's displacement by pressure 1 on it [mm / (N/mm2)]."""
         return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def scale(self, eigenvalues, q):

@@ -130,7 +130,7 @@ class LayerTables:
 
 
 def _rectangle(x, y, a, b, z):
-    """Integrate 1 / sqrt(r^2 + z^2) over a cell; a, b: half sides."""
+    """Integrate 1 / sqrt(r^2 + z^2) over a cell with half sides a, b."""
 
     def corner(x, y):
         to_x, to_y, to_all = np.hypot(x, z), np.hypot(y, z), np.sqrt(x * x + y * y + z * z)
