@@ -36,14 +36,19 @@ class PlainProduct:
 class PlainPeriodicProduct:
     """Plain product on a periodic patch: rfft2, multiply by 2 / (E* |q|), irfft2.
 
-    One thread, no padding.
+    One thread, no padding. With a `thickness`, the body is a layer on a rigid base; the symbol is then multiplied by
+    the ratio of Johnson, Contact Mechanics, Sec. 5.8, for Poisson's ratio `poisson`.
     """
 
-    def __init__(self, grid, contact_modulus):
+    def __init__(self, grid, contact_modulus, thickness=np.inf, poisson=0.0):
         ny, nx = self.shape = grid.shape
         q = 2 * np.pi * np.hypot(np.fft.fftfreq(ny, grid.dy)[:, None], np.fft.rfftfreq(nx, grid.dx))
         q[0, 0] = np.inf
         self.symbol = 2 / (contact_modulus * q)
+        if np.isfinite(thickness):
+            x, a = np.minimum(q * thickness, 300.0), 3 - 4 * poisson
+            top = a * np.sinh(2 * x) - 2 * x
+            self.symbol *= top / (a * np.cosh(2 * x) + 2 * x**2 + (1 + a**2) / 2)
 
     def __call__(self, p):
         """Return A p, of mean 0."""

@@ -9,12 +9,15 @@ from benchmarks.bench import PROBLEMS
 from benchmarks.measure import ROOT
 from benchmarks.peers.cases import (
     HARDNESS_PROBLEMS,
+    LAYER_PROBLEMS,
     PERIODIC_PROBLEMS,
     Case,
     HardnessCase,
+    LayerCase,
     PeriodicCase,
     warm_up,
     warm_up_hardness,
+    warm_up_layer,
     warm_up_periodic,
 )
 from benchmarks.peers.comparison import compare
@@ -27,14 +30,20 @@ KINDS = {
     "free": ("", PROBLEMS, "256,512,1024", warm_up),
     "periodic": ("-periodic", PERIODIC_PROBLEMS, "512,1024,2048", warm_up_periodic),
     "hardness": ("-hardness", HARDNESS_PROBLEMS, "512", warm_up_hardness),
+    "layer": ("-layer", LAYER_PROBLEMS, "512", warm_up_layer),
 }
+CASES = {"periodic": PeriodicCase, "hardness": HardnessCase, "layer": LayerCase}
 
 
 def main():
     """Install, measure, write the page."""
     parser = argparse.ArgumentParser("run/bench-peers", description=peers.__doc__)
     kinds = parser.add_mutually_exclusive_group()
-    for kind, what in ("periodic", "periodic patches"), ("hardness", "periodic patches with a hardness"):
+    for kind, what in (
+        ("periodic", "periodic patches"),
+        ("hardness", "periodic patches with a hardness"),
+        ("layer", "layers on a rigid base, periodic"),
+    ):
         kinds.add_argument(
             f"--{kind}",
             dest="kind",
@@ -53,7 +62,7 @@ def main():
         "--environments", default=str(ROOT / ".venv-peers"), help="where the packages are installed"
     )
     parser.add_argument(
-        "-o", "--output", help="default: docs/notebook/benchmark-peers[-periodic|-hardness].md"
+        "-o", "--output", help="default: docs/notebook/benchmark-peers[-periodic|-hardness|-layer].md"
     )
     options = parser.parse_args()
     ending, problems_here, usual, make_warm_up = KINDS[options.kind]
@@ -102,13 +111,13 @@ def main():
 
 def kind_of(variant):
     """Kind of patches that a described variant solves."""
-    return "hardness" if variant["hardness"] else "periodic" if variant["periodic"] else "free"
+    return next((kind for kind in ("layer", "hardness", "periodic") if variant[kind]), "free")
 
 
 def cases(problem, size, folder, field, packages, kind):
     """Yield the patches of a problem, and the solvers on each."""
     if kind != "free":
-        yield (HardnessCase if kind == "hardness" else PeriodicCase)(problem, size, folder), dict(field)
+        yield CASES[kind](problem, size, folder), dict(field)
         return
     usual = Case(problem, size, folder)
     if usual.is_square:

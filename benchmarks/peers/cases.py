@@ -11,6 +11,7 @@ from app import ContactProblem, ContactSolver
 from app.cli.geometry import make_problem
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.halfspace.grid import Grid
+from app.halfspace.material import Material
 from app.options.option_table import OptionReader
 from app.options.solver_options import read_option_file
 from benchmarks import periodic
@@ -33,7 +34,7 @@ def described(words):
 class Files:
     """Base of all cases: gap, grid, material, approach, load, hardness, and their file."""
 
-    hardness = math.inf
+    hardness = thickness = math.inf
 
     def known(self, control):
         """Return whether the value of "approach" or "load" is known."""
@@ -54,6 +55,7 @@ class Files:
             approach=self.approach,
             load=self.load,
             hardness=self.hardness,
+            thickness=self.thickness,
             contact_modulus=self.material.contact_modulus,
             shear_modulus=self.material.shear_modulus,
             poisson_ratio=self.material.poisson_ratio,
@@ -201,6 +203,29 @@ class HardnessCase(PeriodicCase):
                 self.hardness = share * float(solver.solve(load=self.load).pressure.max())
 
 
+class LayerCase(PeriodicCase):
+    """A periodic case of a layer on a rigid base.
+
+    Parameters
+    ----------
+    name : str
+        Of `LAYER_PROBLEMS`.
+    size : int
+    folder : Path
+    """
+
+    controls = ("load",)
+
+    def __init__(self, name, size, folder):
+        load, cells, poisson = LAYER_PROBLEMS[name]
+        super().__init__(load, size, folder)
+        self.stem = self.stem.with_name(f"layer-{list(LAYER_PROBLEMS).index(name)}-{size}")
+        self.name, self.thickness = name, cells * periodic.SIDE / size
+        young = self.material.contact_modulus * (1 - poisson**2)
+        self.material = Material.pair((young, math.inf), (poisson, 0.0))
+        self.product = PlainPeriodicProduct(self.grid, self.material.contact_modulus, self.thickness, poisson)
+
+
 PERIODIC_PROBLEMS = {f"load {load:g}": load for load in periodic.LOADS}
 # Loads and hardnesses: H over the largest pressure without a hardness, or mean pressure over H.
 HARDNESS_PROBLEMS = {
@@ -208,6 +233,12 @@ HARDNESS_PROBLEMS = {
 } | {
     "load 0.3 mean pressure H": ("load 0.3", 1.0),
     "load 0.3 mean pressure (1 - 1e-9) H": ("load 0.3", 1 - 1e-9),
+}
+# Loads, thicknesses in cells, and Poisson's ratios of layers.
+LAYER_PROBLEMS = {
+    f"load {load:g} t {cells} nu {poisson:g}": (f"load {load:g}", cells, poisson)
+    for load in (0.05, 0.3)
+    for cells, poisson in ((1, 0.3), (1, 0.49), (10, 0.3), (100, 0.3))
 }
 
 
@@ -221,6 +252,11 @@ def warm_up_periodic(folder):
 def warm_up_hardness(folder):
     """Write a small periodic problem with a hardness, to be solved before anything is measured."""
     return HardnessCase("load 0.05 H 0.5", 64, folder).write()
+
+
+def warm_up_layer(folder):
+    """Write a small periodic problem with a layer, to be solved before anything is measured."""
+    return LayerCase(next(iter(LAYER_PROBLEMS)), 64, folder).write()
 
 
 def warm_up(folder):

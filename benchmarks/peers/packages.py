@@ -22,6 +22,7 @@ class Peer:
     build: tuple[tuple[str, str], ...] = ()  # environment variables of the build
     periodic: bool = True  # whether it takes part on periodic patches
     hardness: bool = False  # whether it takes part with a hardness
+    layer: bool = False  # whether it takes part with a layer on a rigid base
 
 
 PEERS = {
@@ -49,8 +50,9 @@ PEERS = {
     "contactmechanics": Peer(
         "ContactMechanics==1.8.3",
         "Approach and load; cells where contact is impossible can be masked in its constrained CG. Also periodic "
-        "contact, adhesion (in a sister package), a hardness limit, MPI.",
+        "contact, adhesion (in a sister package), a hardness limit, layers on a rigid base, MPI.",
         hardness=True,
+        layer=True,
     ),
 }
 

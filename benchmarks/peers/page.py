@@ -147,8 +147,26 @@ The tolerance of a package is changed by factors of sqrt(10) until its answer ju
 setting is reported. After a solve of more than 20 s no looser tolerance is tried.
 """
 
-TEXTS = {"free": TEXT, "periodic": PERIODIC_TEXT, "hardness": HARDNESS_TEXT}
-TITLES = {"free": "", "periodic": ", periodic patches", "hardness": ", periodic patches with a hardness"}
+LAYER_TEXT = (
+    """\
+The elastic body is a layer of thickness t on a rigid base. E* below is that of the layer's material. The symbol is
+2 / (E* |q|) times the ratio for a layer (Johnson, *Contact Mechanics*, Sec. 5.8); all packages use the same one.
+
+- `t`: thickness of the layer in cells. `nu`: its Poisson's ratio.
+- Times are CPU times, and the plain product is measured in the process of the solver. Other programs may have run
+  meanwhile, so prefer `products`.
+
+"""
+    + PERIODIC_TEXT
+)
+
+TEXTS = {"free": TEXT, "periodic": PERIODIC_TEXT, "hardness": HARDNESS_TEXT, "layer": LAYER_TEXT}
+TITLES = {
+    "free": "",
+    "periodic": ", periodic patches",
+    "hardness": ", periodic patches with a hardness",
+    "layer": ", layers on a rigid base",
+}
 
 WINS = """\
 The table counts rows above in which a package reaches the accuracy and is better than this project. Our memory includes

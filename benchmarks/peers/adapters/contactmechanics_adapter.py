@@ -14,6 +14,7 @@ VARIANTS = {
     "constrained CG by force": Variant("load"),
     "periodic constrained CG by force": Variant("load", periodic=True),
     "periodic constrained CG by force, hardness": Variant("load", periodic=True, hardness=True),
+    "periodic constrained CG by force, layer": Variant("load", periodic=True, layer=True),
     "periodic dual, CG without restart by mean force": Variant("load", periodic=True),
     "periodic dual, CG without restart": Variant("approach", periodic=True),
     "periodic dual, CG with restart": Variant("approach", periodic=True),
@@ -24,7 +25,10 @@ def prepare(problem, variant):
     """Set up; see `protocol.serve`. The package's first axis is x."""
     points, sizes = (problem.nx, problem.ny), (problem.nx * problem.dx, problem.ny * problem.dy)
     masked = "dual" not in variant
-    if VARIANTS[variant].periodic:
+    if VARIANTS[variant].layer:
+        layer = {"thickness": problem.thickness, "poisson": problem.poisson_ratio}
+        substrate = PeriodicFFTElasticHalfSpace(points, problem.young, sizes, **layer)
+    elif VARIANTS[variant].periodic:
         # 0.0: displacements of mean 0, as everybody else's; its own constrained CG stops at once with it, and its
         # approach is not asked for.
         uniform = None if masked else 0.0

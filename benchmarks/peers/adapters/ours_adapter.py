@@ -18,7 +18,10 @@ def prepare(problem, variant):
     """Set up; see `protocol.serve`."""
     how = VARIANTS[variant]
     grid = Grid(problem.nx, problem.ny, problem.dx, problem.dy, periodic=how.periodic)
-    material = Material.combined(problem.shear_modulus, problem.poisson_ratio)
+    if math.isfinite(problem.thickness):
+        material = Material.layer(problem.young, problem.poisson_ratio, problem.thickness)
+    else:
+        material = Material.combined(problem.shear_modulus, problem.poisson_ratio)
     hardness = problem.hardness if math.isfinite(problem.hardness) else None
     solver = ContactSolver(
         ContactProblem(grid, material, problem.gap, hardness=hardness),
