@@ -15,7 +15,7 @@ from app.parallel.reductions import add_tuples, njit_reassoc
 
 @njit_reassoc
 def _reduce(e, p, upper, slope):
-    """Return the reduced gap g of the module, and g - e without cancellation."""
+    """Return the reduced gap, and its difference from the gap without cancellation."""
     above, below = slope * p, slope * (upper - p)
     if e > above:
         return e - above, -above

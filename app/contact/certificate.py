@@ -192,7 +192,7 @@ def _is_plastic_everywhere(state):
 def _lift_penetrations(state, most, energy, penetrates):
     """Return the least duality gap by lifting penetrating cells. Collective.
 
-    This is the first way of the module docstring, on a free patch. `most` is the largest t, `energy` is p.u, and
+    This is the first way of the module docstring, on a free patch, with t up to `most`. `energy` is p.u, and
     `penetrates` marks the rows with penetration.
     """
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u

@@ -204,7 +204,7 @@ def _steps_at_sides(operator, shape):
 
 
 def _wave_slope(operator, shape):
-    """Return the sum of q^2 |h_q|^2 over all waves. Collective."""
+    """Return the mean square slope of the Fourier interpolant. Collective."""
     grid = operator.grid
 
     def square(columns, rows):

@@ -101,7 +101,10 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _fill_plateaus(self, state):
-        """Bring p to the load, past approaches at which it is constant. Collective."""
+        """Bring p to the load. Collective.
+
+        If C cannot carry the load within the bounds of p, the approach changes until another cell enters C.
+        """
         for _ in range(_MAX_PLATEAUS):
             state.set_load(self.load, load := state.load)
             if isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):

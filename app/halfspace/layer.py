@@ -99,7 +99,7 @@ def _ratio_of_short_waves(x, mu, nu1, nu2):
 def _ratio_of_long_waves(x, mu, nu1, nu2):
     """Return `displacement_ratio` for x below 1, without cancellation.
 
-    The sums contain 1 - lambda, 1 - kappa, 1 + lambda and 1 - lambda kappa, which are computed as products.
+    The terms 1 - lambda, 1 - kappa, 1 + lambda and 1 - lambda kappa of the formula are computed as products.
     """
     a, b, th = 3 - 4 * nu1, 3 - 4 * nu2, np.exp(-2 * x)
     lam, kappa = 1 - (1 + a) / (1 + mu * b), (mu - 1) / (mu + a)

@@ -96,7 +96,7 @@ class LayerTables:
         return total
 
     def _gauss_integrals(self, x, y, dx, dy, points):
-        """Return integrals over cells about (x, y), by `points` squared Gauss points."""
+        """Return integrals of `rest` over cells at (x, y), by Gauss points."""
         nodes, weights = np.polynomial.legendre.leggauss(points)
         total = np.zeros(x.shape)
         for a, in_x in zip(nodes, weights, strict=True):

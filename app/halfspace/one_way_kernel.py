@@ -99,7 +99,7 @@ class OneWayKernel(HalfSpaceKernel):
         return self._integrals(grid.dx, grid.dy, columns, rows, grid.ny).T
 
     def _integrals(self, length, width, along, across, count):
-        """Return the integrals of K over cells.
+        """Return integrals of the displacement K by a point force over cells.
 
         A cell has the `length` along the period and the `width` across it. `along` and `across` are arrays of offsets
         in cells; the shape is (along, across). `count` is the number of cells across the patch.
@@ -133,7 +133,7 @@ class OneWayKernel(HalfSpaceKernel):
         return total[index]
 
     def _near_integrals(self, n, length, width, along, across):
-        """Return integrals of K over cells near the line x = 0."""
+        """Return `_integrals` over cells near the line x = 0."""
         period = n * length
         total = np.zeros((along.size, across.size))
         for m in range(-_COPIES, _COPIES + 1):
@@ -243,9 +243,10 @@ def _even_powers(offsets, size):
 
 @lru_cache(maxsize=1)
 def _smooth_rest():
-    """Return coefficients of even powers of y / L and x / L in the smooth rest.
+    """Return coefficients of even powers of coordinates in the smooth rest.
 
-    The rest is that of the module docstring, times L / 2, without its constant.
+    The coordinates are divided by the period. The rest is that of the module docstring, times half the period, without
+    its constant.
     """
     from scipy.special import zeta
 

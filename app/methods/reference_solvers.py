@@ -84,7 +84,8 @@ class _ReferenceSolver:
     def _residual(self, state):
         """Return the norms of gap in contact and overlap outside [mm].
 
-        Both norms are computed by a product in double precision. The contact set and displacement of `state` are set.
+        Both norms are computed by a product in double precision. This also sets the contact set and the displacement of
+        `state`.
         """
         state.project()
         state.contact[...] = state.bounds.between(state.p)

@@ -319,7 +319,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Mat context of P: copies to children in contact, zero in other cells."""
+    """Mat context of the prolongation: copies to children in contact, zero elsewhere."""
 
     def __init__(self, transfer):
         self.transfer = transfer

@@ -132,7 +132,7 @@ class SweepTables:
             rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
 
     def _prepare_transfers(self, kernel):
-        """Return spectra, FFT plans and work arrays for transfers of all levels."""
+        """Return spectra, FFT plans and work arrays for each size of transfers."""
         edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
         columns, rows = kernel.columns(edges), self.leaf_rows
         transfers = []

@@ -204,7 +204,7 @@ class OneWayStress:
 
 
 def _strip_edge(x, z):
-    """Integrate plane-strain xx, zz, xz by lines of force, from 0 to x."""
+    """Integrate stresses xx, zz, xz of line forces from 0 to x."""
     squares = x * x + z * z
     ratio = np.divide(x * z, squares, out=np.zeros_like(x), where=squares > 0)
     share = np.divide(z * z, squares, out=np.zeros_like(x), where=squares > 0)

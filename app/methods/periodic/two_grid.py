@@ -356,6 +356,6 @@ class _LongWaves:
 
 
 def _smooth(field):
-    """Return binomial means over 3 x 3 cells, for the inner rows."""
+    """Return binomial means over 3 x 3 cells, without the outer rows."""
     field = (field[:-2] + 2 * field[1:-1] + field[2:]) / 4
     return (np.roll(field, 1, axis=1) + 2 * field + np.roll(field, -1, axis=1)) / 4
