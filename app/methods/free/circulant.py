@@ -30,6 +30,7 @@ _event = PETSc.Log.Event("CirculantPC")
 MIN_BLOCKS = 8  # in a direction: on smaller grids block means gain nothing
 STIFF_LAYER_STEPS = 3  # factor on the extension's steps for a stiff layer on a soft substrate
 MIN_STIFF_CONTRAST = 1.25  # least ratio of the compliances for long and short waves of such a layer
+MAX_NEIGHBOUR_SHARE = 0.9  # of the stencil's centre: the neighbours' sum, or the steps would diverge
 MAX_SCALED_ASPECT = (
     1.75  # side ratio of cells up to which the stencil keeps constants; above, contact sets cycle
 )
@@ -115,6 +116,8 @@ class Circulant:
         self.extension = EdgeExtension(operator.local_shape, *shared, steps, operator.grid.periodic)
         far_reaching = operator.kernel.far_reaching
         stencil = self.multiplier.centre if periodic else centre(operator.grid, operator.kernel)
+        if has_stiff_layer(operator) and stencil.sum() < (1 - MAX_NEIGHBOUR_SHARE) * stencil[1, 1]:
+            stencil = _scale_neighbours(stencil, MAX_NEIGHBOUR_SHARE)
         self.average = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
@@ -125,7 +128,7 @@ class Circulant:
         sides = operator.grid.dx, operator.grid.dy
         # Without block means neighbours may cancel, as on 2 x 2 periodic cells.
         scaled = self.average and max(sides) <= MAX_SCALED_ASPECT * min(sides)
-        self._stencils = stencil, _scale_to_sum_zero(stencil) if scaled else stencil
+        self._stencils = stencil, _scale_neighbours(stencil, 1.0) if scaled else stencil
         self._scattered = False
         self.extension.set_stencil(stencil)
         self._contact_version = -1  # version of the contact set that the extension has
@@ -220,9 +223,9 @@ class Circulant:
             )
 
 
-def _scale_to_sum_zero(stencil):
-    """Scale the neighbours of a stencil so that it sums to zero."""
+def _scale_neighbours(stencil, share):
+    """Scale the neighbours of a stencil so that their sum is minus `share` times its centre."""
     middle = stencil[1, 1]
-    scaled = stencil * (middle / (middle - stencil.sum()))
+    scaled = stencil * (share * middle / (middle - stencil.sum()))
     scaled[1, 1] = middle
     return scaled

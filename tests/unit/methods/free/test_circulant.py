@@ -6,6 +6,7 @@ from mpi4py import MPI
 from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
+from app import Material
 from app.base.petsc import unwrap_errors
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
@@ -196,3 +197,26 @@ def test_contact_at_opposite_edges_is_separated(n):
         values = np.linalg.eigvals(columns.reshape(grid.n, grid.n) @ dense).real
         conditions.append(values.max() / values.min())
     assert conditions[1] < 0.6 * conditions[0]
+
+
+def test_extension_of_a_thin_stiff_layer_decays():
+    """Without a limit of the neighbours' sum, each cycle of steps would amplify the residual."""
+    kernel = Material.coated((10.0, 1.0), (0.3, 0.3), 1.0).kernel
+    operator = InfluenceOperator(Grid(64, 64, 1.0, 1.0), kernel)
+    operator.mask[...] = False
+    operator.mask[28:36, 28:36] = True
+    operator.mask_changed()
+    mat, pc = operator.mat(PETSc.COMM_SELF), PETSc.PC().create(PETSc.COMM_SELF)
+    pc.setOperators(mat)
+    pc.setType(PETSc.PC.Type.PYTHON)
+    circulant = Circulant()
+    pc.setPythonContext(circulant)
+    with SolverOptions("", {"pc_circulant_extend": "8"}).inserted(), unwrap_errors():
+        pc.setFromOptions()
+        pc.setUp()
+    residual = operator.mask.astype(float)
+    circulant.extend(residual)
+    assert (residual[operator.mask] == 1).all()
+    assert abs(residual).max() <= 1
+    for part in (pc, mat):
+        part.destroy()
