@@ -99,7 +99,7 @@ def test_arguments_that_differ_between_ranks_are_refused_on_all(comm):
         with pytest.raises(InputError, match="start: not the same"):
             solver.solve(approach=APPROACH, start=found.gather())
         for numbers in ([1.0] * (1 + comm.rank), None if comm.rank else [1.0]):
-            with pytest.raises(InputError, match="path: .*(not the same|must be)"):
+            with pytest.raises(InputError, match="path: .*(not the same|exactly one)"):
                 solver.path(load=numbers)
         assert solver.solve(approach=APPROACH).converged
     few = comm.Split(0 if comm.rank else MPI.UNDEFINED)
