@@ -217,6 +217,6 @@ def _cells(nx, ny):
 
 
 def row_blocks(rows, columns, cells=1 << 16):
-    """Return slices of rows for blocks of about `cells` cells of an array."""
+    """Return slices of an array's rows, of about `cells` cells each."""
     step = max(1, cells // max(columns, 1))
     return (slice(start, min(start + step, rows)) for start in range(0, rows, step))

@@ -119,8 +119,8 @@ class HalfSpaceKernel:
     def softest_parts(self, length):
         """Return upper bounds of a displacement and of a compliance.
 
-        The displacement is that of layers on a rigid base by pressure 1 in waves up to twice the `length` long
-        [mm / (N/mm2)]. The compliance is that of half-spaces, of the softer of layer and substrate [mm2/N].
+        The displacement is that of layers on a rigid base by pressure 1 in waves up to twice the `length` long [mm /
+        (N/mm2)]. The compliance is that of half-spaces; for a layered body, that of its softer material [mm2/N].
         """
         return 0.0, self.compliance
 

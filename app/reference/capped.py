@@ -321,7 +321,7 @@ class _Parts:
         self._constant = -(w @ self._polynomial(sine2)) / w.sum()
 
     def _polynomial(self, sine2):
-        """Return P / (pi p* q)."""
+        """Return the polynomial P of the module, in its unit."""
         return (1 + self.a2 + self.c2 - 2 * sine2) * sine2 + self._constant
 
     def _plastic(self, start):
@@ -347,7 +347,7 @@ class _Parts:
 
     @property
     def hardness(self):
-        """H / p*."""
+        """Hardness divided by p*."""
         return self._elastic(ellipkinc(math.pi / 2, self.rest))[1].sum()
 
     @property

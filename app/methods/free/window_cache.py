@@ -1,4 +1,4 @@
-"""Cache of linear solvers and of operators of windows.
+"""Cache of linear solvers and window operators.
 
 Solvers and operators depend on the number and size of cells, not on the place of a window. So a window of the same
 shape needs no new spectra and no new PETSc objects. A large window is not cached, but its spectra are used again for

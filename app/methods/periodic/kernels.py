@@ -21,7 +21,7 @@ def _close_row(w, b, captured, z, share, change):
 def close(w, b, captured, z, share, change):
     """Add a step to the displacement w; close gaps of captured cells.
 
-    The step is `change` plus `share` times z. In captured cells w is set to b, minus the shape, instead. `change`
+    The step is `change` plus `share` times z. In captured cells w becomes b instead, which is minus the shape. `change`
     receives the whole change of w.
     """
     for j in range(w.shape[0]):
@@ -42,7 +42,7 @@ def _touch_row(w, b, admissible, contact, change):
 def touch(w, b, admissible, contact, change):
     """Add overlapping cells to the contact set; close the gap in contact.
 
-    To close it, the displacement w is set to b, minus the shape. `change` receives the change of w.
+    To close it, the displacement w becomes b, which is minus the shape. `change` receives the change of w.
     """
     for j in range(w.shape[0]):
         _touch_row(w[j], b[j], admissible[j], contact[j], change[j])

@@ -119,7 +119,7 @@ class PrimalSolver(LinearSolver):
 
     @property
     def uncertainty(self):
-        """Bound of the error of the residual of `improve` [mm]."""
+        """Error bound of the residual that `improve` returns [mm]."""
         return self._cg.uncertainty
 
     def _atol_for(self, allowed):

@@ -226,8 +226,8 @@ def _add_extremes(extremes, z, known, axis):
 def _find_spike(z, run):
     """Find the point highest above its four neighbours.
 
-    Only points in the rows `run` (a slice) of z count. Return its height above the highest neighbour, or 0 if no point
-    stands out, its row within `run`, and its column.
+    Only points in the rows `run` (a slice) of z count. Return three numbers: its height above the highest neighbour (0
+    if no point stands out), its row within `run`, and its column.
     """
     padded = np.pad(z, 1, constant_values=np.nan)
     highest = np.fmax.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])
