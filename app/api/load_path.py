@@ -103,7 +103,7 @@ class LoadPath:
         self._steps = self._solve()
 
     def resume_after(self, rows):
-        """Continue the path after finished steps, the `rows`."""
+        """Continue the path after the finished steps in `rows`."""
         comm = self._solver.comm
         self.rows = call_collectively(comm, _as_rows, rows, self._kind, self.numbers)
         check_equal_on_ranks(comm, len(self.rows), "path")

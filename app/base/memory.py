@@ -58,7 +58,7 @@ def doubles_per_cell(settings, periodic=False, capped=False, layered=False):
 
 
 def doubles_in_strips(grid):
-    """Return the doubles of FFT work arrays, a few rows and columns."""
+    """Return the number of doubles in FFT work arrays."""
     return STRIP_DOUBLES * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
 
 

@@ -63,7 +63,7 @@ class PressureBounds:
         return type(self)(cut(self.admissible))
 
     def change(self, p, step):
-        """Return `step`, limited so that p stays within the bounds [N/mm2]."""
+        """Return `step`, limited so that p + `step` is within bounds [N/mm2]."""
         return np.where(self.admissible, np.maximum(p + step, self.lower) - p, 0.0)
 
     def to_bound(self, p, contact):
@@ -197,11 +197,11 @@ class CappedBounds(PressureBounds):
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
     def local_load(self, b, depth, u, p, t, compliance):
-        """Return sum of p after an approach by t; see `capped_kernels.local_load`."""
+        """Return the load after all cells approach by t; see `capped_kernels`."""
         return capped_kernels.local_load(b, depth, u, p, self.upper, self.admissible, t, compliance)
 
     def change(self, p, step):
-        """Return `step`, limited so that p stays within the bounds [N/mm2]."""
+        """Return `step`, limited so that p + `step` is within bounds [N/mm2]."""
         return np.where(self.admissible, np.clip(p + step, self.lower, self.upper) - p, 0.0)
 
     def to_bound(self, p, contact):

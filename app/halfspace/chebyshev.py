@@ -13,7 +13,7 @@ def chebyshev_nodes(count):
 
 
 def even_chebyshev(t, count):
-    """Return T_0, T_2, T_4, ... at points t, shape (*t.shape, count)."""
+    """Return Chebyshev polynomials T_0, T_2, ... at points t, shape (*t.shape, count)."""
     return chebyshev.chebvander(2 * np.square(t) - 1, count - 1)  # T_2k(t) = T_k(2 t^2 - 1)
 
 

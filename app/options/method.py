@@ -60,7 +60,7 @@ def _option(kind, default, meaning, strategies=_STRATEGIES, only_nested=False):
 # fmt: off
 @dataclass(frozen=True)
 class Settings:
-    """Values of ``-lcp_NAME``, and texts of all options."""
+    """Values of the options ``-lcp_NAME``, and texts of all options."""
 
     type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
     nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
@@ -240,7 +240,7 @@ def _note_ignored(names, replaceable):
 
 
 def drop_unused(settings, unused, known):
-    """Return settings without those replaceable options that were not used.
+    """Return settings without the replaceable options that were not used.
 
     `unused` are the names that no solver has read. Raises InputError if one of them is not replaceable; the message may
     suggest names in `known`, too.

@@ -76,7 +76,7 @@ def abort_on_exception(comm):
 
 
 class AbortGroup:
-    """Ranks aborted by an uncaught exception on one, until `destroy`. Collective."""
+    """Ranks to abort after an uncaught exception, until `destroy`. Collective."""
 
     def __init__(self, comm):
         self.comm = shutdown_comm(comm)

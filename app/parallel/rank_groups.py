@@ -74,7 +74,7 @@ def count_ranks(grid, size, cells):
 
 
 def slab_alignment(ny, size):
-    """Return the number of rows to whose multiples slab starts are aligned.
+    """Return the number of rows at whose multiples slabs begin.
 
     The number is a power of two, so that most fine cells are on the rank of their coarse cell. The returned number is
     the largest power of two for which each rank has at least 16 multiples, so that the load is balanced. `ny` is the

@@ -56,7 +56,7 @@ class Slabs:
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """Return first and end rows of `ranks` ranks."""
+        """Return the first and the end row of each of `ranks` ranks."""
         edges = np.full(ranks + 1, self.ny)
         shared = min(ranks, self.size) + 1
         edges[:shared] = self.starts[:shared]

@@ -347,12 +347,12 @@ class _Parts:
 
     @property
     def hardness(self):
-        """Hardness divided by p*."""
+        """Hardness divided by p*, the mean pressure of full contact."""
         return self._elastic(ellipkinc(math.pi / 2, self.rest))[1].sum()
 
     @property
     def mean_pressure(self):
-        """Mean pressure / p*: the mean of x, weighted by dp."""
+        """Mean pressure divided by p*: the mean of x, weighted by dp."""
         sine2, weights = self._elastic(ellipkinc(math.pi / 2, self.rest))
         return 2 / math.pi * (weights @ np.arcsin(np.sqrt(np.minimum(sine2, 1))))
 

@@ -54,7 +54,10 @@ class ResidualTrend:
 
 
 def _trend(sums, shares):
-    """Return the trend of each block of cells, by the module's equation."""
+    """Return the trend of each smallest block of cells.
+
+    The equation of the module docstring is applied from the largest block down.
+    """
     levels = [(sums, shares)]
     while max(sums.shape) > 1:
         sums, shares = _halve(sums), _halve(shares)

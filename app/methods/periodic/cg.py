@@ -107,7 +107,7 @@ def _direct_row(d, z, beta):
 
 @njit_reassoc
 def _direct(d, z, beta):
-    """Compute the direction d = z + beta d."""
+    """Compute the direction d = z + beta d, in place."""
     for j in range(d.shape[0]):
         _direct_row(d[j], z[j], beta)
 

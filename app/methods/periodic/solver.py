@@ -1,4 +1,4 @@
-"""Linear solver of the primal form, which updates p together with w."""
+"""Linear solver of the primal form, for displacement and pressure."""
 
 from importlib import import_module
 
