@@ -295,7 +295,7 @@ def test_what_is_saved_or_told_is_the_same_on_all_ranks(comm, tmp_path):
     wear = np.arange(24.0 * 24).reshape(24, 24)
     for given, message in (
         ({"load" if last else "wear": wear}, "not the same on all ranks"),
-        ({"load": wear}, "load is there already"),
+        ({"load": wear}, "load exists already"),
         ({} if last else {"contact_patches": 1, "largest_patch": 1.0}, "not the same on all ranks"),
         ({"wear": wear} if last else {"wear": 1.0}, "not the same on all ranks"),
         ({"wear": wear if last else wear.astype(int)}, "types of fields: not the same on all ranks"),
