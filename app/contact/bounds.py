@@ -197,7 +197,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.add_constant(p, self.upper, contact, step)
 
     def local_load(self, b, depth, u, p, t, compliance):
-        """Return the load after all cells approach by t; see `capped_kernels`."""
+        """Return the pressures' sum after all cells approach by t; see `capped_kernels`."""
         return capped_kernels.local_load(b, depth, u, p, self.upper, self.admissible, t, compliance)
 
     def change(self, p, step):

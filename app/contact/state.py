@@ -283,7 +283,7 @@ class ContactState:
         return self.right
 
     def add(self, correction):
-        """Add a correction of the pressure, a Vec, to p."""
+        """Add a correction (a Vec) to the pressure p."""
         self.pressure.axpy(1.0, correction)
         self.displacement_status = Displacement.STALE
 
