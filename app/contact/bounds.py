@@ -213,10 +213,7 @@ class CappedBounds(PressureBounds):
         return np.where(contact, 0.0, bound - p)
 
     def between(self, p, margin=0.0):
-        """Return a mask of cells with p inside its bounds.
-
-        The distance of p from each bound is more than `margin`.
-        """
+        """Return a mask of cells with p over `margin` from each bound."""
         return self.admissible & (p > self.lower + margin) & (p < self.upper - margin)
 
     def contact(self, p, gap, margin=0.0):

@@ -96,10 +96,7 @@ class Loading:
         return 0.0
 
     def meet(self, state):
-        """Add the missing load to p, before `settle`. Collective.
-
-        `settle` then needs no product. The base class does nothing.
-        """
+        """Add the missing load to p, before `settle`. Collective."""
 
     def settle(self, state, update):
         """Meet the prescribed number exactly; return the new `Update`. Collective."""

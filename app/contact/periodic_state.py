@@ -8,10 +8,7 @@ _PATIENCE = 4  # iterations in which the number of changed cells may stagnate
 
 
 def contact_state(operator, distance, **options):
-    """Make the `ContactState` of a grid. Collective.
-
-    It is a `PeriodicState` on a periodic patch. `options` are those of the class.
-    """
+    """Make a grid's `ContactState`, a `PeriodicState` if periodic. Collective."""
     kind = PeriodicState if operator.grid.symbol else ContactState
     return kind(operator, distance, **options)
 

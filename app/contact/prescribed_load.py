@@ -101,10 +101,7 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _fill_plateaus(self, state):
-        """Bring p to the load. Collective.
-
-        If C cannot carry the load within the bounds of p, the approach changes until another cell enters C.
-        """
+        """Bring p to the load; if impossible, change the approach first. Collective."""
         for _ in range(_MAX_PLATEAUS):
             state.set_load(self.load, load := state.load)
             if isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
@@ -126,10 +123,7 @@ class PrescribedLoad(Loading):
         outcome = Outcome(True, "")
 
         def relative_error(depth):
-            """Return the relative error of load^(2/3) at a depth.
-
-            For spheres load^(2/3) is linear in the depth.
-            """
+            """Return the relative error of load^(2/3), which is nearly linear in depth."""
             nonlocal outcome
             if depth not in loads:
                 state.depth = depth

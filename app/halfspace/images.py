@@ -114,10 +114,7 @@ def _layer_lattice_sum(sides, kernel):
 
 
 def _sample_points(aspect):
-    """Return nodes in y and x, and the positions of all nodes.
-
-    The nodes are those of even polynomials.
-    """
+    """Return nodes in y and x, and all nodes' positions (y, x)."""
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
     in_y, in_x = map(chebyshev_nodes, counts)
     return in_y, in_x, *np.meshgrid(aspect * _HALF_WIDTH * in_y, _HALF_WIDTH * in_x, indexing="ij")

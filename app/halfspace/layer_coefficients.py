@@ -66,10 +66,7 @@ class LayerTables:
         return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
 
     def influence(self, r):
-        """Return the layer's displacement by a point force at distances r.
-
-        This is g(r) of the module. Lengths are in thicknesses.
-        """
+        """Return the layer's displacement by a point force at distances r."""
         return self._excess / np.sqrt(r * r + 4) + self.rest(r)
 
     def _phi(self, r):

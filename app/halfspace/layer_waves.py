@@ -90,10 +90,7 @@ def _decaying(c0, c1, s, decay):
 
 
 def _combine(down, up):
-    """Return the stress function and derivatives, as sums of two functions.
-
-    `down` are those of a function of the depth, `up` those of a function of the height above the interface.
-    """
+    """Add a function of depth and one of height, with derivatives."""
     return [d - u if k % 2 else d + u for k, (d, u) in enumerate(zip(down, up, strict=True))]
 
 

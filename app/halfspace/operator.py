@@ -402,10 +402,7 @@ def petsc_comm(comm):
 
 
 def get_operator(mat, kind, solver):
-    """Return the context of a Mat, an object of class `kind`.
-
-    For another class raise InputError, which names the `solver`.
-    """
+    """Return a Mat's context; InputError for `solver` unless it is a `kind`."""
     context = mat.getPythonContext() if mat.getType() == "python" else None
     if not isinstance(context, kind):
         actual = "an assembled matrix" if context is None else f"an {type(context).__name__}"

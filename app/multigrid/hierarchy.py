@@ -68,10 +68,7 @@ def _check_equal_on_ranks(comm, problem):
 
 
 def _make_coarser(target, grids, sizes, ranks):
-    """Make ``target.coarser_levels`` on `grids`, finest first. Collective.
-
-    `sizes` has the number of ranks of each grid.
-    """
+    """Make coarser operators on `grids`, finest first, shared by `sizes` ranks. Collective."""
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
         InfluenceOperator(grid, target.kernel, *ranks.distribute(grid, size), dtype, target=finest)

@@ -96,10 +96,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Return coarse cells' means over children. Collective.
-
-        Missing children count as zero.
-        """
+        """Return coarse cells' means over children; missing children are zero. Collective."""
         coarse = np.zeros(self._local)
         _add_children(self._fetch_children(fine), coarse, self.fy, self.fx)
         coarse *= 1.0 / (self.fy * self.fx)  # Sec. 4.2, 3, formula 1
@@ -154,10 +151,7 @@ class Transfer:
             return np.where(sums[1] > _OVERLAP_ROUNDING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
-        """Return coarse cells' minima over children. Collective.
-
-        NaN children are left out; the minimum is NaN if all children are.
-        """
+        """Return coarse cells' minima over children that are not NaN. Collective."""
         coarse = np.full(self._local, np.nan)
         for child, parents in self._children(fine):
             np.fmin(coarse[parents], child, out=coarse[parents])
@@ -250,10 +244,7 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells' values to those of their parents.
-
-    The first fine row and column are first children.
-    """
+    """Add fine cells' values to those of their parents."""
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])

@@ -63,10 +63,7 @@ class _Sequences:
         self.execute = self._fftw.execute
 
     def plans(self, few):
-        """Return four plans: forward and back for all sequences, then for `few`.
-
-        `few` is a number of sequences; 0 means all.
-        """
+        """Return plans, forward and back, for all and for `few` sequences."""
         for count in (self._count, few or self._count):
             if count not in self._plans:
                 arrays = self.data[:count], self.transforms[:count]

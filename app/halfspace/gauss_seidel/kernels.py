@@ -186,10 +186,7 @@ def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
 
 @njit()
 def find_contact_extent(mask, occupied):
-    """Mark the rows with contact in `occupied`; return three numbers.
-
-    They are the first and the end column with contact, and the number of contact cells.
-    """
+    """Mark rows with contact; return first and end column, number of cells."""
     start, stop, cells = mask.shape[1], 0, 0
     for j in range(mask.shape[0]):
         first, last = nonzero_span(mask[j])

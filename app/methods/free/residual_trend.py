@@ -54,10 +54,7 @@ class ResidualTrend:
 
 
 def _trend(sums, shares):
-    """Return the trend of each smallest block of cells.
-
-    The equation of the module docstring is applied from the largest block down.
-    """
+    """Return the trend of each smallest block, by the module's equation."""
     levels = [(sums, shares)]
     while max(sums.shape) > 1:
         sums, shares = _halve(sums), _halve(shares)

@@ -121,10 +121,9 @@ class PrimalState:
     def shift_to_depth(self, depth, predicted):
         """Shift the displacement w from a depth to the predicted one [mm].
 
-        `depth` is that of the coarser grid.
-
-        The pressure does not change. If the bodies move apart, some contact is kept: a part of the depth beyond first
-        touch remains, and cells that touched before the shift are put into contact.
+        `depth` is that of the coarser grid. The pressure does not change. If the bodies move apart, some contact is
+        kept: a part of the depth beyond first touch remains, and cells that touched before the shift are put into
+        contact.
         """
         back, state = depth - predicted, self.state
         if back > 0:

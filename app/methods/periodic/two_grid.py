@@ -259,10 +259,7 @@ def _relative_eigenvalue(kernel, diagonal, grid, cells):
 
 
 def _half_space_weights(grid):
-    """Return `_centre_weights` of a half-space, computed on few cells.
-
-    The compliance is 1.
-    """
+    """Return `_centre_weights` of a half-space with compliance 1, from few cells."""
     counts = (min(n, SAMPLE_CELLS) for n in (grid.nx, grid.ny))
     return _weights_of_sample(Grid(*counts, grid.dx, grid.dy, periodic=grid.periodic))
 
