@@ -97,7 +97,7 @@ def jacobi(matrix, omega=1.0):
 def gauss_seidel(matrix, omega=1.0):
     """Return the iteration matrix ``I - (D / omega + L)^-1 A`` of Gauss-Seidel (Fig. 5(b)).
 
-    The order of the cells is lexicographic.
+    D is the diagonal and L the strict lower triangle of A. The order of the cells is lexicographic.
     """
     lower = np.tril(matrix, -1) + np.diag(np.diag(matrix) / omega)
     return np.eye(len(matrix)) - solve_triangular(lower, matrix, lower=True)

@@ -327,7 +327,7 @@ class _Parts:
     def _plastic(self, start):
         """Return integration nodes and weights from `start` to the plastic edge.
 
-        The nodes are values of v, where x = c sn(v), dense at the edge. They are along the last axis.
+        The nodes are along the last axis, and dense at the edge c. They are values of v, where x = c sn(v).
         """
         width = math.sqrt(1 - self.c2)
         end = np.arcsinh((self.whole - np.asarray(start))[..., None] / width)
@@ -359,15 +359,16 @@ class _Parts:
     def pressure(self, sine):
         """Return the pressure, divided by p*.
 
-        `sine` is sin(pi x / L) at the places.
+        `sine` is sin(pi x / L) at the points x, with the wavelength L.
         """
         angle = _elastic_angle(sine**2, self.c2, self.a2)
         return self._elastic(ellipkinc(angle, self.rest))[1].sum(axis=-1)
 
     def moment(self, factor, start=0.0):
-        """Return the integral of w'' times ``factor(pi x / L)`` from `start` to c.
+        """Return a moment of the plastic depth's second derivative, from `start`.
 
-        The unit of the result is the amplitude; that of dx is L / pi.
+        It is the integral of w'' times ``factor(pi x / L)`` to the plastic edge c, with the depth w and the wavelength
+        L. The unit of the result is the amplitude; that of dx is L / pi.
         """
         v, weights = self._plastic(start)
         sine = math.sqrt(self.c2) * ellipj(v, self.inner)[0]
@@ -377,7 +378,7 @@ class _Parts:
     def depth(self, sine):
         """Return the plastic depth, divided by the amplitude.
 
-        `sine` is sin(pi x / L) at the places.
+        `sine` is sin(pi x / L) at the points x, with the wavelength L.
         """
         c = math.sqrt(self.c2)
         angle = np.arcsin(np.minimum(sine / c, 1))

@@ -145,7 +145,8 @@ class Westergaard(WavyContact):
     def _sines(self, x, y):
         """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2.
 
-        psi is pi x / L, and s is |sin(psi)| at the contact edge; the last number is positive outside of contact.
+        psi is pi x / wavelength, and s is |sin(psi)| at the contact edge. The last number is positive outside of
+        contact.
         """
         psi = np.pi / self.wavelength * np.broadcast_arrays(np.asarray(x, float), y)[0]
         rim = math.pi / self.wavelength * self.half_width
@@ -210,9 +211,9 @@ class Bisinusoidal(WavyContact):
     def hollow_radius(self):
         """Radius c of the gap around a hollow, near full contact [mm].
 
-        The mean pressure pbar is a little below p*, that of full contact. The gap is like a round crack of radius c,
-        which the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a distance r from the hollow would close. The pressure at
-        its edge is not singular, so (2 pi c / L)^2 = 3 (1 - pbar / p*).
+        The mean pressure pbar is a little below p*, that of full contact. L is the wavelength. The gap is like a round
+        crack of radius c, which the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a distance r from the hollow would
+        close. The pressure at its edge is not singular, so (2 pi c / L)^2 = 3 (1 - pbar / p*).
         """
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 

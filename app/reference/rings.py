@@ -96,7 +96,7 @@ class CappedSphere:
 
     @cached_property
     def _solution(self):
-        """Pressure and e = h + u of each ring."""
+        """Pressure and gap e = h + u of each ring."""
         s, r = self.edges[None, 1:], self.r[:, None]
         m = (np.minimum(s, r) / np.maximum(s, r)) ** 2
         rest = np.abs(s - r) * (s + r) / np.maximum(s, r) ** 2  # 1 - m

@@ -141,9 +141,9 @@ class DenseProblem:
         return self._field(self._pivot(depth))
 
     def with_mean_gap(self, mean_gap):
-        """Return the pressure at a mean of h + u of a periodic patch [N/mm2].
+        """Return the pressure at a mean gap of a periodic patch [N/mm2].
 
-        The patch must not have holes. If there are plastic cells, the mean of the gap is larger.
+        The patch must not have holes. The mean gap is that of h + u, which is negative in plastic cells.
         """
         # Near first touch extended precision has too few digits of the mean.
         mean = sum(Fraction(float(h)) for h in self._heights) / self._heights.size
