@@ -10,7 +10,8 @@ On each grid, from the coarsest to the target (`nested`), it has these stages:
 - *Contact sets.* `iteration` repeats the steps of Sec. 4.1. For each contact set, the system is solved roughly by
   conjugate gradients that start from the known displacement (`tracking_cg`). The preconditioner is the inverse of A
   continued periodically (`circulant`), applied to the residual extended past the contact edge (`contact_edge`) and
-  between contact spots (`block_average`). The preconditioner and the changes of u are multilevel products
+  between contact spots (`block_average`). For stiff layers it is also extended past the patch boundary
+  (`padded_inverse`). The preconditioner and the changes of u are multilevel products
   (`app.methods.multilevel_operators`). After some contact sets a product by FFT corrects their error. The predictor
   adds cells to C by the predicted displacement.
 - *Stop.* A coarse grid is left as soon as its residual is small compared with h on C. On the target grid, one product
