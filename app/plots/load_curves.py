@@ -144,14 +144,18 @@ def _draw_band(axes, path, names, name, scale, number):
     valid = np.isfinite([x, y, half]).all(axis=0) & (half > 0) & (share < 1)
     if axes.lines[-1].get_xdata().min() > 0 and axes.lines[-1].get_ydata().min() > 0:
         valid &= (x > 0) & (y > 0)
-    if not (valid[1:] & valid[:-1]).any():
-        return
     sideways = name == names[0]
     along, middle = (y, x) if sideways else (x, y)
     fill = axes.fill_betweenx if sideways else axes.fill_between
     style = {"color": series_style(number)["color"], "alpha": 0.2, "linewidth": 0, "zorder": 0.5}
-    label = None if axes.collections else "estimated error"
-    fill(along, middle - half, middle + half, where=valid, label=label, **style)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(along)))) + 1  # a band that turns back would erase itself
+    for first, last in zip([0, *turns], [*turns, along.size - 1], strict=True):
+        run = slice(first, last + 1)
+        if not (valid[run][1:] & valid[run][:-1]).any():
+            continue
+        label = None if axes.collections else "estimated error"
+        low, high = (middle - half)[run], (middle + half)[run]
+        fill(along[run], low, high, where=valid[run], label=label, **style)
 
 
 def _draw_analytic(axes, paths, x, y, scale):

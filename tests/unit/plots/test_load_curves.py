@@ -114,6 +114,17 @@ def test_estimated_errors_are_bands_around_the_curves_of_a_path():
     assert "estimated error" in [text.get_text() for text in approach.get_legend().get_texts()]
 
 
+def test_loading_and_unloading_have_bands_of_their_own():
+    load, error = np.array([1.0, 2, 3, 2, 1]), np.full(5, 0.1)
+    area = np.array([1.0, 2, 3, 2.1, 1.2])
+    path = load_curves.Path({"load": load, "contact_area": area, "contact_area_error": error})
+    axes = load_curves.path_figure([path]).axes[2]
+    loading, unloading = _outlines(axes)
+    assert loading[:, 1].min() == pytest.approx(0.9) and unloading[:, 1].min() == pytest.approx(1.08)
+    assert loading[:, 1].max() == unloading[:, 1].max() == pytest.approx(3.3)
+    assert [band.get_label() for band in axes.collections].count("estimated error") == 1
+
+
 def test_smooth_paths_are_drawn_with_their_analytic_solution():
     """Where it is known, in the units of its panel."""
     d = np.geomspace(1e-3, 0.1, 5)
