@@ -223,8 +223,8 @@ class Material:
         """
         if self.coatings and not (resistivity is None and thermal_conductivity is None):
             raise InputError(
-                "conducting: not for coated bodies: current and pressure spread differently in a layer, so the "
-                "stiffness does not give the conductance"
+                "resistivity, thermal_conductivity: not for coated bodies: current and pressure spread differently in "
+                "a layer, so the stiffness does not give the conductance"
             )
         copied = copy(self)
         for name, values, wanted in (

@@ -169,5 +169,5 @@ def test_impossible_coatings_are_refused(arguments, text):
 def test_conductance_of_a_coated_body_is_refused():
     layer = Material.layer(5.0, 0.4, 1.0)
     assert layer.conducting() == layer
-    with pytest.raises(InputError, match="not for coated bodies"):
+    with pytest.raises(InputError, match="^resistivity, thermal_conductivity: not for coated bodies"):
         layer.conducting(resistivity=1.0)
