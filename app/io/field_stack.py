@@ -5,6 +5,7 @@ Each field is a dataset of shape (rows, ny, nx); entry k belongs to row k of the
 """
 
 from contextlib import contextmanager
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -25,7 +26,7 @@ def check_fields(path, names, grids):
     names = (names,) if isinstance(names, str) else tuple(names)
     if not names or not set(names) <= _TYPES.keys():
         raise InputError(f"fields {names}: must be among {', '.join(_TYPES)}")
-    if len(set(grids)) > 1:
+    if len({replace(grid, periodic="") for grid in grids}) > 1:
         raise InputError("output: the problems are on several grids; one file needs fields of one shape")
     return names
 

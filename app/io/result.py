@@ -202,6 +202,8 @@ def has_heights(path):
 
 def check_is_result(file):
     """Raise InputError if an open file lacks the fields of a result."""
+    if isinstance(file.get("table"), h5py.Group):
+        raise InputError("fields and table of app.solve_many, no result; h5py reads them")
     if FIELDS.keys() & file.keys():
         return
     if "depth" in file and "line/von_mises" in file:

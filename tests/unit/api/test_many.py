@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cases import hertz, periodic_rough, punch
 
-from app import ContactProblem, Grid, InputError, Material, Plane, solve, solve_many
+from app import ContactProblem, Grid, InputError, Material, Plane, read_result, solve, solve_many
 from app.api import many
 
 GRID = Grid.from_domain(24, 16, (0.0, 1.0, 0.0, 1.0))
@@ -105,6 +105,18 @@ def test_file_has_the_fields_and_the_table(tmp_path):
         np.testing.assert_array_equal(file["x"], expected.x)
         np.testing.assert_array_equal(file["table/max_pressure"], table["max_pressure"])
         assert file["pressure"].attrs["unit"] == file["table/max_pressure"].attrs["unit"] == "N/mm2"
+
+
+def test_file_has_fields_of_free_and_periodic_patches_and_is_no_result(tmp_path):
+    path = tmp_path / "fields.h5"
+    patches = [
+        ContactProblem(**ON_GRID, surfaces=SURFACES[:1], periodic=which) for which in (False, "x", True)
+    ]
+    solve_many(patches, 20, output=path)
+    with h5py.File(path) as file:
+        assert file["pressure"].shape == (3, *GRID.shape)
+    with pytest.raises(InputError, match="table of app.solve_many, no result"):
+        read_result(path)
 
 
 def test_an_error_leaves_the_old_file(tmp_path):
