@@ -117,6 +117,7 @@ class ContactProblem(Problem):
                 f"periodic: is {type(periodic).__name__}; must be True, False, 'x', 'y', 'spectral' or 'love'; "
                 "surfaces are given by name, surfaces=[...]"
             )
+        periodic = bool(periodic) if isinstance(periodic, np.bool_) else periodic
         if periodic is not None and not (periodic is True and self.grid.symbol):
             object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
         if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:

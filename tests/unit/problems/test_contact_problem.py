@@ -126,3 +126,9 @@ def test_coated_bodies_have_no_analytic_solution():
     coated = Material.coated(young=(4e5, 2e5), poisson=(0.25, 0.3), thickness=0.01)
     assert ContactProblem(grid, coated, Sphere(10)).reference(0.01) is None
     assert ContactProblem(grid, Material.isotropic(2e5, 0.3), Sphere(10)).reference(0.01) is not None
+
+
+def test_periodic_may_be_a_truth_value_of_numpy():
+    for periodic in (True, False):
+        numpy_problem = ContactProblem(GRID, STEEL, Plane(), periodic=np.bool_(periodic))
+        assert numpy_problem.grid == ContactProblem(GRID, STEEL, Plane(), periodic=periodic).grid
