@@ -45,7 +45,7 @@ def stress(solution, poisson_ratio=None, body=None):
     >>> round(hottest.depth, 1)  # 0.48 radii of the contact
     0.3
     """
-    if not hasattr(solution, "pressure"):
+    if not (hasattr(solution, "pressure") and hasattr(solution, "attributes")):
         raise InputError(
             f"stress: is {type(solution).__name__}; needed: a Solution, or read_result(FILE) of a result file"
         )

@@ -21,6 +21,7 @@ BALL = ContactProblem(GRID, Material.from_contact_modulus(1e5), Sphere(10))
         ("y '0': must be a finite", lambda: stress(solve(BALL, approach=0.001), 0.3).section([0.1], y="0")),
         ("at least one", lambda: stress(solve(BALL, approach=0.001), 0.3).line([], 0.0, 0.0)),
         ("read_result", lambda: stress("ball.h5")),
+        ("is SubsurfaceStress; needed: a Solution", lambda: stress(SubsurfaceStress(np.zeros(GRID.shape), GRID, 0.3))),
         ("from 0 to 0.5", lambda: SubsurfaceStress(np.zeros(GRID.shape), GRID, "0.3")),
     ],
 )  # fmt: skip
