@@ -9,8 +9,8 @@ METHODS = "fast", "primal", "norm", "fmg_v11"  # method files that together use 
 _LARGE = 640  # cells in x and y of a grid that is large enough for the products of large grids
 
 
-def compile_loops():
-    """Compile all loops, by solving a problem with each method. Collective."""
+def compile_loops(methods=METHODS):  # run/setup passes methods
+    """Compile all loops, by solving a problem with each of the methods. Collective."""
     from app.api.solver import solve
     from app.halfspace.grid import Grid
     from app.halfspace.material import Material
@@ -20,7 +20,7 @@ def compile_loops():
     material = Material.from_contact_modulus(1e5)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for method in METHODS:
+        for method in methods:
             n = _LARGE if method == "fast" else 256
             grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
             problem = ContactProblem(grid, material, Paraboloid(9, 7), periodic=method == "primal")
