@@ -39,6 +39,20 @@ def test_tao_starts_from_a_solution():
     assert again.load == pytest.approx(first.load, rel=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+def test_no_pressure_acts_on_cells_that_may_not_touch(kind):
+    bodies = hertz(16)
+    hole = np.zeros((16, 16), bool)
+    hole[7:9, 6:9] = True
+    pierced = ContactProblem(
+        bodies.grid, bodies.material, np.where(hole, np.nan, bodies.shape_on(bodies.grid))
+    )
+    solution = solve(pierced, APPROACH, None, lcp_type=kind)
+    default = solve(pierced, APPROACH, None)
+    assert solution.converged and not solution.pressure[hole].any()
+    np.testing.assert_allclose(solution.pressure, default.pressure, atol=1e-3 * default.max_pressure)
+
+
 PROBLEM = hertz(16)
 
 
