@@ -16,7 +16,7 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 def analytic_values(problem, measures, approach, load=None):
     """Return the values of the problem's analytic solution, named ``analytic_NAME``.
 
-    They are those at the approach [mm], or under the load [N] if given. The dict is empty if there is no analytic
+    The values are for the approach [mm], or for the load [N] if given. The dict is empty if there is no analytic
     solution or no load, or if there are plastic cells.
     """
     if not measures.load > 0 or measures.plastic_area:
@@ -36,8 +36,8 @@ def analytic_values(problem, measures, approach, load=None):
 def theories(problem, mean_pressure, rms_slope):
     """Return the contact fractions that rough-surface `THEORIES` predict.
 
-    `mean_pressure` is the load over the area of the patch [N/mm2], `rms_slope` that of the undeformed distance. The
-    dict is empty unless the bodies are nominally flat, rough, not indented yet and not coated, and the hardness is no
+    `mean_pressure` is the load over the area of the patch [N/mm2], `rms_slope` the slope of the undeformed distance.
+    The dict is empty unless the bodies are nominally flat, rough, not indented and not coated, and the hardness is no
     array.
     """
     if problem.material.coatings:

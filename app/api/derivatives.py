@@ -57,7 +57,7 @@ def find_elastic_cells(solution):
 
 @contextmanager
 def contact_system(hierarchy, distance, cells, rtol):
-    """Yield a solver of ``A y = g`` on some cells. Collective.
+    """Yield a solver of ``A y = g`` on a set of cells. Collective.
 
     The function ``solve(g)`` returns y, which is 0 on cells other than `cells` (local rows), and NaN if the linear
     solver does not converge. `distance` is the undeformed distance on the target grid, `rtol` the relative tolerance of
@@ -236,7 +236,7 @@ class Derivatives:
             yield solve
 
     def _stiffness_of(self, cells):
-        """Return the stiffness of some cells in contact [N/mm]. Collective.
+        """Return the stiffness of a set of contact cells [N/mm]. Collective.
 
         The stiffness is dx dy sum(q), where q is zero outside `cells` and A q = 1 there. The uniform displacement of a
         layer on a rigid base acts as a spring in series with it.

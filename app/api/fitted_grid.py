@@ -35,14 +35,13 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, 
     cells : int or (int, int)
         nx, ny of the grid.
     patch : (float, float, float, float), optional
-        x0, x1, y0, y1 of the first small grid [mm]. Default: from the shape's analytic solution, or 2 mm wide about the
-        origin.
+        x0, x1, y0, y1 of the first small grid [mm]. Default: from the analytic solution, or 2 mm wide about the origin.
     approach : float, optional
         Approach of the bodies [mm]; give this or the load.
     load : float, optional
         Total force [N].
     hardness : float, optional
-        Hardness [N/mm2]; default: that of `gap` if it is a problem.
+        Hardness [N/mm2]; default: the hardness of `gap`, if `gap` is a problem.
 
     Raises
     ------
@@ -96,7 +95,7 @@ def _enlarge(patch, area):
 
 
 def _probe(problem, loading):
-    """Solve; return contact set, admissible cells, and whether there is contact.
+    """Solve on a trial grid; return contact, admissible cells, whether in contact.
 
     In admissible cells contact is possible. Without contact, return the cells of the smallest distance as contact set.
     """
@@ -110,7 +109,7 @@ def _probe(problem, loading):
 
 
 def _fit_side(contact, possible):
-    """Return the next patch's ends along a side, and whether they fit.
+    """Return the next patch's ends along a side; whether they are final.
 
     The ends are counted in cells. `contact` and `possible` are masks of the cells along the side: cells in contact, and
     cells where contact is possible.

@@ -24,8 +24,7 @@ _SUMS = "iterations", "inner_iterations", "work_units", "operator_applications",
 def add_uniform_displacement(solution, compliance):
     """Return a Solution with the uniform displacement of the layer.
 
-    The uniform displacement is `compliance` [mm / (N/mm2)] times the mean pressure. It is added to displacement and
-    approach.
+    This displacement is `compliance` [mm / (N/mm2)] times the mean pressure. It is added to displacement and approach.
     """
     added, distance = compliance * solution.mean_pressure, solution.distance
     return replace(
@@ -38,7 +37,7 @@ def add_uniform_displacement(solution, compliance):
 
 
 def _add_approach_error(solution, approach, compliance, allowed):
-    """Return a Solution at the prescribed approach, which its pressure nearly meets.
+    """Return the Solution with the prescribed approach; increase its error bound.
 
     Collective. The error bound includes the effect of the error of the approach. If the bound exceeds `allowed`, the
     solution has not converged.
@@ -66,7 +65,7 @@ def search_load(solve, approach, touching, tolerance, area, compliance, allowed)
 
     Collective if ``solve(load)`` is, which returns a Solution for a load [N]. Makes secant steps of log(approach) over
     log(load) within a bracket. `approach` is above `touching`, the approach of first touch [mm]; `tolerance` is its
-    largest error. `area` is that of the patch [mm2], `compliance` is the displacement by a uniform pressure 1 [mm /
+    largest error. `area` is the area of the patch [mm2], `compliance` is the displacement by a uniform pressure 1 [mm /
     (N/mm2)]. `allowed` is the largest accepted error bound.
     """
     target, spent = approach - touching, []

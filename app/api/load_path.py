@@ -161,7 +161,7 @@ class LoadPath:
             return self._solve_counted(number + history.mean_gap)
 
     def _solve_counted(self, number):
-        """Solve for one number, and count the work. Collective."""
+        """Solve for one prescribed number, and count the work. Collective."""
         solution = self._solver.solve(**{self._kind: number})
         if self._with_stiffness:
             solution = self._solver.with_stiffness(solution)
@@ -277,7 +277,7 @@ class _LoadHistory:
         return number > self.largest if self._by_gap else number < self.largest
 
     def add(self, number, solution=None):
-        """Record a step if its load is the largest so far."""
+        """Record a solved step if the load is the path's largest."""
         if self._capped and not self.unloads(number):
             self.largest, self.solution, self.indented = number, solution, None
 
@@ -359,7 +359,7 @@ def _slopes(columns):
 
 
 def _slope(x, y):
-    """Return dy/dx at each point, from the parabola through its neighbours.
+    """Return dy/dx at each point, from the parabola through neighbouring points.
 
     The slope of the straight line between the neighbours is used instead if it is zero, as before first touch, or if
     the two slopes have opposite signs, as at an end after large steps. All slopes are NaN if an x has several y.

@@ -45,7 +45,7 @@ _MAX_NAMED = 5  # failed problems in a warning
 
 
 class _Job(NamedTuple):
-    """A problem and its loads."""
+    """One job of `solve_many`: a problem and its loads."""
 
     number: int  # of the problem
     first_row: int
@@ -288,7 +288,7 @@ class _ReusedSolver:
         self._solver.quiet = True
 
     def solve(self, job):
-        """Solve a job; return its first row number, rows and fields. Collective."""
+        """Solve a job; return first row number, rows and fields. Collective."""
         try:
             self.set_up(job.problem)
             self._solver.update(job.problem)
@@ -354,7 +354,7 @@ def _work(connection, arguments):
 
 @contextmanager
 def _on_processes(jobs, count, arguments):
-    """Yield an iterator over the results of all jobs, as they come.
+    """Yield an iterator over the finished jobs' results, in any order.
 
     The processes are spawned, because PETSc and MPI do not survive a fork. If the ``with`` block raises, the processes
     are killed. ProcessPoolExecutor is not used, because before Python 3.12 it waits forever if a process ends while it
@@ -386,7 +386,7 @@ def _on_processes(jobs, count, arguments):
 
 
 def _results(connections, chunks):
-    """Yield results as they come; give idle processes new jobs."""
+    """Yield results of jobs as processes finish; give them new jobs."""
     busy = set()
 
     def send(connection):
@@ -413,7 +413,7 @@ def _results(connections, chunks):
 
 
 def _warn(jobs, rows):
-    """Warn of problems that failed, and of each kind of notes once."""
+    """Warn of failed problems, and of each kind of note once."""
     failed = [row for row in rows if not row["converged"]]
     if failed:
         numbers = list(dict.fromkeys(str(row["problem"]) for row in failed))

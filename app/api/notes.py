@@ -215,8 +215,7 @@ class NoteWarnings:
     def issue(self, problem, notes):
         """Warn of the first note of each kind.
 
-        Notes that differ only in numbers are of one kind. Notes that `read_surface` has issued as warnings are left
-        out.
+        Notes that differ only in numbers are of one kind. Notes that `read_surface` issued as warnings are left out.
         """
         known = {note for part in getattr(problem, "surfaces", ()) for note in getattr(part, "warned", ())}
         for note in notes:

@@ -75,9 +75,9 @@ def refine(
 
     Collective over `comm`. Each grid has twice as many cells in both directions as the grid before. Errors are
     estimated from the changes between the last grids (`app.contact.grid_errors`). If only one grid is solved so far,
-    they are estimated from the coarse grids of its nested iteration. -lcp_rtol is halved for each grid, because the
-    error that the stopping test (5.1) leaves in the shortest waves of the pressure is inversely proportional to their
-    length.
+    errors are estimated from the coarse grids of the nested iteration. -lcp_rtol is halved for each grid, because the
+    error that the stopping test (5.1) leaves in the shortest waves of the pressure is inversely proportional to the
+    wavelength.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ class Solution(_Numbers, ContactFields):
     def undeformed_distance(self):
         """Undeformed distance at the approach, (rows, nx) [mm].
 
-        With a hardness it is that of the bodies before any permanent indentation.
+        With a hardness it belongs to the bodies before any permanent indentation.
         """
         return self.distance()
 
@@ -204,7 +204,7 @@ class Solution(_Numbers, ContactFields):
         """Return the permanent indentation as a surface. Collective.
 
         To describe the indented bodies, put this surface into ``surfaces=[...]`` of a `ContactProblem` of the original
-        bodies, with the same hardness. Loads up to that of this solution are then elastic. This surface replaces the
+        bodies, with the same hardness. Loads up to this solution's load are then elastic. This surface replaces the
         residual surface of an earlier solution.
 
         Returns
@@ -246,7 +246,7 @@ class Solution(_Numbers, ContactFields):
 
     @property
     def attributes(self):
-        """Numbers and texts: root attributes of a result file."""
+        """Numbers and texts of this solution: the root attributes of its file."""
         from app import __version__
 
         numbers = [field.name for field in fields(self) if field.type in (bool, int, float, str)]
@@ -374,7 +374,7 @@ class Solution(_Numbers, ContactFields):
 
 
 def fingerprint(start):
-    """Return numbers by which ranks check that they start from one Solution."""
+    """Return numbers that identify this solution, to compare between ranks."""
     if not isinstance(start, Solution):
         return type(start).__name__
     return start.load, start.approach, start.max_pressure, start.contact_cells

@@ -7,8 +7,8 @@
 >>> solution.converged, round(solution.load, -1)
 (True, 680.0)
 
-Options are PETSc's and those of `app.options.method`. Each solver puts its options into PETSc's database under a prefix
-of its own, and only during set-up and solves.
+Options are PETSc's and the options in `app.options.method`. Each solver puts its options into PETSc's database under a
+prefix of its own, and only during set-up and solves.
 """
 
 import time
@@ -51,8 +51,7 @@ def solve(
 ):  # fmt: skip
     """Solve a contact problem for an approach or load.
 
-    Exactly one of approach, load, mean pressure and mean gap is prescribed. Collective over `comm`. Raises the errors
-    of `ContactSolver` and `ContactSolver.solve`.
+    Give exactly one of the four loadings. Collective over `comm`. Raises the errors of `ContactSolver` and its `solve`.
 
     Parameters
     ----------
@@ -66,7 +65,7 @@ def solve(
     mean_gap : float, optional
         Mean gap of a periodic patch without holes [mm]; with a hardness the mean of e = h + u.
     method, options, comm : optional
-        Those of `ContactSolver`.
+        Arguments of `ContactSolver`.
     start : Solution, optional
         Solution of a similar loading, from which the iteration starts.
 
@@ -94,15 +93,15 @@ class ContactSolver(Derivatives):
         `ContactProblem`, or another one of `app.problems`.
     method : str, or mapping of str to mapping, optional
         Name of a method file in petsc_options, such as "fmg_v11". Or several option files in order, a mapping from
-        names to options. By default the default method is used, unless the options choose a KSP or PC.
+        names to options. Default: the default method, unless the options choose a KSP or PC.
     options : mapping, optional
-        Options by name without dash, such as {"lcp_rtol": 1e-8, "ksp_type": "cg"}. They override those of the method.
+        Options by name without dash, such as {"lcp_rtol": 1e-8, "ksp_type": "cg"}. They override the method's options.
     comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all. The solver works on a duplicate.
     prefix : str, optional
         Prefix of the solver's options in PETSc's database, such as ``"gear_"`` for ``-gear_ksp_view``. Options that you
-        set under this prefix override those of the solver. Default: ``"contact0_"``, ``"contact1_"``, ... in order of
-        creation. With ``""``, options without a prefix are used, too.
+        set under this prefix override the solver's. Default: ``"contact0_"``, ``"contact1_"``, ... With ``""``, options
+        without a prefix are used, too.
     listeners : sequence of Listener
         Objects whose methods are called in every iteration.
 
@@ -118,8 +117,7 @@ class ContactSolver(Derivatives):
     quiet : bool
         If true, notes are not issued as warnings. Otherwise each kind of notes is issued once.
     ksp : PETSc.KSP or None
-        Linear solver on the target grid. None if the method has none there, or if it works in a window of the grid that
-        is not known yet.
+        Linear solver on the target grid. None if there is none, or if it works in a window that is not known yet.
 
     Raises
     ------

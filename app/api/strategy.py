@@ -59,7 +59,7 @@ class Strategy:
         return LinearSolver(self._hierarchy)
 
     def prepare(self):
-        """Prepare operators that depend only on the grids."""
+        """Create the operators that depend only on the grids, for all solves."""
         if self._settings.prolongation == "lift":
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
@@ -120,7 +120,7 @@ class Strategy:
         return state, outcome
 
     def _in_full_contact(self, full, loading, history, state, outcome):
-        """Return state and outcome of full contact, if it is a solution.
+        """Return state and outcome of full contact if it solves the problem.
 
         Otherwise return the given `state` and `outcome`.
         """
@@ -147,7 +147,7 @@ class Strategy:
             self.solver.destroy()
 
     def check(self, start, name="start"):
-        """Raise InputError unless `start` is on the same grid."""
+        """Raise InputError unless the Solution `start` is on the target grid."""
         slabs = self._hierarchy.slabs
         fits = isinstance(start, Solution) and start.grid == self._hierarchy.target.grid
         fits = fits and start.slabs.rows == slabs.rows
@@ -208,7 +208,7 @@ class Inexact(Strategy):
         return state, outcome._replace(to_rounding=True)
 
     def prepare(self):
-        """Make the solvers of small levels, too; see `Strategy.prepare`."""
+        """Create the operators of the grids, and the solvers of small grids."""
         super().prepare()
         if self._settings.nested:
             self._cache.prepare(self._first_solver_level())
@@ -240,7 +240,7 @@ class Fast(Inexact):
         return int(direct.starts_directly(self._hierarchy, 0))
 
     def prepare(self):
-        """Prepare the multilevel products, too; see `Strategy.prepare`."""
+        """Create the operators of the grids, and the multilevel products."""
         super().prepare()
         multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
@@ -323,7 +323,7 @@ def make_strategy(hierarchy, settings):
 
 
 def check_single(what, value, unit):
-    """Raise InputError for a value outside single precision's range."""
+    """Raise InputError for a `value` beyond the range of single precision."""
     if value and not 1e-25 < value < 1e25:
         raise InputError(
             f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "

@@ -21,7 +21,7 @@ def stress(solution, poisson_ratio=None, body=None):
     ----------
     solution : Solution or Result
     poisson_ratio : float, optional
-        Poisson's ratio of the body; default: that of the problem.
+        Poisson's ratio of the body; default: the problem's.
     body : int, optional
         Number of the body, 1 or 2, if the problem states both materials; default: the first that is not rigid. If
         only one body is coated, it is body 1.
@@ -87,7 +87,7 @@ def survey(below, depths=64, at=None, deepest=None):
     depths : int
         Number of depths, from 0 on. Both sides of an interface, and depths in a thin coating, are added.
     at : (float, float), optional
-        Point (x, y) [mm] through which sections and line go; default: that of the largest stress.
+        Point (x, y) [mm] through which sections and line go; default: the point of the largest stress.
     deepest : float, optional
         Last depth [mm]; default: 4 times the depth of the largest stress, or the contact's width if larger.
     """
@@ -119,7 +119,7 @@ def survey(below, depths=64, at=None, deepest=None):
 def _contact_width(below, at):
     """Return the smaller width of the contact along x and y [mm].
 
-    The width is that at the point `at`.
+    The width is measured through the point `at`.
     """
     grid, widths = below.grid, []
     i, j = int((at.x - grid.x0) / grid.dx), int((at.y - grid.y0) / grid.dy)

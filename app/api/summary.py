@@ -90,8 +90,7 @@ def _describe_material(facts):
 def _describe_contact(facts, grid):
     """Return a line on the contact area and the number of spots.
 
-    For rough surfaces the line also has the contact fractions by Persson's theory, and by that of Bush, Gibson and
-    Thomas.
+    For rough surfaces the line also has the contact fractions by Persson, and by Bush, Gibson and Thomas.
     """
     cells, fraction = facts["contact_cells"], facts["contact_fraction"]
     text = f"contact area {facts['contact_area']:.6g} mm2"
@@ -189,7 +188,7 @@ def format_grids(rows):
 
 
 def refinement_table(refined, until, quantities):
-    """Return a table of a refinement's grids, and its error."""
+    """Return a refinement's table of grids, and the estimated error."""
     state = "is below" if refined.reached else "is NOT below"
     errors = f"the largest error of {', '.join(map(label_of, quantities))}"
     return f"{format_grids(refined.rows)}{errors} {state} {format_exact(until)}"

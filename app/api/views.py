@@ -24,7 +24,7 @@ _MAX_ROWS = 12  # of a table
 
 
 def as_result(solution):
-    """Return a solution as a `Result`; InputError if it has not all rows."""
+    """Return a solution as a `Result`; InputError if rows are missing."""
     if isinstance(solution, Result):
         return solution
     if solution.pressure.shape != solution.grid.shape:
@@ -130,7 +130,7 @@ def _format_columns(columns, names):
 
 
 def _pressure_picture(solution):
-    """Return the figure of the pressure; None if this rank has not all rows."""
+    """Return the figure of the pressure; None if rows are missing here."""
     whole = solution.pressure.shape == solution.grid.shape
     return figures.pressure_figure(as_result(solution)) if whole else None
 

@@ -75,7 +75,7 @@ def format_exact(number):
 
 
 def format_distinct(number, other, digits=3):
-    """Format a number so that it differs from another.
+    """Format a number so that it differs from the text of `other`.
 
     The result has at least `digits` significant digits, and more if `other` would otherwise look the same.
 
@@ -112,7 +112,7 @@ def call_collectively(comm, function, *args, only_root=False):
     """Call a function on every rank; raise an error on all ranks.
 
     Collective over the mpi4py communicator `comm`; `function` itself must not be collective. A ValueError, OSError or
-    MemoryError on any rank becomes an InputError on all ranks. Its message names the host if the error occurred on some
+    MemoryError on any rank becomes an InputError on all ranks. The message names the host if the error occurred on some
     hosts only. Any other exception is a bug: its rank raises it unchanged, and the other ranks raise OtherRankError.
 
     Parameters

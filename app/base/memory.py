@@ -112,7 +112,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Raise if `size` bytes are not free; `what` says what needs them."""
+    """Raise unless `size` bytes are free; the message names `what`."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())

@@ -28,7 +28,7 @@ def is_installed(name):
 def missing(name):
     """Return the error for a missing package.
 
-    Its message has the command that installs all missing packages.
+    The message has the command that installs all missing packages.
 
     If mpi4py itself is installed, `name` "mpi4py" means that the MPI library is missing.
     """

@@ -38,7 +38,7 @@ class CompiledPackageFinder:
 
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        """Find a compiled package; its loader will also check it."""
+        """Find a compiled package, with a loader that also checks it."""
         if cls._loading or name.partition(".")[0] not in _COMPILED:
             return None
         spec = PathFinder.find_spec(name, path, target)
@@ -101,6 +101,6 @@ def _raise(error):
 
 
 def install():
-    """Put both import finders on ``sys.meta_path``, once."""
+    """Put this module's import finders on ``sys.meta_path``, once."""
     if MissingPackageFinder not in sys.meta_path:
         sys.meta_path[:] = [CompiledPackageFinder, *sys.meta_path, MissingPackageFinder]

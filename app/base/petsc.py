@@ -167,7 +167,7 @@ def _unwrapped(error):
 
 
 def to_input_error(error):
-    """Return an InputError for incompatible solvers, else the error itself."""
+    """Return an InputError if PETSc's `error` means incompatible solvers, else `error`."""
     inner = _unwrapped(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _INCOMPATIBLE:
         return InputError(f"solver options: {error_message(inner)}")
@@ -207,7 +207,7 @@ def restricts_by_transpose():
 
     The answer depends on the release of PETSc. If the matrix is rectangular, all releases choose the matrix or its
     transpose by the sizes of the vectors. But if every rank has a copy of a coarse grid, its vectors may be as long as
-    those of the next finer grid, and the matrix is square.
+    the next finer grid's, and the matrix is square.
     """
     mat = PETSc.Mat().createDense((2, 2), comm=PETSc.COMM_SELF)
     mat.setUp()
@@ -253,7 +253,7 @@ class Resources:
         self._parts.append(part)
 
     def remove(self, part):
-        """Destroy one of the objects now."""
+        """Destroy an added object now, before `free`."""
         self._parts.remove(part)
         part.destroy()
 

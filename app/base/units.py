@@ -11,7 +11,7 @@ ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 
 
 class Unit(NamedTuple):
-    """A unit of length: how many make a millimetre, and its name."""
+    """A unit of length: its number per millimetre, and its name."""
 
     per_mm: float
     name: str

@@ -1,4 +1,4 @@
-"""Examples of correct calls in error messages."""
+"""Examples of correct calls, shown in error messages."""
 
 from functools import wraps
 from inspect import signature

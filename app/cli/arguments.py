@@ -29,8 +29,7 @@ class Parser(argparse.ArgumentParser):
 def argument_type(kind):
     """Return a type for argparse from a `kind` of `app.options.option_table`.
 
-    Both are functions that convert a text to a value. If the text is not allowed, both raise an error with the same
-    message.
+    Both functions convert a text to a value. If the text is not allowed, both raise an error with the same message.
     """
 
     def parse(text):
@@ -70,7 +69,7 @@ def add_picture_options(add):
 
 
 def picture_kinds(arguments):
-    """Return the suffixes of the picture files that these options ask for."""
+    """Return the picture file suffixes that the command's options ask for."""
     kinds = ("pdf", "svg") if arguments.style == "paper" else ("png",)
     return (arguments.format,) if arguments.format else kinds
 

@@ -1,8 +1,8 @@
 """Convert a measured surface to HDF5: ``python -m app.convert FILE -o surface.h5``.
 
-The dataset ``heights``, (ny, nx) float64, is NaN where a point is missing, and ``mask`` is 1 there. Its first row is at
-the smallest y. Its attributes are ``unit``, ``spacing`` (dx, dy) and ``spacing_unit``. Root attributes: ``source``
-(name of the file), ``sha256`` (hash of the file), ``format``, ``channel``, ``version``.
+The dataset ``heights``, (ny, nx) float64, is NaN where a point is missing, and ``mask`` is 1 there. The first row is at
+the smallest y. Attributes of ``heights``: ``unit``, ``spacing`` (dx, dy) and ``spacing_unit``. Root attributes:
+``source`` (name of the file), ``sha256`` (hash of the file), ``format``, ``channel``, ``version``.
 """
 
 import json

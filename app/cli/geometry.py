@@ -259,7 +259,7 @@ def find_loading(options):
 def _make_random_surfaces(options, name, grid, measured):
     """Make the random surfaces that the options ask for.
 
-    If there is no measured or random surface, -problem punch gets the paper's waves, and -problem rough a self-affine
+    Without a measured or random surface, -problem punch gets the paper's waves, and -problem rough a self-affine
     surface.
     """
     wavy, self_affine = options.given(*WAVY), options.given(*SELF_AFFINE)

@@ -99,7 +99,7 @@ def run_path(request, solver, stiffness, save):
 
 
 def merge_notes(notes):
-    """Return all steps' notes (warnings), each with its steps.
+    """Return each note (warning) of a load path with its steps.
 
     Notes that differ only in numbers are merged into one, with ranges of the numbers.
     """
@@ -129,7 +129,7 @@ def _merge_lines(lines):
 class _Checkpoint:
     """Checkpoint of a path: a journal of finished steps on rank 0.
 
-    Without a file there is no journal. `rows` and `notes` are those of the finished steps.
+    Without a file there is no journal. `rows` and `notes` belong to the finished steps.
     """
 
     def __init__(self, request, solver):
@@ -199,7 +199,7 @@ def hash_inputs(request, solver):
 
 
 def _show_step(row, bar, kind):
-    """Show a step's numbers in the progress bar, or print them."""
+    """Show a load step's numbers in the progress bar, or print them."""
     units = {name: f" {unit_of(name)}".removesuffix(" 1") for name in (kind, *_SHOWN)}
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in units.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
@@ -211,7 +211,7 @@ def _show_step(row, bar, kind):
 
 
 def format_steps(steps, count):
-    """Return a text that names some of `count` steps.
+    """Return a text that names steps out of `count` load steps.
 
     Examples
     --------

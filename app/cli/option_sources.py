@@ -61,10 +61,10 @@ class ParsedOptions:
     database_options: dict = field(default_factory=dict)  # `petsc_options` and the command line
 
     def select_alternative(self, alternatives, needed=""):
-        """Return the one of exclusive options that applies; remove the others.
+        """Return the exclusive option that applies; remove the overridden ones.
 
         `alternatives` are names of options, or tuples of names that are allowed together. The alternative on the
-        command line applies. Otherwise that of the last option file with an alternative applies. Return None if no
+        command line applies. Otherwise the alternative in the last option file that has one applies. Return None if no
         alternative is given; but if one must be given, `needed` names the alternatives for the error message. Raises
         InputError if the source that applies has several alternatives.
         """
@@ -91,7 +91,7 @@ class ParsedOptions:
         return selected
 
     def split_by_source(self, names):
-        """Return some options of each file, and those of the command line.
+        """Return the options from each file, and from the command line.
 
         Only options with the given `names` are returned. The first result maps each option file, in order, to its
         options. The second result has the options that the command line sets last.

@@ -33,7 +33,7 @@ _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is 
 def save_pictures(pictures, folder, kinds=("png",), dpi=200, title=None):
     """Write pairs of name and figure to a folder; return their paths.
 
-    `kinds` are the suffixes of the files. A `title` replaces that of the figures.
+    `kinds` are the suffixes of the files. A `title` replaces the titles of the figures.
     """
     paths = []
     for name, figure in pictures:

@@ -132,7 +132,7 @@ def suggest_names(parsed):
 
 
 def _split_unknown(names, own=()):
-    """Return the known option names, and the unknown ones of `names`.
+    """Return the known option names, and the unknown names in `names`.
 
     `own` are further known names. Names that only PETSc can check do not count as unknown.
     """
@@ -142,7 +142,7 @@ def _split_unknown(names, own=()):
 
 
 def resolve_alternatives(parsed):
-    """Remove overridden exclusive options; return a reader of the others.
+    """Remove overridden exclusive options; return a reader of the remaining options.
 
     Raises InputError if one source sets several options that exclude each other.
     """

@@ -201,7 +201,7 @@ def path_section(result, pictures):
 def stress_section(result, poisson_ratio=None, body=None):
     """Return the section on stresses below the surface.
 
-    `poisson_ratio` and `body` are those of `app.api.subsurface.stress`.
+    `poisson_ratio` and `body` are as in `app.api.subsurface.stress`.
     """
     facts = result.attributes
     unknown = find_poisson_ratio(facts, body) is None and find_layer(facts, body) is None
@@ -234,7 +234,7 @@ def _draw_panels(figure):
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     """Return the HTML page of a result.
 
-    `poisson_ratio` and `body` are those of `app.api.subsurface.stress`. Stresses take most of the time; without
+    `poisson_ratio` and `body` are as in `app.api.subsurface.stress`. Stresses take most of the time; without
     `with_stress` they are left out.
     """
     values = result.attributes

@@ -47,9 +47,10 @@ def draw(result, stresses):
 
 
 def write(path, result, stresses, planes):
-    """Write the stresses of a survey and of planes to HDF5.
+    """Write stresses in sections and on planes to an HDF5 file.
 
-    `planes` maps depths [mm] to the stresses on horizontal planes.
+    `stresses` is the result of `app.api.subsurface.survey`: sections, a line, and the maxima. `planes` maps depths [mm]
+    to the stresses on horizontal planes.
     """
     with atomic_hdf5(path) as file:
         at = stresses.at
@@ -76,7 +77,7 @@ def write(path, result, stresses, planes):
 
 
 def _maxima(stresses):
-    """Return attribute, kind and position of each largest stress of a survey."""
+    """Return attribute, kind and position of each largest stress in `stresses`."""
     maxima = [
         ("max_von_mises", "von_mises", stresses.hottest),
         ("max_shear", "max_shear", stresses.sheared),
@@ -124,7 +125,7 @@ def _arguments(argv):
 
 
 def summary(hottest, sheared, result, below):
-    """Return texts on the largest stresses.
+    """Return lines of text with the largest stresses below the surface.
 
     Each text has a stress and its position. `hottest` and `sheared` are from `SubsurfaceStress.maxima`, the largest von
     Mises and the largest shear stress. Of a coated body, there are texts on the coating, the substrate and the

@@ -1,6 +1,6 @@
 """Write an XDMF file for ParaView: ``python -m app.xdmf RESULT.h5 ... [-o SERIES.xdmf]``.
 
-Several results of one folder, such as the steps of a load path, become a time series. Its times are the loads if these
+Several results of one folder, such as the steps of a load path, become a time series. The times are the loads if loads
 rise from result to result, otherwise 0, 1, 2, ... Exit status 0, or 2 after an error. Runs on one rank.
 """
 

@@ -78,8 +78,7 @@ def active_set_or_search(state, solver, loading, stop, history):
 def start_grid(state, solver, loading, history):
     """Start the iteration on a grid; return whether there is contact. Collective.
 
-    If C is empty, the cells that overlap without pressure are added to C, because a coarser grid may have missed
-    contact.
+    If C is empty, cells that overlap without pressure are added to C, because a coarser grid may have missed contact.
     """
     loading.begin(state)
     if state.patience < float("inf"):

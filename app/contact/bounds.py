@@ -56,7 +56,7 @@ class PressureBounds:
         return {"largest_load": self.largest_load} if self.largest_load < np.inf else {}
 
     def part(self, cut):
-        """Return the bounds in a window.
+        """Return these pressure bounds, cut to a window.
 
         The function ``cut(field)`` restricts a field to the window.
         """
@@ -120,7 +120,7 @@ class CappedBounds(PressureBounds):
         self.upper, self.largest_load = upper, largest_load
 
     def part(self, cut):
-        """Return the bounds in a window; see `PressureBounds.part`."""
+        """Return these bounds, cut to a window; see `PressureBounds.part`."""
         return CappedBounds(cut(self.admissible), cut(self.upper), self.largest_load)
 
     def plastic(self, p):

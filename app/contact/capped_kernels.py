@@ -1,7 +1,7 @@
 """Compiled loops of `app.contact.bounds.CappedBounds`, for 0 <= p <= H.
 
-The loops correspond to those of `app.contact.bounds_kernels`, which are for p >= 0. `upper` is the hardness H, of shape
-(rows, nx). Outside the contact set C a cell with p >= H is plastic; any other cell is open.
+The loops correspond to the loops in `app.contact.bounds_kernels`, which are for p >= 0. `upper` is the hardness H, of
+shape (rows, nx). Outside the contact set C a cell with p >= H is plastic; any other cell is open.
 """
 
 import numpy as np
@@ -16,8 +16,8 @@ from app.parallel.reductions import add_row, add_tuples, njit_reassoc
 def clipped_displacement(free, closed, room):
     """Return the displacement of a cell whose pressure is within bounds.
 
-    `closed` is the displacement that closes the gap, `free` that without pressure, and `free` + `room` that under the
-    pressure H. Return `closed` if it needs 0 <= p <= H, otherwise one of the other two.
+    `closed` is the displacement that closes the gap. It is limited to the range from `free`, the displacement without
+    pressure, to `free + room`, the displacement under the pressure H.
     """
     return max(free, min(closed, free + room))
 
@@ -76,8 +76,8 @@ def _predicted_leave_row(b, depth, u, p, upper, expected, leaves):
 def activate(b, depth, u, p, upper, admissible, contact, released, expected, leaves):
     """Add cells outside C that would leave their bound, and clear `released`.
 
-    Open cells enter C if their gap h + u + expected <= 0, plastic cells if their gap >= 0. Parameters and result are
-    those of `app.contact.bounds_kernels.activate`; `leaves` is a work array of shape (nx,).
+    Open cells enter C if their gap h + u + expected <= 0, plastic cells if their gap >= 0. Parameters and result are as
+    in `app.contact.bounds_kernels.activate`; `leaves` is a work array of shape (nx,).
     """
     sums = NO_CELLS
     for j in range(b.shape[0]):
@@ -242,7 +242,7 @@ def exchange(
     added to `p` and `stored` where cells cease to be plastic, and subtracted where they become plastic. Cells of C with
     p < -slack become open, cells with p > H + slack become plastic. Open cells with a gap below `least_gap`, and
     plastic cells with a gap above -`least_gap`, enter C and are marked in `captured`. `shift` is a work array of shape
-    (nx,). Other parameters and the result are those of `app.contact.bounds_kernels.exchange`.
+    (nx,). Other parameters and the result are as in `app.contact.bounds_kernels.exchange`.
     """
     sums = 0, 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):

@@ -49,14 +49,14 @@ on the gaps or on the overlaps that are left.
 *Prescribed load.* Both bounds hold if p has the prescribed load, because f at the computed approach and f under the
 load then differ by a constant.
 
-*Rounding.* u is A p only up to an error d. The bounds are those of the problem with h + d, whose solution differs from
-that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. The error of a product by FFT is about
+*Rounding.* u is A p only up to an error d. The bounds are valid for the problem with h + d, whose solution differs from
+the solution with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. The error of a product by FFT is about
 ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in this norm (measured: 0.26 to 0.72 times this number).
 `_ROUNDING_FACTOR` times this number is added to the bound. The stored matrix of a small periodic patch has rounded
-coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with
-``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n cells, let
-m be one unit in the last place of the depth, plus the mean gap that full contact neglects. Spread over the k cells
-without pressure, m changes the pressure by about ``n m sqrt(B_II / k)``.
+coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with ``||row of
+A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n cells, let m be one
+unit in the last place of the depth, plus the mean gap that full contact neglects. Spread over the k cells without
+pressure, m changes the pressure by about ``n m sqrt(B_II / k)``.
 """
 
 import math
@@ -120,7 +120,7 @@ def certify(state, wanted=np.inf):
 def estimate(state, wanted=np.inf, work=None):
     """Return the `Certificate` of a pressure, assuming u = A p. Collective.
 
-    `wanted` and the result are those of `certify`; `work` is a field of work space. The certificate is cached until the
+    `wanted` and the result are as in `certify`; `work` is a field of work space. The certificate is cached until the
     pressure, the depth or the accuracy of u changes.
     """
     key = state.pressure.stateGet(), state.depth, state.displacement_status
@@ -210,9 +210,10 @@ def _lift_penetrations(state, most, energy, penetrates):
 def _close_gap(state, energy, enough, work, capped):
     """Return duality gap, p.Ap and rounding error on a periodic patch. Collective.
 
-    The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g and B are those of the module docstring. If the
-    bound ``||B|| w.w`` of w.Bw already shows an error below `enough`, it replaces w.Bw, which saves the product
-    with B. If p is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is larger.
+    The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g is the changed gap, and B the inverse of A (module
+    docstring). If the bound ``||B|| w.w`` of w.Bw already shows an error below `enough`, it replaces w.Bw, which saves
+    the product with B. If p is constant, p.Ap would be 0 up to rounding; its rounding error is returned if that is
+    larger.
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0

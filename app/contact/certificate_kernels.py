@@ -34,7 +34,7 @@ def _gaps_row(b, depth, u, p, admissible, diagonal):
 def gaps(b, depth, u, p, admissible, diagonal):
     """Return the sums that certify a pressure on a periodic patch.
 
-    The summed fields are: g = max(e - p / B_II, 0), g - e, p g, p, p p, and u. The last number is that of cells without
+    The summed fields are: g = max(e - p / B_II, 0), g - e, p g, p, p p, and u. The last number counts the cells without
     pressure. `diagonal` is B_II, where B is the inverse of A.
     """
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

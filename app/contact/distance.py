@@ -70,7 +70,7 @@ class UndeformedDistance:
         True in cells that may be in contact.
     bounds : PressureBounds
     patch : Grid
-        Whole grid, even if the distance is that of a window. The statistics are those of the whole grid.
+        Whole grid, even if the distance is given in a window. The statistics are for the whole grid.
     possible : Window or None
         Window around all admissible cells; None if there are none.
     """
@@ -194,7 +194,7 @@ def _measure(levels, comm):
 
 
 def _mean(parts, cells):
-    """Return the mean, and its rounding error, from parts of the sum."""
+    """Return the mean and its rounding error, from partial sums."""
     if not cells:
         return 0.0, 0.0
     exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)

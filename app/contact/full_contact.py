@@ -35,9 +35,8 @@ class FullContact:
     def solve(self, state, loading, stop, history):
         """Return the Outcome of full contact; None if it is no solution.
 
-        Collective over all ranks. If the result is None, the pressure of `state` may have changed. At full contact many
-        mean pressures give the same approach. So if the approach is prescribed, the solution has the least mean
-        pressure.
+        Collective over all ranks. If the result is None, the pressure of `state` may have changed. Many mean pressures
+        give the same approach at full contact. If the approach is prescribed, the solution has the least of them.
         """
         grid, distance = state.grid, state.distance
         wanted = loading.mean_pressure_on(grid)

@@ -19,8 +19,7 @@ from app.parallel.communicator import propagate_errors
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
     """Solve on the grids from coarsest to target.
 
-    Collective. The ranks that share a grid solve on it, and broadcast the result to the ranks that join on the next
-    grid.
+    Collective. The ranks of a grid solve on it, and broadcast the result to the ranks that join on the next grid.
 
     Parameters
     ----------

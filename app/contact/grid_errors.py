@@ -8,9 +8,8 @@ orders of 1.5 to 2. The error on the finest grid is taken as the largest of
 - the last difference, and half the difference before it, because two grids may agree by chance. For the area, which
   scatters, also a quarter of the difference before that. If there are fewer grids, these are multiplied by 1.5;
 - the sum of the geometric series that begins with the last two differences (three for the area), if they have one sign.
-  The sum is at most ten times the last difference, also if the differences do not decrease, as those of the maximum
-  pressure at a sharp edge. For the area, differences below the scatter of cells on the edge of a round contact do not
-  count.
+  The sum is at most ten times the last difference, also if the differences do not decrease, as for the maximum pressure
+  at a sharp edge. For the area, differences below the scatter of cells on the edge of a round contact do not count.
 
 docs/load-paths.md says how often this holds. Coarser grids are solved to -lcp_coarse_rtol only, so smaller errors are
 less certain.
@@ -46,7 +45,7 @@ class GridErrors(NamedTuple):
     contact_area_error: float = float("nan")
 
     def with_contact_edge(self, solution):
-        """Return these errors; increase that of the contact area if too small.
+        """Return these errors; increase the error of the area if too small.
 
         The error of the area is at least the relative difference of ``contact_fraction`` and
         ``contact_fraction_corrected``. The areas of two grids may agree by chance, because numbers of cells scatter.
@@ -76,7 +75,7 @@ _MAX_RATIO = 10 / 11  # largest ratio of differences in a series, whose sum is t
 def compute_grid_numbers(state, comm, load=None, depth=None):
     """Return the `GridNumbers` of a `ContactState`.
 
-    Collective over `comm`, which has all ranks that need the numbers. `load` and `depth` replace those of the state.
+    Collective over `comm`, which has all ranks that need the numbers. `load` and `depth` replace the state's.
     """
     grid = state.operator.grid
     total, highest, cells = kernels.sum_pressure(state.p, state.in_contact())
@@ -92,7 +91,7 @@ def estimate_errors(grids, touching, prescribed):
     Parameters
     ----------
     grids : sequence of GridNumbers
-        Numbers from coarse to fine; each grid is twice as fine as the one before. With fewer than two grids the errors
+        Numbers from coarse to fine; each grid is twice as fine as the grid before. With fewer than two grids the errors
         are unknown.
     touching : float
         Depth of first touch on the finest grid [mm]. If `grids` have approaches instead of depths, the approach of
@@ -116,8 +115,8 @@ def estimate_errors(grids, touching, prescribed):
 def _error(values, pairs, scatter=0.0):
     """Return the estimated relative error of the first value, at most 1.
 
-    `values` are those on the grids from fine to coarse. They are extrapolated by the first `pairs` differences between
-    neighbouring grids, unless the finest two differ by at most `scatter`.
+    `values` has the value on each grid, from fine to coarse. The values are extrapolated by the first `pairs`
+    differences between neighbouring grids, unless the finest two differ by at most `scatter`.
     """
     if not values[0]:
         return float("nan")

@@ -16,7 +16,7 @@ class GridSequence:
     Attributes
     ----------
     following : int
-        Number of the level that is solved after this one.
+        Number of the level that is solved after the present level.
     at_target : bool
         True on the target grid, which is the last one.
     outcome : Outcome or None

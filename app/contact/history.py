@@ -39,7 +39,7 @@ class Monitor(Listener):
         self.end()
 
     def end(self):
-        """Reset for the next solve."""
+        """Reset the header and the work printed, for the next solve."""
         self._level, self._work = None, 0.0
 
     def iteration(self, entry, state):

@@ -99,7 +99,7 @@ def _gap_row(b, depth, u, mask, overlapping):
 def sum_gaps(b, depth, u, mask, overlapping):
     """Return sum of squared gaps, sum of gaps, and number of cells.
 
-    The cells are those of `mask`, and those of `overlapping` with a gap h + u <= 0.
+    Summed are the cells in `mask`, and the cells in `overlapping` with a gap h + u <= 0.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):

@@ -85,7 +85,7 @@ class Loading:
         """Record the final depth on a grid, counted from the reference [mm]."""
 
     def predict(self, depth):
-        """Predict the next finer grid's depth from this one's [mm]."""
+        """Predict the next finer grid's depth from this grid's depth [mm]."""
         return depth
 
     def begin(self, state):

@@ -28,10 +28,10 @@ def single_loading(given, where=""):
 def make_loading(grid, distance, uniform_compliance=0.0, **given):
     """Make the `Loading` for one prescribed number.
 
-    `grid` and `distance` are those of the target grid. In `given` exactly one of `LOADINGS` is not None: approach or
-    mean gap [mm], load [N], or mean pressure [N/mm2], the load divided by the area of the patch. If the bodies have a
-    `uniform_compliance`, approaches beyond full contact are allowed. Raises InputError if not exactly one number is
-    given, or the number is not allowed.
+    `grid` is the target grid, and `distance` its undeformed distance. In `given` exactly one of `LOADINGS` is not None:
+    approach or mean gap [mm], load [N], or mean pressure [N/mm2], the load divided by the area of the patch. If the
+    bodies have a `uniform_compliance`, approaches beyond full contact are allowed. Raises InputError if not exactly one
+    number is given, or the number is not allowed.
     """
     kind, number = single_loading(given)
     value = validate_number(kind, number)
@@ -74,7 +74,7 @@ def _without_rounding(depth, size, touching, full):
     """Round a depth to first touch or full contact if close.
 
     `touching` and `full` are the depths of first touch and full contact. A depth is close to them if it differs only by
-    the rounding of numbers as large as `size`, from which it was computed. Pressures or gaps would then have no correct
+    the rounding of numbers as large as `size`, from which it was computed. Then pressures or gaps would have no correct
     digits.
     """
     rounding = _ROUNDING_ULPS * ulp(size)

@@ -169,9 +169,9 @@ def measure_indentation(depth, shape, slabs, comm):
 def measure_roughness(operator, distance, shape):
     """Return the ShapeRoughness of an undeformed distance. Collective.
 
-    On a periodic patch without holes the slope is that of the Fourier interpolant, which costs one product. On other
-    patches the slope is computed from differences across the faces between admissible cells. `shape`, (local rows, nx)
-    [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
+    On a periodic patch without holes the slope is computed from the Fourier interpolant, which costs one product. On
+    other patches the slope is computed from differences across the faces between admissible cells. `shape`, (local
+    rows, nx) [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
     """
     grid = operator.grid
     waves = grid.symbol and distance.statistics.cells == grid.n
@@ -182,10 +182,10 @@ def measure_roughness(operator, distance, shape):
 
 
 def _steps_at_sides(operator, shape):
-    """Return rms height steps across a patch's sides, and next to them. Collective.
+    """Return rms height steps across a patch's sides, and inside. Collective.
 
-    A step is the difference of heights of neighbouring cells, where cells at opposite sides count as neighbours, too,
-    if the patch repeats across them.
+    A step is the height difference of neighbouring cells. If the patch repeats, the first number is for steps between
+    its opposite sides. The second number, for comparison, is for the first steps inside these sides.
     """
     slabs, (ny, nx), (repeats_y, repeats_x) = operator.slabs, operator.grid.shape, operator.grid.repeats
     below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)

@@ -43,9 +43,9 @@ class PeriodicState(ContactState):
     def set_load(self, load, present_load):
         """Reach a load [N] by adding a constant to high pressures. Collective.
 
-        High pressures are those above twice the mean change of pressure on C. If less than half of C has such
-        pressures, p and u are scaled instead; otherwise u is recomputed. Near full contact a constant hardly changes u,
-        but a factor does. If cells may reach the hardness, `ContactState.set_load` is called instead.
+        High pressures exceed twice the mean change of pressure on C. If less than half of C has such pressures, p and u
+        are scaled instead; otherwise u is recomputed. Near full contact a constant hardly changes u, but a factor does.
+        If cells may reach the hardness, `ContactState.set_load` is called instead.
         """
         cells = max(self.cells_in_contact(), 1)
         missing = (load - present_load) / self.grid.cell_area

@@ -22,7 +22,9 @@ def step_to_load(state, load, target, stiffness=0.0):
     """Return the change of depth that brings the load to a target [mm].
 
     Collective. `load` is the present load [N], `target` the prescribed load [N]. On periodic patches `stiffness` is the
-    stiffness of elastic contact [N/mm]. Return also the load that the model expects at the present depth [N].
+    stiffness of elastic contact [N/mm]. In the model of load against depth, the pressure of each cell changes in
+    proportion to its overlap, within bounds, without effect on other cells. Return also the model's load at the present
+    depth [N].
     """
     grid, distance, compliance = state.grid, state.distance, state.operator.diagonal
     fields = distance.b, state.depth, state.u, state.p
@@ -67,7 +69,7 @@ def _zero(function, value, slope, width, allowed):
 def punch_stiffness(state):
     """Return the stiffness of a round punch [N/mm]. Collective.
 
-    The area of the punch is that of the bounding box of contact.
+    The area of the punch is the area of the bounding box of contact.
     """
     [box] = bounding_boxes([state.in_contact()], state.operator.slabs, state.comm)
     area = state.grid.cell_area * (box.n if box else 1)

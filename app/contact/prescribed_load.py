@@ -1,11 +1,11 @@
 """A prescribed load, and the search for its approach.
 
-The load F(delta) = dx dy sum(p) of the solved problem increases with the approach delta. Its slope is S = dx dy sum(q),
-where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search meets the load and gives
-a secant slope. On all other grids, every active set iteration changes the approach by the missing load divided by the
-slope (Newton's method), if the load error exceeds what the residual can explain. `settle` makes the load exact. If this
-iteration does not converge, a root search is used, which solves problems of prescribed approach. The root search
-converges, because F is monotone.
+The load F(delta) = dx dy sum(p) of the solved problem increases with the approach delta. The slope of the load is S =
+dx dy sum(q), where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search meets the
+load and gives a secant slope. On all other grids, every active set iteration changes the approach by the missing load
+divided by the slope (Newton's method), if the load error exceeds what the residual can explain. `settle` makes the load
+exact. If this iteration does not converge, a root search is used, which solves problems of prescribed approach. The
+root search converges, because F is monotone.
 """
 
 from itertools import pairwise
@@ -164,7 +164,7 @@ class PrescribedLoad(Loading):
         return outcome
 
     def _estimate_depth(self, state, touching):
-        """Estimate the depth that gives the load, and set it. Collective.
+        """Set the state's depth to an estimate for the load. Collective.
 
         Return this depth beyond first touch [mm]. The estimate treats the overlap of the undeformed bodies as a flat
         punch with the same area and mean depth. The estimate is right for flat punches, and 4% too small for a sphere.
@@ -186,9 +186,9 @@ class PrescribedLoad(Loading):
     def resume(self, state, load):
         """Estimate depth and slope from a solution; see `Loading.resume`.
 
-        The solution may be that of another problem. The depth follows from the mean gap on C. For the slope, the load
-        is assumed to grow with the power 3/2 of the depth beyond first touch, as for a sphere (a punch has the power 1,
-        a cone 2).
+        The solution may belong to another problem. The depth follows from the mean gap on C. For the slope, the load is
+        assumed to grow with the power 3/2 of the depth beyond first touch, as for a sphere (a punch has the power 1, a
+        cone 2).
         """
         state.depth = touching = state.first_touch()
         beyond = state.on_contact().mean
@@ -252,8 +252,8 @@ class PrescribedLoad(Loading):
     def _plastic_step(self, state, gaps, stiffness):
         """Return the step of `step_to_load`, corrected [mm]. Collective.
 
-        The step is multiplied by a factor that follows from the last errors of the model. This is faster if the model
-        is always wrong by the same factor.
+        The step is multiplied by a factor that follows from the last errors of the model of load against depth. This is
+        faster if the model is always wrong by the same factor.
         """
         step, expected = step_to_load(state, gaps.load, self.load, stiffness)
         missing, (before, depth) = self.load - expected, self._missing or (0.0, state.depth)

@@ -51,7 +51,7 @@ class Update(NamedTuple):
 
 
 class Gaps(NamedTuple):
-    """Sums over gaps of some cells, on all ranks; NaN if not computed."""
+    """Sums over the gaps of cells, NaN if not computed."""
 
     cells: int
     squares: float  # sum of (h + u)^2 [mm2]
@@ -179,7 +179,7 @@ class ContactState:
         return self.distance.touching
 
     def in_contact(self):
-        """Return a mask of cells in contact: those of C, and plastic ones."""
+        """Return a mask of cells in contact: C and plastic cells."""
         if not (self.bounds.capped and self._local_plastic_cells()):
             return self.contact
         return self.contact | self.bounds.plastic(self.p)

@@ -43,7 +43,10 @@ def validate_periodic(periodic):
 
 
 def repeats_in(periodic):
-    """Return whether a patch repeats in y and x, by ``Grid.periodic``."""
+    """Return two bools: whether a patch repeats in y, and in x.
+
+    `periodic` is a value of ``Grid.periodic``.
+    """
     return (periodic != "x", periodic != "y") if periodic else (False, False)
 
 

@@ -1,11 +1,11 @@
 """Influence of the periodic images of a patch, interpolated from few nodes.
 
 A product by FFT in a periodic box slightly larger than the patch also contains the influence of the patch's images. Let
-K be the influence coefficients of a cell, and G those of the cell and all its periodic images, minus the mean over the
-box. The matrix of the free patch is ``A = G + S``, where S is minus the influence of the images. The product with G is
-an FFT on the box, with a third of the points of a zero-padded FFT. The images are at some distance, so S is a smooth
-function of the offset between two cells: ``S = P S' P^T``. P^T collects pressures at nodes many cells apart, S' is S
-between nodes, and P interpolates displacements from the nodes.
+K be the influence coefficients of a cell, and G the influence coefficients of the cell and all its periodic images,
+minus the mean over the box. The matrix of the free patch is ``A = G + S``, where S is minus the influence of the
+images. The product with G is an FFT on the box, with a third of the points of a zero-padded FFT. The images are at some
+distance, so S is a smooth function of the offset between two cells: ``S = P S' P^T``. P^T collects pressures at nodes
+many cells apart, S' is S between nodes, and P interpolates displacements from the nodes.
 
 Let F be the influence of all images without the cell itself, minus the mean, so ``G = K + F``. F is a lattice sum
 (Ewald), computed at few points and interpolated by polynomials. F is used for offsets up to half the box only: there
@@ -54,7 +54,7 @@ class Box:
         return self.influence(rows, columns) + self._images(rows, columns)
 
     def _images(self, rows, columns):
-        """Return `kernel` without the part of the cell itself."""
+        """Return the influence of a cell's periodic images, without the cell."""
         return self._in_y[rows] @ self._in_x[columns].T
 
     def correction(self, steps, counts):
@@ -98,7 +98,7 @@ def _layer_lattice_sum(sides, kernel):
 
     Instead of 1/rho as in `_lattice_sum`, the part that layers add to 1/rho is summed, plus a constant. The sum
     converges exponentially, because its terms end by a smooth cutoff: a smooth function, summed over the lattice, is
-    constant. So the origin also has a term, with the cutoff minus 1. `sides` are those of the box in y and x.
+    constant. So the origin also has a term, with the cutoff minus 1. `sides` are the sides of the box in y and x.
     """
     height, length = sides
     aspect, width = height / length, _CUTOFF_WIDTH * max(1.0, height / length)
@@ -124,8 +124,8 @@ def _within(radius, step_y, step_x, reach=0.0):
     """Yield the indices (j, i) of the lattice points near the origin.
 
     The lattice point (j, i) has the coordinates y = j `step_y` and x = i `step_x`. Only indices from 0 are returned.
-    Without `reach`, the points have a distance of at most `radius` from the origin. With `reach`, the distance is that
-    from the rectangle |y| <= `reach` `step_y`, |x| <= `reach` `step_x`.
+    Without `reach`, the points have a distance of at most `radius` from the origin. With `reach`, the distance is
+    measured from the rectangle |y| <= `reach` `step_y`, |x| <= `reach` `step_x`.
     """
     for j in range(int(radius / step_y + reach) + 1):
         for i in range(int(radius / step_x + reach) + 1):
@@ -136,7 +136,7 @@ def _within(radius, step_y, step_x, reach=0.0):
 def _cell_means(period, count):
     """Return each cell's means of even Chebyshev polynomials.
 
-    The cells are those up to half a period from the origin. There are `count` polynomials; the shape is (cells, count).
+    The cells lie up to half a period from the origin. There are `count` polynomials; the shape is (cells, count).
     """
     at = (np.arange(period // 2 + 1)[:, None] + _GAUSS[0] / 2) / (_HALF_WIDTH * period)
     return np.einsum("jgt,g->jt", even_chebyshev(at, count), _GAUSS[1] / 2)
@@ -161,7 +161,7 @@ def _collect(p, mask, first, weights, nodes, row):
 
 @njit()
 def _interpolate(nodes, first, weights, mask, out, row):
-    """Interpolate displacements from nodes in y, and add them to `out`."""
+    """Interpolate displacements from nodes in y; add the result to `out`."""
     step, width = weights.shape
     for j in range(out.shape[0]):
         row[:] = 0
@@ -223,7 +223,7 @@ class ImageCorrection:
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_node)
 
     def add(self, out, mask):
-        """Interpolate the result of `multiply` to the cells; add it to `out`.
+        """Interpolate the result of `multiply` to cells; add the values to `out`.
 
         With a mask, only cells inside the mask are changed. A mask of size 0 means no mask.
         """

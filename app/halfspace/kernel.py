@@ -56,7 +56,7 @@ class HalfSpaceKernel:
     def in_units(self, length):
         """Return the kernel for lengths in units of `length` [mm], and compliance 1.
 
-        Influence coefficients are those of this kernel divided by its compliance and by `length`.
+        Influence coefficients are divided by this kernel's compliance and by `length`.
         """
         return UNIT
 
@@ -94,8 +94,8 @@ class HalfSpaceKernel:
     def scale_sampled(self, eigenvalues, grid, columns, rows):
         """Return eigenvalues for the compliance of this kernel.
 
-        In contrast to `scale`, the compliance is that of each aliased wave. `eigenvalues` are those for unit compliance
-        and uniform pressures on cells, at frequencies `columns` and `rows`, as in `influence_symbol`.
+        In contrast to `scale`, each aliased wave has its own compliance. `eigenvalues` are for unit compliance and
+        uniform pressures on cells, at frequencies `columns` and `rows`, as in `influence_symbol`.
         """
         return self.compliance * eigenvalues
 
@@ -119,8 +119,8 @@ class HalfSpaceKernel:
     def softest_parts(self, length):
         """Return upper bounds of a displacement and of a compliance.
 
-        The displacement is that of layers on a rigid base by pressure 1 in waves up to twice the `length` long [mm /
-        (N/mm2)]. The compliance is that of half-spaces; for a layered body, that of its softer material [mm2/N].
+        The displacement [mm / (N/mm2)] is for layers on a rigid base, by pressure 1 in waves up to twice the `length`
+        long. The compliance [mm2/N] is for half-spaces; a layered body counts as a half-space of its softer material.
         """
         return 0.0, self.compliance
 

@@ -7,10 +7,10 @@ shear modulus G1, Poisson's ratio nu1 and thickness t by ``u_q = (1 - nu1) / (G1
     S(x) = (1 + 4 x kappa th - lambda kappa th^2) / (1 - (lambda + kappa + 4 kappa x^2) th + lambda kappa th^2),
     lambda = 1 - 4 (1 - nu1) / (1 + mu (3 - 4 nu2)),    kappa = (mu - 1) / (mu + 3 - 4 nu1).
 
-S(x) is the displacement of the layered body divided by that of a half-space of the layer's material. For short waves S
-tends to 1, because they do not reach the substrate. For long waves S tends to mu (1 - nu2) / (1 - nu1), the same ratio
-for a half-space of the substrate's material. On a rigid base, where mu = 0, S tends to 0. For small x, the terms of the
-numerator nearly cancel, as do those of the denominator, so both are rewritten.
+S(x) is the displacement of the layered body divided by the displacement of a half-space of the layer's material. For
+short waves S tends to 1, because they do not reach the substrate. For long waves S tends to mu (1 - nu2) / (1 - nu1),
+the same ratio for a half-space of the substrate's material. On a rigid base, where mu = 0, S tends to 0. For small x,
+the terms of the numerator nearly cancel, and so do the terms of the denominator, so both are rewritten.
 
 References
 ----------
@@ -36,8 +36,7 @@ class Layer:
     thickness : float
         Thickness t [mm].
     young, poisson : tuple of float
-        Young's modulus [N/mm2] and Poisson's ratio of the layer and of the substrate; an infinite modulus is a rigid
-        base.
+        Young's modulus [N/mm2] and Poisson's ratio of layer and substrate; an infinite modulus is a rigid base.
     """
 
     thickness: float
@@ -79,7 +78,7 @@ class Layer:
 
 
 def displacement_ratio(x, mu, nu1, nu2):
-    """Return a layered body's displacement over that of a half-space.
+    """Return S, a layered body's displacement over a half-space's displacement.
 
     The half-space is of the layer's material. The ratio is S(x) of the module, for an array x of numbers q t above 0.
     """

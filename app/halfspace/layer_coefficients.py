@@ -61,7 +61,7 @@ class LayerTables:
         self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
 
     def rest(self, r):
-        """Return `influence` without its part of long range, at distances r."""
+        """Return the short-range part of `influence`, at distances r."""
         inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
         return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
 

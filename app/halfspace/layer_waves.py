@@ -6,8 +6,8 @@ the plane of the wave, with primes for derivatives by s,
     sigma_zz = -a,    sigma_xz = -i a',    sigma_xx = a'',    sigma_yy = nu (a'' - a),
     2 G q u_z = (1 - nu) a''' - (2 - nu) a',    2 G q u_x = -i ((1 - nu) a'' + nu a).
 
-In the base, a = (c0 + c1 q (z - t)) exp(-q (z - t)). In the layer, a is the sum of such a function of z, which decays
-from the surface, and of one of t - z, which decays from the base. No exponential exceeds 1. For q t below 1 these
+In the base, a = (c0 + c1 q (z - t)) exp(-q (z - t)). In the layer, a is the sum of two such functions: of z, which
+decays from the surface, and of t - z, which decays from the base. No exponential exceeds 1. For q t below 1 these
 functions are nearly dependent, so a is computed from the values of a, a', a'' and a''' at the surface. Two conditions
 at the surface (a = 1, a' = 0) and four at the interface (stresses and displacements are continuous) determine the six
 coefficients; on a rigid base the displacements are 0.
@@ -90,12 +90,12 @@ def _decaying(c0, c1, s, decay):
 
 
 def _combine(down, up):
-    """Add a function of depth and one of height, with derivatives."""
+    """Add a function of depth and a function of height, with derivatives."""
     return [d - u if k % 2 else d + u for k, (d, u) in enumerate(zip(down, up, strict=True))]
 
 
 def _from_surface(s, second, third):
-    """Return the stress function a and three derivatives, from those at the surface."""
+    """Return the stress function a and three derivatives, from surface values."""
     sinh, cosh = np.sinh(s), np.cosh(s)
     f3, f2 = (s * cosh - sinh) / 2, s * sinh / 2  # f2 has the second derivative 1 at s = 0, f3 the third
     f1, f0, rise = (sinh + s * cosh) / 2, cosh + s * sinh / 2, (3 * sinh + s * cosh) / 2

@@ -193,8 +193,8 @@ class LayeredKernel(HalfSpaceKernel):
 def _alias_sums(layer, grid, columns, rows, highest):
     """Return the part of eigenvalues due to the layer, divided by 2 pi.
 
-    This part is the eigenvalue of the layered body minus that of a half-space of the layer's material, for uniform
-    pressures on cells. Waves with large q t, or beyond the wave number `highest`, do not count.
+    This part is the eigenvalue of the layered body minus the eigenvalue of a half-space of the layer's material, for
+    uniform pressures on cells. Waves with large q t, or beyond the wave number `highest`, do not count.
     """
     highest = min(highest, _MAX_DECAY / layer.thickness)
     (x, in_x), (y, in_y) = (

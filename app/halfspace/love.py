@@ -20,12 +20,12 @@ _ORDER = 12
 
 @lru_cache(maxsize=64)
 def _taylor_series(dx, dy):
-    """Return a cell's sides, and a Taylor series for far points.
+    """Return the Taylor series of a cell's mean 1/rho, far away.
 
     The mean of 1/rho over a cell with its centre at (x, y) is ``sum_nk c[n, k] y^2k r^-(2n+2k+1)``. Here rho is the
     distance of a point in the cell from the origin, and ``r^2 = x^2 + y^2``. Row n of c has the terms of order 2n. (dx,
-    dy) is the size of the cell. Return its sides in units of the longer side, the squares of the sides, correctly
-    rounded, and the coefficients c.
+    dy) is the size of the cell. Lengths are in units of its longer side. Return the two sides, their squares (correctly
+    rounded), and the coefficients c.
     """
     sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]
     n, k = np.indices((_ORDER // 2 + 1,) * 2)

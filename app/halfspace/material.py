@@ -35,8 +35,8 @@ class Material:
     resistivity, thermal_conductivity : tuple of float, or None
         Constants of the two bodies, see `conducting`.
     coatings : tuple of app.halfspace.layer.Layer
-        Layers of the bodies, see `coated` and `layer`: none, that of the first body, or those of both. For a body with
-        a layer, all numbers above are those of the layer's material, which determine the displacement by short waves.
+        Layers of the bodies, see `coated` and `layer`: none, one (of the first body), or two. For a body with a layer,
+        all numbers above describe the layer's material, which determines the displacement by short waves.
 
     Notes
     -----
@@ -154,8 +154,7 @@ class Material:
         thickness : float
             Thickness of the coating [mm].
         other : two floats or Material, optional
-            E [N/mm2] and nu of the other body, or a Material made by `coated` or `layer` without `other`; default:
-            rigid.
+            E [N/mm2] and nu of the other body, or a Material from `coated` or `layer` without `other`; default: rigid.
 
         Examples
         --------
@@ -191,7 +190,7 @@ class Material:
     def layer(cls, young, poisson, thickness, other=None):
         """Make the material of a layer on a rigid base.
 
-        `young` E [N/mm2] and `poisson` nu are those of the layer. `thickness` and `other`, the other body, are as in
+        `young` E [N/mm2] and `poisson` nu describe the layer. `thickness` and the other body, `other`, are as in
         `coated`.
 
         Examples
@@ -249,8 +248,8 @@ class Material:
     def describe(self):
         """Return E* and the constants given by the user.
 
-        Coated bodies have no E*; `young` and `poisson` are those of their substrates. The numbers of the coatings are
-        lists if both bodies are coated.
+        Coated bodies have no E*; `young` and `poisson` describe their substrates. The numbers of the coatings are lists
+        if both bodies are coated.
         """
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         if self.coatings:

@@ -159,7 +159,7 @@ class OneWayKernel(HalfSpaceKernel):
     def punch_stiffness(self, area):
         """Return the stiffness of a flat punch as long as the period [N/mm].
 
-        `area` is that of its end [mm2].
+        `area` is the area of the punch's end [mm2].
         """
         half_width = min(area / (2 * self.period), self.datum / 2)
         compliance = self.compliance_at(4 * half_width) / np.pi
@@ -169,8 +169,8 @@ class OneWayKernel(HalfSpaceKernel):
 def patch_kernel(kernel, grid):
     """Return the kernel of the same bodies on a patch.
 
-    The `kernel` is that of a free patch, ``Material.kernel``, or already that of this patch. Raises InputError for a
-    layer that is too thin for a patch that is periodic in one direction.
+    The `kernel` is the kernel of a free patch, ``Material.kernel``, or already the kernel of this patch. Raises
+    InputError for a layer that is too thin for a patch that is periodic in one direction.
     """
     if not grid.one_way or kernel.encloses_images:
         return kernel
@@ -243,10 +243,10 @@ def _even_powers(offsets, size):
 
 @lru_cache(maxsize=1)
 def _smooth_rest():
-    """Return coefficients of even powers of coordinates in the smooth rest.
+    """Return the power series of the smooth part of K.
 
-    The coordinates are divided by the period. The rest is that of the module docstring, times half the period, without
-    its constant.
+    This part is the second sum in K in the module docstring: the effect of the copies further away than M periods,
+    without the constant. The result has the coefficients of even powers of x / L and y / L, for K L / 2.
     """
     from scipy.special import zeta
 
@@ -265,8 +265,8 @@ def _smooth_rest():
 def _layer_integrals(layer, width, period, datum, count):
     """Return integrals of the layer's part of waves over the width of cells.
 
-    The part is that of the module docstring without its factor. The shape is (waves, cells): waves from k = 0 on, cells
-    at offsets from 0 to `count` - 1.
+    The part is the layer's integral in the module docstring, without the factor (2 or 4) / L. The shape is (waves,
+    cells): waves from k = 0 on, cells at offsets from 0 to `count` - 1.
     """
     t, excess = layer.thickness, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]) - 1
     x, highest = width * np.arange(count), _MAX_DECAY / layer.thickness

@@ -75,10 +75,10 @@ class InfluenceOperator(MatMethods):
 
     Notes
     -----
-    A product by FFT needs a work array, whose contents do not matter between products. The largest work array is that
-    of the double precision product on the target grid. All other products and preconditioners use the beginning of this
-    work array, one at a time (`storage`). The products of the iteration are in single precision or have fewer cells, so
-    they leave the end of the array unused. The end holds vectors of the Krylov method (`spare_fields`), because the
+    A product by FFT needs a work array, whose contents do not matter between products. The double precision product on
+    the target grid has the largest work array. All other products and preconditioners use the beginning of this work
+    array, one at a time (`storage`). The products of the iteration are in single precision or have fewer cells, so they
+    leave the end of the array unused. The end holds vectors of the Krylov method (`spare_fields`), because the
     iteration does not use the double precision product.
     """
 
@@ -166,7 +166,7 @@ class InfluenceOperator(MatMethods):
         return fields
 
     def invalidate_exact_product(self):
-        """Discard the stored result of an `exact_product` of a larger grid."""
+        """Discard the displacement that a window's `exact_product` has stored."""
         forget = getattr(vars(self).get("exact_product"), "forget", None)
         if forget is not None:
             forget()
@@ -187,7 +187,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def screened_product(self):
-        """`ScreenedProduct` with (`inverse` + spring stiffness)^-1. Collective on first use."""
+        """`ScreenedProduct` of the half-space on springs. Collective on first use."""
         product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
         return product.screened()
 
@@ -317,8 +317,8 @@ class InfluenceOperator(MatMethods):
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
         """Make damped Gauss-Seidel sweeps on the contact set C.
 
-        On any number of ranks the result is that of the sequential sweep. Sweeps local to each rank, PETSc's default,
-        would make the multigrid method diverge. So a global sweep is made even if a local one is requested.
+        On any number of ranks the result equals the result of the sequential sweep. Sweeps local to each rank, PETSc's
+        default, would make the multigrid method diverge. So a global sweep is made even if a local one is requested.
         """
         a, s = scale_and_shift(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):

@@ -7,7 +7,7 @@ lambda(q) that gives the eigenvalues of the matrix. The symbol depends on what t
 - ``spectral``: the pressure is a sum of waves, with the given values at the cell centres (collocation, as in tamaas,
   ASPHER and ContactMechanics). ``lambda(q) = 2 / (E* |q|)`` for all waves on the grid.
 - ``love``: the pressure is constant on each cell of the patch and of its images, as in (2.4). If the patch is large
-  compared with the contact, the matrix acts nearly as that of a free patch.
+  compared with the contact, the matrix acts nearly as the matrix of a free patch.
 
 The two symbols differ by O(cell size). Both symbols have ``lambda(0) = 0``: displacements are relative to their mean,
 because a mean pressure would displace the half-space without bound. So the gap has the same mean as the undeformed

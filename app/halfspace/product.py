@@ -113,7 +113,7 @@ class PeriodicProduct(EvenMultiplier):
         return other
 
     def screened(self):
-        """Return the `ScreenedProduct` of this A; both share a work array."""
+        """Return the `ScreenedProduct` of this half-space; both share a work array."""
         other = EvenMultiplier.in_precision(self, self.dtype, ScreenedProduct)
         other.eigenvalues = self._spectrum.astype(float)
         return other

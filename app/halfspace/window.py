@@ -46,7 +46,7 @@ class Window:
         return Window(self.y0 * fy, min(self.y1 * fy, grid.ny), self.x0 * fx, min(self.x1 * fx, grid.nx))
 
     def coarsen(self, factors):
-        """Return the window of all coarse cells touched, for factors (fy, fx)."""
+        """Return the window of the coarse cells that this window touches."""
         fy, fx = factors
         return Window(self.y0 // fy, -(-self.y1 // fy), self.x0 // fx, -(-self.x1 // fx))
 

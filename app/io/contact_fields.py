@@ -117,7 +117,7 @@ class ContactFields:
         return views.load().summarize(self)
 
     def plot(self, name=None, ax=None):
-        """Draw a picture.
+        """Draw a picture of these fields, chosen by its `name`.
 
         On several ranks, call the method `plot` of ``solution.gather()`` on one rank.
 
@@ -144,7 +144,10 @@ class ContactFields:
         return to_xarray(self)
 
     def __getattr__(self, name):
-        """Return an attribute by its name in a file or in `Solution`."""
+        """Return a number or text of the result by its name.
+
+        Both its name in the result file and its name in `Solution` are accepted.
+        """
         # Unpickling asks for names before there are attributes.
         attributes = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
@@ -225,8 +228,7 @@ class ContactFields:
     def distribution(self, name, bins=100, logarithmic=False):
         """Return the distribution of pressures or gaps. Collective.
 
-        The distribution is that of the pressures in contact, or of the gaps outside contact. Only positive values
-        count.
+        Counted are the positive pressures in contact, or the positive gaps outside contact.
 
         Parameters
         ----------

@@ -32,7 +32,7 @@ def check_fields(path, names, grids):
 
 
 class FieldStack:
-    """An open file of fields."""
+    """An open HDF5 file with fields of many solutions, for `solve_many`."""
 
     def __init__(self, file, path, target):
         self._file, self._path, self._name = file, path, f"output {target}"

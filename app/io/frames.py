@@ -28,7 +28,7 @@ def _import(package, what):
 def to_dataframe(columns, index=None, units=()):
     """Return a pandas.DataFrame with units in ``attrs["units"]``.
 
-    The column `index` numbers the rows. `units` are those of columns that are not in `app.base.quantities`.
+    The column `index` numbers the rows. `units` has the units of columns that are not in `app.base.quantities`.
     """
     frame = _import("pandas", "to_dataframe()").DataFrame(dict(columns))
     known = {name: unit_of(name) for name in frame if name.removeprefix("analytic_") in QUANTITIES}

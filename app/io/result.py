@@ -3,7 +3,7 @@
 Datasets of the cells have shape (ny, nx). `x` and `y`, the cell centres, are their dimension scales, as in NetCDF, so
 xarray finds the coordinates. `gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The
 groups ``history`` and ``path`` have columns, with an entry per active set iteration, and per step of a load path.
-``history/level`` has the number of a grid in the hierarchy: the last entry is that of the target grid, and the next
+``history/level`` has the number of a grid in the hierarchy: the last entry is the target grid's number, and the next
 coarser grid has one less. A file may have additional datasets and attributes.
 """
 
@@ -116,7 +116,7 @@ class Result(ContactFields):
 def make_grid(x, y, attributes):
     """Make a `Grid` from cell centres [mm] and attributes of a result.
 
-    In a direction with a single cell, its size is that of the attribute `cell_size`.
+    In a direction with a single cell, the attribute `cell_size` has the size of the cell.
     """
     from app.halfspace.grid import Grid
 
@@ -234,7 +234,7 @@ def _read_columns(file, group, known=()):
 def read_dataset(file, name, dtype=None):
     """Read a numeric dataset; InputError if not numeric.
 
-    Numbers are converted to `dtype`, by default that of the dataset.
+    Numbers are converted to `dtype`, by default the dtype of the dataset.
     """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):

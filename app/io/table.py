@@ -40,7 +40,7 @@ def format_text(rows, columns=None, formats=None):
 def format_csv(rows, columns=None):
     """Return a table as CSV, with all digits.
 
-    The parameters are those of `format_markdown`.
+    The parameters are as in `format_markdown`.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns or _list_keys(rows), extrasaction="ignore", lineterminator="\n")

@@ -34,7 +34,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     attributes : mapping
         All of `app.io.result.ATTRIBUTES`, and additional values of type bool, int, float, str or numeric array.
     history, steps : mapping of str to array_like, shape (k,)
-        Numeric columns: all of `HISTORY` and more, and those of a load path.
+        Numeric columns: all of `HISTORY` and more, and the columns of a load path.
 
     Raises InputError for a wrong path or type, OSError if writing fails.
     """

@@ -19,8 +19,8 @@ from app.io.result import AXES, FIELDS, check_is_result, make_grid, open_result,
 def write_xdmf(results, path=None):
     """Write an XDMF file that refers to result files; return its path.
 
-    `results` are files in one folder, in the order of time. The default `path` is that of the first result, with suffix
-    ``.xdmf``. Raises InputError if a file is no result file, or lies in another folder than the XDMF file.
+    `results` are files in one folder, in the order of time. The default `path` is the path of the first result, with
+    suffix ``.xdmf``. Raises InputError if a file is no result file, or lies in another folder than the XDMF file.
     """
     results = [Path(result) for result in results]
     path = results[0].with_suffix(".xdmf") if path is None else Path(path)

@@ -7,8 +7,8 @@ On a free patch multilevel B is used as preconditioner; the number of CG iterati
 coarse grid is wider than the patch, so that opposite edges of the patch do not touch in the periodic continuation.
 
 Multilevel A has an error of about 1% for short waves, and less for long waves. It takes a quarter to a third of the
-time of a product by FFT in single precision. Its accuracy is enough for corrections of the pressure, because the next
-product by FFT replaces their displacement (defect correction [1]_).
+time of a product by FFT in single precision. The accuracy is enough for corrections of the pressure, because the next
+product by FFT replaces the displacement by the corrections (defect correction [1]_).
 
 On a periodic patch only B has a multilevel product. For short waves its error is up to 0.5% with the ``love`` symbol,
 and up to 9% with the ``spectral`` symbol, which has a kink there.
@@ -43,7 +43,7 @@ MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact witho
 
 
 def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
-    """Create B, the inverse of A of a free patch continued periodically.
+    """Create B, the inverse of A after periodic continuation of the patch.
 
     Collective over the ranks of the layout.
 
@@ -56,8 +56,8 @@ def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
     layout : Layout
         Distribution and precision of the fields.
     apart : bool
-        True for CG: a gap separates the patch from its copies, and B is multilevel except on small grids. False for
-        `lift`: B is a plain FFT without a gap, because the displacement would jump across a gap.
+        True: a gap separates the patch from its copies, and B is multilevel except on small grids; CG uses this. False:
+        there is no gap, and B is a plain FFT. `lift` uses this, because the displacement would jump across a gap.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def create_multilevel_inverse(grid, kernel, layout=SERIAL):
     """Create the multilevel inverse B of a periodic patch, or return None.
 
     Collective over the ranks of the layout. The result is None if the grid is too small, or has an odd number of cells.
-    The parameters are those of `create_circulant_inverse`.
+    The parameters are as in `create_circulant_inverse`.
     """
     near = _stencils(grid, -1, kernel)
     return _create_inverse(grid, kernel, layout, near, _coarsest_shape(grid, near), np.inf) if near else None
@@ -86,8 +86,8 @@ def create_multilevel_inverse(grid, kernel, layout=SERIAL):
 def _create_inverse(grid, kernel, layout, near, periods, mean):
     """Create the inverse B of A: multilevel, or by FFT alone.
 
-    `near` are the StencilLevels, none for an FFT alone. `periods` are those of the FFT on the coarsest grid; `mean` is
-    the eigenvalue of A for constants.
+    `near` lists the StencilLevels, none for an FFT alone. `periods` are the periods of the FFT on the coarsest grid;
+    `mean` is the eigenvalue of A for constants.
     """
     cy, cx = coarsening_factors(near)
 
@@ -113,7 +113,7 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
     """Create the multilevel product with A of a free patch, or None.
 
     Collective over the ranks of the layout. The result is None if the grid is small. `other` is another multilevel
-    product, with which coarse fields are shared. The other parameters are those of `create_circulant_inverse`.
+    product, with which coarse fields are shared. The other parameters are as in `create_circulant_inverse`.
     """
     near = _stencils(grid, 1, kernel)
     if not near:

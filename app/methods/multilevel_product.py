@@ -107,7 +107,7 @@ class MultilevelOperator:
     def points(self):
         """Number of cells transformed by FFT so far.
 
-        The work of stencils and interpolation is counted as that of an FFT that takes the same time.
+        The work of stencils and interpolation is counted as the work of an FFT that takes the same time.
         """
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
@@ -183,8 +183,7 @@ def _double(row, sixteenth, three, out):
 def _in_y(rows, stencil, middle, once, twice):
     """Apply the stencil in y: sum five rows with its weights.
 
-    The stencil has other weights at the distances 0, 1 and 2 in x, so there are three sums: `middle`, `once` and
-    `twice`.
+    The stencil's weights differ at the distances 0, 1 and 2 in x, so there are three sums: `middle`, `once`, `twice`.
     """
     a, b, c, d, e = rows
     here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]
@@ -303,7 +302,7 @@ def _add_near(
     """Compute the stencil's product plus the interpolated coarse field.
 
     Only `rows` are computed. `parents` are the coarse rows above, in and below the slab. `five`, `columns`, `doubled`
-    and `wide` are work rows; those of `five` have zeros at the ends.
+    and `wide` are work rows; the rows of `five` have zeros at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):

@@ -1,4 +1,4 @@
-"""Test of progress, and the exception for lack of it."""
+"""Test of an iteration's progress, and the exception for missing progress."""
 
 PATIENCE = 8  # iterations within which a residual must be halved
 
@@ -27,7 +27,7 @@ class HalvingTest:
         self.best, self._since = best, 0
 
     def update(self, number, otherwise=False):
-        """Record the value of an iteration.
+        """Record an iteration's `number`, and whether it is halved.
 
         If `otherwise` is true, the iteration has made another kind of progress, which counts like halving.
         """

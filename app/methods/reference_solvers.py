@@ -1,7 +1,7 @@
 """PETSc's solvers for bound constraints, TAO and SNESVI.
 
-These solvers are used for comparison, and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0``
-(``-lcp_type tao -tao_type tron``). SNESVI solves the complementarity problem (``-lcp_type snesvi``). Their options are
+These solvers are used for comparison, and as references in tests. TAO minimises ``p.Ap / 2 + h.p, p >= 0`` (``-lcp_type
+tao -tao_type tron``). SNESVI solves the complementarity problem (``-lcp_type snesvi``). The options of both are
 ``-tao_*``, ``-snes_*``, ``-ksp_*`` and ``-pc_*``.
 """
 
@@ -43,8 +43,8 @@ class _ReferenceSolver:
     def solve(self, state, history, start=None):
         """Solve the contact problem for the approach of `state`.
 
-        The initial pressure is that of the Solution `start`, if given. Return the Outcome. Raises a PETSc.Error if the
-        chosen linear solver needs the entries of the matrix.
+        The initial pressure is taken from the Solution `start`, if given. Return the Outcome. Raises a PETSc.Error if
+        the chosen linear solver needs the entries of the matrix.
         """
         for listener in history.listeners:
             listener.start(state, self.level)
@@ -84,8 +84,7 @@ class _ReferenceSolver:
     def _residual(self, state):
         """Return the norms of gap in contact and overlap outside [mm].
 
-        Both norms are computed by a product in double precision. This also sets the contact set and the displacement of
-        `state`.
+        A product in double precision gives both norms. It also sets the contact set and the displacement of `state`.
         """
         state.project()
         state.contact[...] = state.bounds.between(state.p)
@@ -96,10 +95,10 @@ class _ReferenceSolver:
         return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()
 
     def _record(self, iteration, norm):
-        """Record an iteration with PETSc's `norm` of its residual.
+        """Store the history entry of an iteration; write the previous entry.
 
-        This call stores the entry, and the next call writes it. So the last entry is not written until the end of the
-        solve. Its residual is then replaced by that of (5.1).
+        `norm` is PETSc's norm of the residual. The last entry is written at the end of the solve, with the residual of
+        (5.1) instead.
         """
         self._write_entry()
         if not iteration:

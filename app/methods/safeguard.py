@@ -37,7 +37,7 @@ MAX_HALVINGS = 40
 def solve_safeguarded(hierarchy, number, state, loading, stop, history):
     """Solve on one grid by projected Newton's method; return the Outcome.
 
-    Collective over the ranks of `state`. `number` is that of the level.
+    Collective over the ranks of `state`. `number` is the number of the level.
     """
     operator = state.operator
     with operator.double_precision():
@@ -57,8 +57,8 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
 def projected_newton(state, solver, stop, history):
     """Solve the contact problem (2.8)-(2.10) by projected Newton's method.
 
-    Collective over the ranks of `state`, which has the approach and the initial pressure. Parameters and result are
-    those of `active_set`; the solver is in double precision.
+    Collective over the ranks of `state`, which has the approach and the initial pressure. Parameters and result are as
+    in `active_set`; the solver is in double precision.
     """
     history.start(state, solver)
     state.project()

@@ -58,8 +58,8 @@ class InexactStop(StoppingTest):
     def certified(self, state, work=None):
         """Return whether the certificate proves an error of at most `error_bound`.
 
-        Collective. The result is true without a test on coarse grids, and if rtol is so small that rounding limits the
-        error. `work` is an array that may be overwritten.
+        Collective. On coarse grids nothing is tested, and the result is true; also if rtol is so small that rounding
+        limits the error. `work` is an array that may be overwritten.
         """
         if not self.final or IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL:
             return True

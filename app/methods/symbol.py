@@ -2,9 +2,9 @@
 
 The stencils of a hierarchy of grids make up a multilevel product (`app.methods.multilevel_product`). The stencils are
 fitted to the eigenvalues lambda(q) of A at wave vectors q. A free patch is continued periodically: except for q = 0,
-its eigenvalues are those of `app.halfspace.periodic_symbol` for ``love``, the uniform pressure on cells. In units of a
-cell they depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the
-spectrum of one cell, `sinc sinc / |q|`, plus its aliases. The sum of the aliases is smooth in q, and is interpolated.
+`app.halfspace.periodic_symbol` has the eigenvalues (``love``, for uniform pressure on cells). In units of a cell they
+depend only on the ratio of its sides, so all grids of a problem share the stencils. An eigenvalue is the spectrum of
+one cell, `sinc sinc / |q|`, plus its aliases. The sum of the aliases is smooth in q, and is interpolated.
 
 lambda, about 1 / |q|, and 1 / lambda are smooth except at q = 0. (With the ``spectral`` symbol, 1 / |q|, they also have
 a kink at the highest waves.) So a stencil approximates them, except for long waves. The remainder contains only long
@@ -52,13 +52,13 @@ class StencilLevel(NamedTuple):
 def coarsening_factors(near):
     """Return the size (y, x) of a coarse cell in finest cells.
 
-    `near` are the StencilLevels from the finest grid to the coarse grid.
+    `near` lists the StencilLevels from the finest grid to the coarse grid. They treat the near field of the kernel.
     """
     return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
 
 def eigenvalues(grid, compliance, x, y):
-    """Compute eigenvalues of A continued periodically.
+    """Compute eigenvalues of the periodic continuation of A.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _smooth_part(dx, dy):
 def centre(grid, kernel=UNIT):
     """Return the 3 x 3 centre of B, up to a factor.
 
-    B is the inverse of A continued periodically.
+    B is the inverse of the periodic continuation of A.
     """
     side = max(grid.dx, grid.dy)
     return _centre(grid.dx / side, grid.dy / side, kernel.in_units(side))
@@ -198,8 +198,8 @@ def coarsen_symbol(values, near, x, y):
     """Return the part of eigenvalues that stencils do not represent.
 
     `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, which are divided by the highest
-    ones of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result is g_l of the module
-    docstring, for the next coarser grid.
+    ones of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result has the eigenvalues (g_l
+    in the module docstring) for the next coarser grid.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -21,7 +21,7 @@ def can_start_on(hierarchy, number):
 
 
 def starts_directly(hierarchy, number):
-    """Return whether a level, if it is the first, is solved directly."""
+    """Return whether a first level with this `number` is solved directly."""
     return can_start_on(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 

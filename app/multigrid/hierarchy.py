@@ -217,11 +217,11 @@ class Hierarchy:
         return max(whole, default=0)
 
     def coarse_minimum(self, shapes):
-        """Return the least distance in each cell of a coarse grid. Collective.
+        """Return the minimum distance in each cell of a coarse grid. Collective.
 
-        The grid is that of the finest level without windows. Each cell gets the minimum of the undeformed distance over
-        its cells on the target grid, NaN if contact is impossible in all of them. Return None if the target grid is not
-        solved in windows.
+        The coarse grid is the finest grid that is solved without a window. Each of its cells gets the minimum of the
+        undeformed distance over the cells of the target grid in it, NaN if contact is impossible in all of them. Return
+        None if the target grid is not solved in windows.
         """
         if not self.may_be_windowed(self.target):
             return None

@@ -1,6 +1,6 @@
 """Interpolation to a finer grid: bilinear, or quintic if periodic.
 
-Values belong to the centres of cells. Bilinear interpolation is that of the paper, step 2 of Sec. 4.3. Quintic
+Values belong to the centres of cells. Bilinear interpolation is as in the paper, step 2 of Sec. 4.3. Quintic
 polynomials through six cells in x and y have an error of sixth order. Both interpolations take the same time.
 """
 
@@ -52,7 +52,7 @@ def _mix_six(a, b, c, d, e, f, weights, out):
 
 @njit_reassoc
 def _interpolate_halved(row, weights, fine):
-    """Interpolate a coarse row to both fine cells of each coarse cell."""
+    """Interpolate a coarse row to fine cells, two in each coarse cell."""
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     for i in range(np.uint64(fine.size // 2)):
@@ -93,13 +93,13 @@ def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halve
 def bilinear_weights(start, stop, count, factor, place, first=None):
     """Return two coarse cells and a weight for each fine cell.
 
-    The cells are those along one axis: fine cells `start` to `stop` - 1, and `count` coarse cells of `factor` fine
-    cells each. The weight is that of the first of the two coarse cells; the second has one minus this weight.
+    The cells are along one axis: fine cells `start` to `stop` - 1, and `count` coarse cells of `factor` fine cells
+    each. The weight belongs to the first of the two coarse cells; the second has one minus this weight.
 
     The two coarse cells are the parent, which contains the fine cell, with weight 3/4, and the nearest neighbour of the
     parent. At the boundary of the grid the two coarse cells are the parent, with weight 5/4, and the neighbour inside.
     If the grid repeats along the axis, the two coarse cells are the cells before and behind the centre of the fine
-    cell; `place` is that of `Grid.places_in`. Returned cell numbers are relative to `first`; if `first` is None, they
+    cell; `place` comes from `Grid.places_in`. Returned cell numbers are relative to `first`; if `first` is None, they
     are taken modulo `count`.
     """
     index = np.arange(start, stop)
@@ -121,7 +121,7 @@ def quintic_weights(start, stop, place, first):
     """Return coarse cells and weights of quintic interpolation.
 
     Each fine cell from `start` to `stop` - 1 is interpolated from six successive coarse cells. Return the number of the
-    first of the six, relative to `first`, and the six weights. `place` is that of `Grid.places_in` on this axis.
+    first of the six, relative to `first`, and the six weights. `place` comes from `Grid.places_in`, for this axis.
     """
     before, share = _before(np.arange(start, stop), place)
     left = QUINTIC_MARGIN - 1

@@ -37,7 +37,7 @@ class LinearSolver:
     level : int
         Number of the level; by default the target.
     operator : InfluenceOperator, optional
-        Operator of a window (part of the grid) of this level; by default that of the whole grid.
+        Operator of a window (part of the grid) of this level; by default the operator of the whole grid.
 
     Raises
     ------
@@ -107,17 +107,15 @@ class LinearSolver:
         return total
 
     def solve(self, b, allowed):
-        """Solve C A C x = b from zero.
-
-        Collective.
+        """Solve C A C x = b on contact, starting from zero. Collective.
 
         Parameters
         ----------
         b : Vec
             Right-hand side [mm], zero outside C.
         allowed : float
-            Norm of the residual at which the solve may end [mm]. This norm is the absolute tolerance of Krylov methods
-            that monitor the true residual, unless -ksp_atol is given.
+            Norm of the residual at which the solve may end [mm]. It replaces the absolute tolerance if the Krylov
+            method monitors the true residual and the user has not set -ksp_atol. Otherwise it has no effect.
 
         Returns
         -------
@@ -134,7 +132,7 @@ class LinearSolver:
         return self._work, iterations, failure
 
     def _atol_for(self, allowed):
-        """Return the KSP's absolute tolerance, or None for that of the options."""
+        """Return the KSP's absolute tolerance, or None to leave it unchanged."""
         other_norm = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED
         if self._own_atol or other_norm or not math.isfinite(allowed):
             return None

@@ -95,9 +95,9 @@ class ContactMG:
     """PC context: multigrid cycles on a contact set.
 
     Collective. Each set-up restricts the contact set to the coarser grids. PETSc repeats the set-up when the Mat has
-    changed, as by ``mat.assemble()``. The coarser operators are those of the operator's hierarchy; without a hierarchy
-    they are made here. Options, with the prefix of the PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
-    The attribute `operators` has the operators of the levels, coarsest first.
+    changed, as by ``mat.assemble()``. The coarser operators come from the operator's hierarchy; without a hierarchy
+    they are made here. Options, with the prefix of the PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``. The
+    attribute `operators` has the operators of the levels, coarsest first.
     """
 
     operators = _transfers = _mats = ()
@@ -126,7 +126,7 @@ class ContactMG:
             raise
 
     def preSolve(self, pc, ksp, b, x):
-        """Make the cycle symmetric if the KSP needs it."""
+        """Make the cycle symmetric if the KSP needs a symmetric preconditioner."""
         if ksp.getType() in _NEED_SYMMETRY and not self._symmetric:
             self._symmetric = True
             self.reset(pc)

@@ -1,6 +1,6 @@
 """Cache of linear solvers between solves.
 
-The cache has the solvers of small grids and that of the target grid.
+The cache has the solvers of small grids and the solver of the target grid.
 """
 
 MAX_CACHED_CELLS = 256 * 256  # largest number of cells of a grid or window whose solver is kept

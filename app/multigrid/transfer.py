@@ -115,12 +115,12 @@ class Transfer:
         self.coarse.mask[...] = self._send_to_owner(contact)
 
     def restrict_shape(self, shape):
-        """Return the mean over the admissible children of each coarse cell. Collective.
+        """Return the mean undeformed distance in each coarse cell. Collective.
 
-        Admissible cells are those where contact is possible. The mean is NaN if there are none. In a direction in which
-        the patch repeats, coarse cells may be shorter than two fine cells. Then the mean is over all fine cells that
-        overlap the coarse cell, weighted by the overlap. This preserves the mean over the patch, and so the approach of
-        full contact.
+        The mean is over the admissible fine cells, where contact is possible; NaN if there are none. If the patch
+        repeats in a direction with an odd number of cells, coarse cells are shorter than two fine cells. Then the mean
+        is over all fine cells that overlap the coarse cell, weighted by the overlap. This preserves the mean over the
+        patch, and so the approach of full contact.
         """
         grid = self.fine.grid
         if any(r and n % f for r, n, f in zip(grid.repeats, grid.shape, self.factors, strict=True)):
@@ -220,8 +220,7 @@ def _overlaps(n, count, factor, repeats):
     """Return the overlap of coarse cells with four fine cells each.
 
     `n` and `count` are the numbers of fine and coarse cells along one axis; `repeats` is true if the patch repeats
-    along it. The four fine cells begin with the one before the first child of the coarse cell. Lengths are in fine
-    cells.
+    along it. The first of the four is the fine cell before the coarse cell's first child. Lengths are in fine cells.
     """
     first = factor * np.arange(count)
     cell = first[:, None] + np.arange(-1, 3)
@@ -244,7 +243,7 @@ def _add_pairs(fine, coarse):
 
 @njit()
 def _add_children(fine, coarse, fy, fx):
-    """Add fine cells' values to those of their parents."""
+    """Add the values of fine cells to the values of the parents."""
     for j in range(fine.shape[0]):
         if fx == 2:
             _add_pairs(fine[j], coarse[j // fy])

@@ -2,7 +2,7 @@
 
 A method is a file of options, ``petsc_options/NAME.opts``. Without a method file, -ksp_type and -pc_type, the method is
 `DEFAULT`, or `PERIODIC` on periodic patches. Of several method files only the last one is used. Single options override
-those of the method file. A method uses one of these strategies (-lcp_type):
+the options of the method file. A method uses one of these strategies (-lcp_type):
 
 ==============  ======================================================================================
 ``active_set``  active set method of the paper, with any KSP: `app.contact`
@@ -157,9 +157,9 @@ def make_settings(method=None, options=None, periodic=False):
     """Combine method files and options.
 
     `method` is the name of a method file, or a mapping from the names of option files, in order, to their options. The
-    `options`, names without dash and values as texts or numbers, override those of the files. Raises InputError if an
-    option is not allowed, or has no effect together with the others. An option of a method file may have no effect if a
-    later option has chosen other solvers.
+    `options`, names without dash and values as texts or numbers, override the files' options. Raises InputError if an
+    option is not allowed, or has no effect together with the other options. An option of a method file may have no
+    effect if a later option has chosen other solvers.
     """
     typed = to_texts(options or {})
     if isinstance(method, str):
@@ -203,8 +203,7 @@ def _is_method(texts):
 def _drop_overridden_methods(files, typed):
     """Remove method files that later options override.
 
-    `files` maps file names to options; `typed` are the options outside of files. Return a warning for each removed
-    file.
+    `files` maps file names to options; `typed` are options outside of files. Return a warning for each removed file.
     """
     warnings, strategy, last = [], typed.get("lcp_type"), None
     for name in [name for name in reversed(files) if _is_method(files[name])]:
@@ -220,7 +219,7 @@ def _drop_overridden_methods(files, typed):
 def _find_replaceable(files, typed):
     """Return method files' options that may have no effect, with the files.
 
-    A later option has chosen another solver, so these options need not be used. The arguments are those of
+    A later option has chosen another solver, so these options need not be used. The arguments are as in
     `_drop_overridden_methods`.
     """
     later, replaceable = set(typed), {}

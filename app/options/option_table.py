@@ -64,7 +64,7 @@ def list_named_files(text):
 
 @dataclass(frozen=True)
 class Option:
-    """An option of a table.
+    """An option: its name, kind, default value and meaning.
 
     `kind` is a function that converts a text to a value. If the text is not allowed, `kind` raises ValueError, and the
     message says what is allowed.
@@ -84,7 +84,8 @@ class Option:
     def help(self, files=None):
         """Return the line that describes this option in ``-help``.
 
-        The line has the default, and the values in `files`, a mapping from file names to options.
+        The line has the default, and the value of this option in each option file. `files` maps the names of these
+        files to their options.
         """
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
@@ -202,8 +203,7 @@ def format_options(texts):
 def find_similar_name(name, known):
     """Return the known name that a misspelt `name` may mean, or None.
 
-    The known name differs by a few letters, or is another name of the same quantity. If `name` itself is known, return
-    None.
+    The known name differs by a few letters, or is another name of the same quantity. If `name` is known, return None.
 
     Examples
     --------

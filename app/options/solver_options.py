@@ -1,7 +1,7 @@
 """Options of one solver in PETSc's database, under the solver's prefix.
 
 PETSc's database has space for only 512 options, so it has the options of a solver only during set-up and solves.
-Options that the user has set in the database under the same prefix stay there, and override those of the solver.
+Options that the user has set in the database under the same prefix stay there, and override the solver's options.
 """
 
 import ctypes
@@ -89,9 +89,9 @@ class SolverOptions:
             self._is_inserted = False
 
     def insert_for_good(self, others):
-        """Insert the options without removing them, for PETSc's logs.
+        """Insert the options and leave them in PETSc's database.
 
-        `others` are options that the program itself has read; they count as used.
+        So PETSc's logs list them. `others` are options that the program itself has read; they count as used.
         """
         used = self._ours | others
         for name, text in (self.texts | used).items():
@@ -183,7 +183,7 @@ def _names(database):
 
 
 def _mark_used(name):
-    """Read an option, so that PETSc does not report it as unused."""
+    """Mark an option as used, so that PETSc does not report it."""
     PETSc.Options().getString(name, "")
 
 

@@ -54,8 +54,9 @@ class LineContact:
 class Modes(NamedTuple):
     """Eigenvalues (n,) and eigenvectors (n, n) of an iteration matrix.
 
-    Eigenvectors are columns. Their mean square is 1, and their largest component is real and positive, so that vectors
-    of different grids can be compared. In a conjugate pair, the eigenvalue with the positive imaginary part is first.
+    Eigenvectors are columns. A vector's mean square is 1, and the largest component is real and positive, so that
+    vectors of different grids can be compared. In a conjugate pair, the eigenvalue with the positive imaginary part is
+    first.
     """
 
     values: np.ndarray
@@ -134,8 +135,8 @@ def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
 def compare_grids(contact=None):
     """Return `PAPER_MODES` of Gauss-Seidel as pairs on two grids (Fig. 7).
 
-    The default contact is the paper's. The coarse grid has half as many cells. Raises ValueError if the number of cells
-    is odd.
+    The default contact is the paper's. The coarse grid has half as many cells. Raises ValueError for an odd number of
+    cells.
     """
     contact = contact or LineContact()
     if contact.cells % 2:

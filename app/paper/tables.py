@@ -63,8 +63,7 @@ def _cycles(outcome):
 def plan_methods(problem, prefix, norm, limits, **options):
     """Return runs of a problem with the three cycles, on several grids.
 
-    The names of the method files are `prefix` and the name of the cycle, such as v11. If `norm` is true, NORM runs,
-    too.
+    The name of a method file is `prefix` and the cycle, such as v11. If `norm` is true, NORM runs, too.
     """
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
     return {

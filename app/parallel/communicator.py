@@ -23,7 +23,7 @@ class Traffic:
     small_collectives: int = 0  # reductions, broadcasts, gathers
 
     def since(self, before):
-        """Return these counts minus those of `before`."""
+        """Return these message counts minus the counts `before`."""
         return Traffic(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
 
     def copy(self):
@@ -51,7 +51,7 @@ class Communicator(MPI.Intracomm):
         return self
 
     def plain(self):
-        """Return this as an `MPI.Intracomm`, for functions that reject a subclass."""
+        """Return this communicator as `MPI.Intracomm`, for functions that reject subclasses."""
         return MPI.Intracomm(self)
 
     @cached_property
@@ -65,7 +65,7 @@ class Communicator(MPI.Intracomm):
         return self.node.size == self.size
 
     def Free(self):
-        """Free the communicator and that of its node. Collective."""
+        """Free the communicator and the node's communicator. Collective."""
         if "node" in vars(self):
             self.node.Free()
         super().Free()

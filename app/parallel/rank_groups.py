@@ -3,7 +3,7 @@
 All ranks share the target grid (the finest grid). Every coarser grid, and every window (part of a grid), is shared by
 all ranks or by the first few ranks, so that each of these has enough cells. The other ranks have no rows of this grid
 and do not work on it; they receive the results when they next own rows. The ranks that share a grid keep their numbers.
-`app.parallel.fetch` moves rows from the layout of one grid to that of another.
+`app.parallel.fetch` moves rows from the layout of one grid to the layout of another.
 """
 
 from app.parallel.communicator import Communicator
@@ -78,7 +78,7 @@ def slab_alignment(ny, size):
 
     The number is a power of two, so that most fine cells are on the rank of their coarse cell. The returned number is
     the largest power of two for which each rank has at least 16 multiples, so that the load is balanced. `ny` is the
-    number of rows, `size` that of ranks.
+    number of rows, `size` the number of ranks.
     """
     block = 1
     while 32 * block * size <= ny:

@@ -50,14 +50,14 @@ def copy_row(row, out):
 
 @njit_reassoc
 def mix_rows(one, weight, other, out):
-    """Compute the mean out = weight one + (1 - weight) other."""
+    """Compute the mean out = weight * one + (1 - weight) * other."""
     for i in range(out.size):
         out[i] = weight * one[i] + (1 - weight) * other[i]
 
 
 @njit_reassoc
 def scale_row(row, factor, out):
-    """Compute out = factor row."""
+    """Compute out = factor * row."""
     for i in range(row.size):
         out[i] = factor * row[i]
 

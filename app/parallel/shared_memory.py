@@ -33,7 +33,7 @@ class Storage:
     own : ndarray of uint8
         Bytes of this rank.
     all : ndarray of uint8, or None
-        Bytes of all ranks, those of rank q from ``starts[q]`` on. None if the ranks do not share memory.
+        Bytes of all ranks; the bytes of rank q begin at ``starts[q]``. None if the ranks do not share memory.
     """
 
     def __init__(self, sizes, rank, comm):
@@ -45,7 +45,7 @@ class Storage:
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
 
     def suits(self, sizes):
-        """Return whether each rank has as many bytes as `sizes` demands."""
+        """Return whether each rank's shared memory has the bytes in `sizes`."""
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 

@@ -52,11 +52,11 @@ class Slabs:
 
     @property
     def active(self):
-        """True if this rank is one of those that share the rows."""
+        """True if this rank is in the group that shares the rows."""
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """Return the first and the end row of each of `ranks` ranks."""
+        """Return each rank's first row and end row, for `ranks` ranks."""
         edges = np.full(ranks + 1, self.ny)
         shared = min(ranks, self.size) + 1
         edges[:shared] = self.starts[:shared]

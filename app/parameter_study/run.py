@@ -41,9 +41,9 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 def collect_result(path):
     """Return the numbers of a result file for a table's row.
 
-    The numbers are those of `OUTCOME`, and `reason`; a load path has its rows in `steps`. Three numbers are computed
-    from the fields: `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`. The last is max |p
-    e| / (max p max |h|), with pressure p, gap e and undeformed distance h.
+    The numbers are listed in `OUTCOME`; `reason` is added; a load path has its rows in `steps`. Three numbers are
+    computed from the fields: `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`. The last is
+    max |p e| / (max p max |h|), with pressure p, gap e and undeformed distance h.
     """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)

@@ -107,8 +107,7 @@ def _is_smooth(surface, grid):
 def spectrum_figure(result):
     """Draw the roughness spectrum, with roll-off and cut-off.
 
-    If the patch is not periodic, the best paraboloid is subtracted and a Hann window applied. Return None for smooth
-    bodies.
+    Unless the patch is periodic, the best paraboloid is subtracted and a Hann window applied. None for smooth bodies.
     """
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")

@@ -155,7 +155,7 @@ def summary_figure(result, reference=None):
 def hottest_cell(result):
     """Return row and column of the highest pressure.
 
-    If several cells have the highest pressure, up to rounding, return the one in their middle.
+    If several cells have the highest pressure, up to rounding, return the cell in their middle.
     """
     pressure = finite_pressure(result.pressure)
     cells = np.argwhere(pressure >= pressure.max() / MIN_RATIO)

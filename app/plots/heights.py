@@ -31,7 +31,7 @@ _MIN_MAP_ROW, _LOWER_ROW = 4.8, 4.4  # heights of rows [inch]
 def surface_figure(surface):
     """Draw heights, middle profiles, distribution and radial spectrum.
 
-    The surface must have a spacing. Its best plane is subtracted. Missing points are grey. If there are missing points,
+    The surface must have a spacing. The best plane is subtracted. Missing points are grey. If there are missing points,
     the spectrum is left out.
     """
     canvas, shown, limits, extend, unit = _prepare(surface)
@@ -55,7 +55,7 @@ def surface_figure(surface):
 
 
 def _prepare(surface):
-    """Return what is needed to draw a map of heights.
+    """Return the data that a drawing of a height map needs.
 
     The results are canvas, heights in a suitable unit, limits of the colours, the ends of the colour bar beyond which
     heights lie (`extend`), and the unit.

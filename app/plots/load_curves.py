@@ -48,7 +48,7 @@ class Path(NamedTuple):
     scale: float = np.nan
 
     def select(self, *names, above=0.0):
-        """Return columns at the steps where all of them exceed `above`.
+        """Return columns at those steps where every column exceeds `above`.
 
         Return None if a column is missing, or if there is no such step.
         """
@@ -71,7 +71,7 @@ def get_path(result, name=""):
 
 
 def make_path(columns, name):
-    """Make a `Path` of columns.
+    """Make the `Path` of a load path from its columns.
 
     The scale of the path follows from the columns of Persson's contact fraction.
     """
@@ -130,7 +130,7 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
 def _draw_band(axes, path, names, name, scale, number):
     """Draw a column's estimated error as a band about a curve.
 
-    `names` are the columns of the curve, `name` is the one with the error. Where the relative error is 1 there is no
+    `names` are the columns of the curve, `name` is the column with the error. Where the relative error is 1 there is no
     band: this number means that the quantity does not converge with the grid.
     """
     reference, error = _ERRORS.get(name, (name, f"{name}_error"))
@@ -266,7 +266,7 @@ def _draw_gap(axes, paths):
 
 
 def _draw_stiffness(rough, axes, paths):
-    """Draw the exact stiffness; without it, that from differences of steps."""
+    """Draw the exact stiffness; if unknown, the stiffness from step differences."""
     names, shown = [], []
     for path in paths:
         if path.select("load", "stiffness") is None:
@@ -336,7 +336,7 @@ _SMOOTH = (
 def read_csv(path):
     """Return the columns of a table as texts.
 
-    The table was written by app.sweep, or is that of a load path.
+    The table was written by app.sweep, or for a load path.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark

@@ -35,10 +35,10 @@ PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00
 class Canvas:
     """Layout of a result's maps; its methods draw fields on axes.
 
-    `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are those of the map [inch]. `low` is True if the colour
-    bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows only the contact, if
-    the contact is small in its patch; an inset shows the patch. With `lie` a map that is long in y is turned, so that y
-    points to the right.
+    `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are the sides of the map [inch]. `low` is True if the
+    colour bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows only the
+    contact, if the contact is small in its patch; an inset shows the patch. With `lie` a map that is long in y is
+    turned, so that y points to the right.
     """
 
     def __init__(self, result, zoom=False, lie=False):

@@ -19,7 +19,7 @@ from app.reference.hertz import EllipticHertz
 
 
 class Drawing(NamedTuple):
-    """Figure and axes of a picture.
+    """Result of `plot`: the matplotlib figure and axes of a picture.
 
     `axes` is a list if there are several.
     """

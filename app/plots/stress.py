@@ -137,7 +137,7 @@ def _find_ends(grid, along, mises):
 
 
 def _widen(low, high, length):
-    """Return ends with the distance `length` and the same middle."""
+    """Return the ends of an interval, widened to `length` about its middle."""
     middle = (low + high) / 2
     return middle - length / 2, middle + length / 2
 
@@ -146,8 +146,8 @@ def _widen(low, high, length):
 def stress_figure(grid, stresses, heading):
     """Draw stresses on vertical sections and a line.
 
-    `stresses` are those of `app.api.subsurface.survey`. Both sections have the same scales of depth and colour; x and y
-    have the same scale, too, unless one section is much longer.
+    `stresses` is the result of `app.api.subsurface.survey`. Both sections have the same scales of depth and colour; x
+    and y have the same scale, too, unless one section is much longer.
     """
     mises = {"x": von_mises(stresses.section_x), "y": von_mises(stresses.section_y)}
     depths, at, line = stresses.depths, stresses.at, stresses.line

@@ -1,8 +1,8 @@
 """Style, panels, axes and files of all figures.
 
 Unless they are `interactive`, figures are made without pyplot, so that they need no display and are freed when they are
-no longer used. Sizes in the code are those of the style "screen". In the style "paper" all are smaller, and the panels
-of a figure stand below each other in one column.
+no longer used. Sizes in the code are for the style "screen". In the style "paper" all are smaller, and the panels of a
+figure stand below each other in one column.
 """
 
 from contextlib import contextmanager
@@ -51,7 +51,7 @@ RC = {
 class Style(NamedTuple):
     """Style of figures: scale, width of a column of panels, and settings.
 
-    The width [inch] is that before scaling; None if panels may be side by side.
+    The width [inch] is the width before scaling; None if panels may be side by side.
     """
 
     scale: float
@@ -143,8 +143,7 @@ def new_figure(width, height, title=None):
 def new_mosaic(rows, widths, heights, title=None):
     """Return a figure, and its panels by name.
 
-    `rows` are the names of the panels, as in `subplot_mosaic`; `widths` and `heights` are those of columns and rows
-    [inch].
+    `rows` are the names of the panels, as in `subplot_mosaic`; columns have these `widths`, rows `heights` [inch].
     """
     if column := column_width():
         stacked = {}

@@ -14,8 +14,7 @@ _MIN_TITLED_SIDE = 0.5  # of an inset with a title [inch]
 def find_view(result):
     """Return the slices of rows and of columns that a map shows.
 
-    The map shows the part around the contact. If the contact is not small, or the patch is periodic, it shows the whole
-    patch.
+    The map shows the part around the contact; the whole patch if the contact is not small, or the patch is periodic.
     """
     contact = np.asarray(result.contact) == 1
     whole = slice(0, contact.shape[0]), slice(0, contact.shape[1])

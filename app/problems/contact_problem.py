@@ -32,7 +32,7 @@ class _SampledOrFunction:
             check_size(self._label, self._values)
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the distance or heights in some rows; see `Problem.shape_on`."""
+        """Return the distance or heights in `rows`; see `Problem.shape_on`."""
         if self.sampled:
             return np.array(self._values[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
@@ -87,7 +87,7 @@ class ContactProblem(Problem):
         (`app.read_surface`).
     hardness : float or array_like, shape (ny, nx), [N/mm2], optional
         Largest pressure of the softer body, positive; infinite where it stays elastic. Coarser grids average an array.
-        Default: no limit, or that of a problem given as `gap`.
+        Default: no limit, or the hardness of a problem given as `gap`.
 
     Examples
     --------

@@ -14,9 +14,9 @@ END_MARGIN = 8 / 7  # side over a known length; the ends are edges of cells with
 def default_patch(shape, contact_modulus, approach=None, load=None, hardness=None):
     """Return a patch (x0, x1, y0, y1) around a smooth shape's contact [mm].
 
-    Its centre is the origin. Give the approach [mm] or the load [N]; a flat punch needs neither. With a hardness
-    [N/mm2] the patch has room for a contact that is all plastic. Raises InputError if no analytic solution of the shape
-    is known, or there is no contact.
+    The patch is centred at the origin. Give the approach [mm] or the load [N]; a flat punch needs neither. With a
+    hardness [N/mm2] the patch has room for a contact that is all plastic. Raises InputError if no analytic solution of
+    the shape is known, or there is no contact.
     """
     if isinstance(shape, FlatPunch):
         return _centred(END_MARGIN * shape.diameter / 2, END_MARGIN * shape.diameter / 2)
@@ -45,7 +45,7 @@ def default_patch(shape, contact_modulus, approach=None, load=None, hardness=Non
 def _roller_sides(roller, contact_modulus, loading):
     """Return half the sides of a roller's patch [mm].
 
-    The sides follow from the line contact, or from Hertz's ellipse if an arc crown makes the contact shorter than the
+    The sides follow from line contact, or from Hertz's ellipse if an arc crown makes the contact shorter than the
     roller.
     """
     half_width = LINE_MARGIN * roller.line_contact(contact_modulus, **loading).a

@@ -50,11 +50,11 @@ class GapFile(FieldFile):
     name, sampled = "file", True
 
     def check(self, rows):
-        """Raise if values in some rows are too large."""
+        """Raise if gap values in a slice of `rows` are too large."""
         check_size(f"gap file {self.file}", self.rows(rows), rows.start or 0)
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return rows of the array, on its grid only."""
+        """Return rows of the gap [mm]; the grid must have its shape."""
         if grid.shape != self.shape:
             raise ValueError("a sampled gap is known on its own grid only")
         return self.rows(rows)

@@ -21,8 +21,7 @@ from app.problems.arrays import check_size, real_numbers
 class Problem:
     """A patch of cells, a material and a shape, which subclasses define.
 
-    If `sampled` is true, coarse grids average the shape on the target grid; otherwise `shape_on` is called for each
-    grid.
+    If `sampled` is true, coarse grids average the shape on the target grid; else `shape_on` is called for each grid.
     """
 
     grid: Grid
@@ -35,7 +34,7 @@ class Problem:
     notes = ()  # doubts for the user, one line each
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the undeformed distance in some rows.
+        """Return the undeformed distance of the cells in `rows`.
 
         The array of shape (rows, nx) has the distance in cell centres at zero approach [mm], NaN where contact is
         impossible.
@@ -62,7 +61,7 @@ class Problem:
         return not self.sampled and np.ndim(self.hardness) == 0
 
     def on(self, grid):
-        """Return this problem on another grid."""
+        """Return the same problem on the grid `grid`."""
         other = copy(self)
         object.__setattr__(other, "grid", grid)
         return other

@@ -52,7 +52,7 @@ class _Function:
     sampled = False
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return heights in some rows of a grid [mm]."""
+        """Return heights of the cells in `rows` of a grid [mm]."""
         return self.height(grid.x(), grid.y(rows))
 
 
@@ -363,7 +363,7 @@ class SelfAffineSurface(_Function):
     def height(self, x, y):
         """Return the height (ny, nx) at x (nx,) and y (ny,) [mm].
 
-        x and y must span less than a period. If their steps divide the period into equal parts, as those of cell
+        x and y must span less than a period. If the steps of x and y divide the period into equal parts, as cell
         centres may do, the sum is computed by an FFT, otherwise by a matrix product. The values agree up to rounding.
         Waves too short for the points are aliased. The work arrays take 16 bytes for each pair of a row and a k_x, and
         8 bytes for each wave.

@@ -9,8 +9,8 @@ class ResidualSurface:
     """Permanent indentation, as a surface of `ContactProblem`.
 
     The heights are negative, because heights are subtracted from the gap, and the indentation enlarges the gap. The
-    indentation is what is left after unloading. On the indented bodies, loads below that of the solution are elastic.
-    If the problem has a hardness, the plastic depth of its solutions includes this indentation.
+    indentation is what is left after unloading. On the indented bodies, loads below the solution's load are elastic. If
+    the problem has a hardness, the plastic depth of its solutions includes this indentation.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ class ResidualSurface:
         check_shape("residual surface", self.depth.shape, grid)
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return the heights in some rows [mm].
+        """Return heights of the cells in `rows` of a grid [mm].
 
-        The grid must be that of the solution.
+        The grid must be the solution's grid.
         """
         if grid.shape != self.depth.shape:
             raise ValueError("a residual surface is known on its own grid only")

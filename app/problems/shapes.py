@@ -24,7 +24,7 @@ class Shape:
     _solution = None  # class of `app.reference`, and its parameters
 
     def shape_on(self, grid, rows=slice(None)):
-        """Return the distance in some rows of cells; see `Problem.shape_on`."""
+        """Return the undeformed distance in `rows`; see `Problem.shape_on`."""
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
 
@@ -62,8 +62,7 @@ class Plane(Shape):
 class Paraboloid(Shape):
     """Paraboloid of relative radii rx, ry [mm].
 
-    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), as in Sec. 5.1 of the paper. The contact area is Hertz's
-    ellipse.
+    The undeformed distance is x^2/(2 rx) + y^2/(2 ry), as in the paper's Sec. 5.1. Contact is Hertz's ellipse.
 
     Examples
     --------
@@ -89,7 +88,7 @@ class Paraboloid(Shape):
 
         `radii1` and `radii2` [mm] are the radii of curvature of each body along its first and second axis, or the one
         radius of a ball. The radius inf means straight, a negative radius concave. `angle` [degrees] is the angle from
-        the first axis of body 1 to that of body 2.
+        the first axis of body 1 to the first axis of body 2.
 
         The curvatures of both bodies in the direction theta add up to (Johnson, Contact Mechanics, Sec. 4.1)
         ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2``. Here s is the sum of all four curvatures, and
@@ -215,7 +214,7 @@ class Cone(Shape):
 class FlatPunch(Shape):
     """A rigid circular punch with a flat end, of a `diameter` [mm].
 
-    This is the punch of the paper's Sec. 5.2. Its centre is the origin. Contact is impossible outside of the punch.
+    This is the punch of the paper's Sec. 5.2, centred at the origin. Contact is impossible outside of the punch.
     """
 
     diameter: float
@@ -254,7 +253,7 @@ def check_length(grid, name, length, half_length):
 
 
 def check_strip(grid):
-    """Raise InputError for a patch one cell wide that does not repeat there.
+    """Raise InputError for a patch one cell wide, unless it repeats there.
 
     Users may expect a line contact, but only a narrow strip would carry pressure.
     """

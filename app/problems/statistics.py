@@ -29,8 +29,7 @@ class Roughness:
     skewness, kurtosis : float
         Third and fourth standardised moments of the heights (0 and 3 for Gaussian heights); NaN for a flat surface.
     arithmetic_mean_height, maximum_height : float
-        Sa, the mean distance of the heights from their mean, and Sz, the distance from the lowest to the highest height
-        [mm].
+        Sa, the heights' mean distance from their mean, and Sz, the distance from the lowest to the highest height [mm].
     """
 
     rms_height: float

@@ -74,7 +74,7 @@ class NormalContact(ABC):
     def from_approach(cls, *parameters, **named):
         """Return the contact at an approach.
 
-        The parameters are those of the geometry, E* and ``approach`` [mm].
+        The parameters are the geometry's, E* and ``approach`` [mm].
         """
         return cls(*parameters, **named)
 
@@ -82,7 +82,7 @@ class NormalContact(ABC):
     def from_load(cls, *parameters, **named):
         """Return the contact under a load.
 
-        The parameters are those of the geometry, E* and ``load`` [N].
+        The parameters are the geometry's, E* and ``load`` [N].
         """
         names = [f.name for f in fields(cls) if f.name != "approach"]
         values = dict(zip([*names, "load"], parameters, strict=False)) | named

@@ -62,7 +62,7 @@ class CappedLineContact:
 
     @classmethod
     def from_half_widths(cls, radius, e_star, a, c):
-        """Return the contact whose edges are at a > c > 0 [mm]."""
+        """Return the contact with half-width a and plastic half-width c < a."""
         require_positive(radius=radius, e_star=e_star, a=a, c=c)
         if c >= a:
             raise InputError(f"c {format_exact(c)}: must be less than a {format_exact(a)}")
@@ -184,7 +184,7 @@ class CappedWestergaard(Westergaard):
 
     @property
     def _elastic(self):
-        """The same contact without a hardness."""
+        """Westergaard's elastic contact: the same waves without a hardness."""
         return Westergaard(self.amplitude, self.wavelength, self.e_star, self.mean_pressure)
 
     @property
@@ -199,7 +199,7 @@ class CappedWestergaard(Westergaard):
 
     @cached_property
     def _edges(self):
-        """The `_Parts` at this hardness and mean pressure."""
+        """Open, elastic and plastic parts of the wave under this mean pressure."""
         target, share = self.hardness / self.full_contact_at, self.mean_pressure / self.full_contact_at
 
         def parts(c2):
@@ -321,7 +321,7 @@ class _Parts:
         self._constant = -(w @ self._polynomial(sine2)) / w.sum()
 
     def _polynomial(self, sine2):
-        """Return the polynomial P of the module, in its unit."""
+        """Return the polynomial P of the module, in the unit given there."""
         return (1 + self.a2 + self.c2 - 2 * sine2) * sine2 + self._constant
 
     def _plastic(self, start):
@@ -368,7 +368,7 @@ class _Parts:
         """Return a moment of the plastic depth's second derivative, from `start`.
 
         It is the integral of w'' times ``factor(pi x / L)`` to the plastic edge c, with the depth w and the wavelength
-        L. The unit of the result is the amplitude; that of dx is L / pi.
+        L. The unit of the result is the amplitude; the unit of dx is L / pi.
         """
         v, weights = self._plastic(start)
         sine = math.sqrt(self.c2) * ellipj(v, self.inner)[0]

@@ -75,7 +75,7 @@ class WavyContact(ABC):
 
     @property
     def _share(self):
-        """Mean pressure divided by that of full contact, from 0 to 1."""
+        """Mean pressure divided by the full-contact pressure p*, from 0 to 1."""
         return min(max(self.mean_pressure / self.full_contact_at, 0.0), 1.0)
 
     def undeformed_distance(self, x, y):
@@ -101,7 +101,7 @@ class Westergaard(WavyContact):
         e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    outside
 
     Both follow from p* (i sin(2 psi) + 2 cos(psi) sqrt(s^2 - sin(psi)^2)), which is analytic in the half-space: p is
-    its real part, and e is the integral over x of its imaginary part, up to a factor. The mean gap E follows from dE/ds
+    the real part, and e is the integral over x of the imaginary part, up to a factor. The mean gap E follows from dE/ds
     = 4 a s log(s).
     """
 
@@ -145,8 +145,7 @@ class Westergaard(WavyContact):
     def _sines(self, x, y):
         """Return |sin(psi)|, cos(psi)^2, and sin(psi)^2 - s^2.
 
-        psi is pi x / wavelength, and s is |sin(psi)| at the contact edge. The last number is positive outside of
-        contact.
+        psi is pi x / wavelength, and s is |sin(psi)| at the contact edge. The last number is positive outside contact.
         """
         psi = np.pi / self.wavelength * np.broadcast_arrays(np.asarray(x, float), y)[0]
         rim = math.pi / self.wavelength * self.half_width
@@ -203,7 +202,7 @@ class Bisinusoidal(WavyContact):
     def light_contact_fraction(self):
         """Contact fraction for light loads, by Hertz's theory.
 
-        The fraction is pi (3 pbar / (8 pi p*))^(2/3), where pbar is the mean pressure, and p* that of full contact.
+        The fraction is pi (3 pbar / (8 pi p*))^(2/3), where pbar is the mean pressure, and p* is pbar at full contact.
         """
         return 2 * self.on_a_summit.contact_area / self.wavelength**2
 
@@ -211,9 +210,9 @@ class Bisinusoidal(WavyContact):
     def hollow_radius(self):
         """Radius c of the gap around a hollow, near full contact [mm].
 
-        The mean pressure pbar is a little below p*, that of full contact. L is the wavelength. The gap is like a round
-        crack of radius c, which the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a distance r from the hollow would
-        close. The pressure at its edge is not singular, so (2 pi c / L)^2 = 3 (1 - pbar / p*).
+        The mean pressure pbar is a little below p*, the mean pressure of full contact. L is the wavelength. The gap is
+        like a round crack of radius c, which the tension p* - pbar - p* (2 pi r / L)^2 / 2 at a distance r from the
+        hollow would close. The pressure at its edge is not singular, so (2 pi c / L)^2 = 3 (1 - pbar / p*).
         """
         return self.wavelength / (2 * math.pi) * math.sqrt(3 * (1 - self._share))
 
@@ -221,7 +220,7 @@ class Bisinusoidal(WavyContact):
     def heavy_contact_fraction(self):
         """Contact fraction near full contact: 1 minus the gaps around hollows.
 
-        The fraction is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* that of full contact.
+        The fraction is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* is pbar at full contact.
         """
         return 1 - 2 * math.pi * (self.hollow_radius / self.wavelength) ** 2
 

@@ -91,7 +91,7 @@ class CappedSphere:
 
     @property
     def r(self):
-        """Radii at the middle of each ring [mm]."""
+        """Radius at the middle of each ring [mm]."""
         return (self.edges[1:] + self.edges[:-1]) / 2
 
     @cached_property

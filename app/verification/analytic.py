@@ -84,7 +84,7 @@ def cone(quick):
 def punch(quick):
     """Compare a flat circular punch with the analytic solution.
 
-    The load is compared with that of a punch whose area is the computed contact area.
+    The load is compared with the load of a punch whose area is the computed contact area.
     """
     contact, sizes = (
         FlatCircularPunch.from_approach(1.0, E_STAR, 0.01),
@@ -177,8 +177,8 @@ def westergaard(quick):
 def bisinusoidal(quick):
     """Compare waves in two directions with Johnson, Greenwood and Higginson (1985).
 
-    The solution is known in two limits: Hertz's on every summit under a light load, and that of a crack
-    around every valley near full contact.
+    The solution is known in two limits: Hertz's on every summit under a light load, and a crack around every valley
+    near full contact.
     """
     n, figures = 128 if quick else 512, []
 

@@ -29,8 +29,9 @@ def solve_by_lemke(matrix, h, hardness=None):
     """Return the solution p of a linear complementarity problem by Lemke's pivoting.
 
     The problem is ``h + A p >= 0, p >= 0, p (h + A p) = 0``, with a positive semidefinite matrix A (n, n) and h (n,).
-    With a hardness H (n,), infinite without a limit, it is ``h + A p + w >= 0``, and ``H - p >= 0, w >= 0, w (H - p) =
-    0``, where w is the plastic depth. The pressure is rounded once, at the end.
+    With a hardness H (n,), infinite where the pressure has no limit, it is ``h + A p + w >= 0``, and ``H - p >= 0, w >=
+    0, w (H - p) = 0``, where w is the plastic depth. The arithmetic is exact, with fractions; only the result is
+    rounded.
     """
     n = len(h)
     if hardness is not None:
@@ -89,7 +90,7 @@ def long_matrix(grid, kernel):
 
 
 class DenseProblem:
-    """Contact problem with its dense matrix.
+    """Small contact problem, with its influence matrix as a dense array.
 
     Parameters
     ----------
@@ -143,7 +144,7 @@ class DenseProblem:
     def with_mean_gap(self, mean_gap):
         """Return the pressure at a mean gap of a periodic patch [N/mm2].
 
-        The patch must not have holes. The mean gap is that of h + u, which is negative in plastic cells.
+        The patch must not have holes. The mean gap is the mean of h + u, which is negative in plastic cells.
         """
         # Near first touch extended precision has too few digits of the mean.
         mean = sum(Fraction(float(h)) for h in self._heights) / self._heights.size

@@ -67,7 +67,7 @@ class Result(NamedTuple):
 def format_document(results, arguments, pictures):
     """Format the verification document in Markdown.
 
-    `arguments` are those of the command line after the folder. `pictures` are the names of files in the same folder.
+    `arguments` are the command line's arguments after the folder. `pictures` are the names of files in the same folder.
     """
     judged, failed = sum(r.judged for r in results), sum(len(r.failed) for r in results)
     kept = f"**{failed} of {judged} limits are not kept.**" if failed else f"All {judged} limits are kept."

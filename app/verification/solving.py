@@ -22,7 +22,7 @@ def patches(quick):
 
 
 def approach_at(problem, share):
-    """Return the approach at a share of the mean gap above its minimum [mm]."""
+    """Return the approach least gap + `share` * (mean gap - least gap) [mm]."""
     least = np.nanmin(problem.gap)
     return least + share * (np.nanmean(problem.gap) - least)
 

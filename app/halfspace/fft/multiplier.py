@@ -97,7 +97,7 @@ class SpectrumCache(dict):
         return self.get(key, self._before.pop(key, None))
 
     def drop_unused(self):
-        """Free the spectra that were kept from the previous operator."""
+        """Free the previous operator's spectra that this operator has not used."""
         self._before.clear()
 
 
@@ -157,7 +157,7 @@ class EvenMultiplier:
         self._scratch = _scratch((2 * _in_strip(pairs) * columns,), complex_type)
 
     def load_or_make(self, key, make):
-        """Load or make the spectrum. Collective.
+        """Take the spectrum from the operator's cache, or compute it. Collective.
 
         `key` distinguishes the spectra of multipliers with the same type, periods and layout. The function `make` calls
         `set_kernel` or `set_spectrum`.

@@ -53,7 +53,7 @@ def _unpair_masked_row(row, mask_a, mask_b, a, b):
 
 @njit()
 def _split(both, first, a, b):
-    """Split the transform of a pair into those of its two rows.
+    """Split the transform of a pair of rows into two transforms.
 
     `both` is the transform of a complex row a + i b. The output `a` and `b` are the transforms of the rows a and b,
     from frequency `first` on.
@@ -232,8 +232,8 @@ def strips_to_rows(
 ):
     """Transform strips back into the rows of `out`.
 
-    The arguments are like those of `rows_to_strips`. `out` is zero outside the mask. If `rows` is given, only the rows
-    that it marks are computed.
+    The arguments are as in `rows_to_strips`. `out` is zero outside the mask. If `rows` is given, only the rows that it
+    marks are computed.
     """
     height = out.shape[0]
     for start in range(0, height, ROWS):
@@ -283,18 +283,19 @@ def convolve_columns(
     own, received, places, heights, rank, length, columns, transforms, parts, spectrum, scale,
     fftw, forward, backward, few_forward, few_backward,
 ):  # fmt: skip
-    """Convolve columns in y in place, by strips.
+    """Convolve columns in y, strip by strip; overwrite `own` and `received`.
 
     Parameters
     ----------
     own : ndarray of complex
         Strips of the rows of this rank.
     received : ndarray of complex
-        Strips of the rows of the other ranks; those of rank q begin at ``places[q]``.
+        Strips of the rows of the other ranks; the strips of rank q begin at ``places[q]``.
     heights : ndarray of int, shape (ranks,)
         Number of rows of each rank.
     columns, transforms, parts : ndarray
-        Work arrays: a strip of columns of the period `length`, the transforms of these, and the same memory as reals.
+        Work arrays: a strip of columns, padded to the period `length`; the transforms of these columns; and a view of
+        the transforms as real numbers.
     spectrum : ndarray, shape (columns, half a period and one)
         Factors of the transforms. If `scale` is not 0, transforms are divided by the factors and multiplied by `scale`.
     fftw : int

@@ -28,8 +28,7 @@ def deal_columns(columns, row_counts, comm):
 class ColumnGroup:
     """Group of columns that are dealt to ranks by one all-to-all.
 
-    The columns are `start` to `stop` - 1. In the buffers, strips are ordered by rank. A rank's own columns are not
-    moved.
+    The columns are `start` to `stop` - 1. In the buffers, strips are ordered by rank. Own columns are not moved.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):
@@ -49,7 +48,7 @@ class ColumnGroup:
         self.to_receive = int(received.sum())
 
     def part(self, transformed):
-        """Return this group's part of the strips of all groups."""
+        """Return this group's strips from `transformed`, the strips of all groups."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def own(self, part):
@@ -63,7 +62,7 @@ class ColumnGroup:
         return [(a, b, transformed[self._rows * a : self._rows * b]) for a, b in spans]
 
     def deal(self, comm, part, received):
-        """Exchange columns; return those of this rank. Collective.
+        """Exchange columns; return this rank's columns. Collective.
 
         The list has, for each rank, the strips of its rows in the columns of this rank.
         """
@@ -76,7 +75,7 @@ class ColumnGroup:
         return dealt
 
     def fetch(self, comm, part, received):
-        """Receive this rank's columns from the others. Collective."""
+        """Receive this rank's columns from the other ranks. Collective."""
         with events.alltoall:
             comm.Alltoallv([part, self._by_column], [received, self._by_row])
 

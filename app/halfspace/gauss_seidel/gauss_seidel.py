@@ -16,18 +16,18 @@ is Toeplitz, so forward substitution is a convolution in which the input becomes
   leaf. So every pair of leaves that are not neighbours is treated exactly once. A transfer is computed while the next
   leaf is solved, because that leaf does not need it.
 - *Reach.* The effect of a wave of length l in x decays as ``exp(-2 pi |y| / l)``, so most frequencies matter for the
-  next few rows only. This holds if the kernel is smooth over its period in x. Values of the kernel at offsets above nx
-  - 1 are never used, so they are chosen to join the kernel smoothly to its mirror image. Frequencies are treated in
-  chunks; a chunk takes part only in transfers within its reach.
+  next few rows only. This holds if the kernel is smooth over its period in x. The padding of the kernel, at offsets
+  above nx-1, does not affect the result. The padding joins the kernel smoothly to its mirror image. Frequencies are
+  treated in chunks; transfers beyond the reach of a chunk omit it.
 - *In a row* each contact cell acts on the contact cells after it. Scalar products with the solved cells give the
-  right-hand sides of four contact cells at a time. Long rows are cut into segments, with transfers between them as
-  between leaves. If contact has no holes in a row, the row is multiplied by the inverse of the triangular matrix, which
-  is also a convolution.
+  right-hand sides of four contact cells at a time. Long rows are cut into segments, and solved segments act on later
+  ones as leaves do. If contact has no holes in a row, the row is multiplied by the inverse of the triangular matrix,
+  which is also a convolution.
 - *Columns* without contact at the left and right are omitted.
 
-Up to round-off the result is that of the scalar double loop, for any contact set. The work is O(n log^2 n); rows and
-leaves without contact cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because
-the kernel is even.
+Up to round-off the result equals the result of the scalar double loop, for any contact set. The work is O(n log^2 n);
+rows and leaves without contact cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions,
+because the kernel is even.
 
 `app.halfspace.gauss_seidel.pipeline` explains sweeps on several ranks.
 """

@@ -16,9 +16,9 @@ _BLOCK_ROWS = 32
 class KernelInX:
     """Transforms in x of an even kernel's rows.
 
-    The kernel K[|dy|, |dx|] has the influence coefficients at offsets dy and dx. Its rows are made periodic with the
-    length Nx and transformed. The transforms are real. They are multiplied by -1 / Nx: a sweep subtracts the effect of
-    solved rows, and 1 / Nx is the scale of the inverse transform. Collective.
+    The kernel K[|dy|, |dx|] has the influence coefficients at offsets dy and dx. The rows of K are made periodic with
+    the length Nx and transformed. The transforms are real. They are multiplied by -1 / Nx: a sweep subtracts the effect
+    of solved rows, and 1 / Nx is the scale of the inverse transform. Collective.
 
     Offsets from nx to Nx - nx are never used. There K is blended into its mirror image, K(Nx - x), by the integral of a
     Kaiser window. So K is smooth over the period, and short waves in x decay quickly in y.
@@ -64,8 +64,8 @@ class KernelInX:
     def rows(self, first, last):
         """Return rows of the kernel, transformed in x.
 
-        The rows are those at the lags `first` to `last` - 1; a lag is an offset in y, in rows. The transforms are
-        multiplied by -1 / Nx, and zero from lag ny on.
+        The rows are at the lags `first` to `last` - 1; a lag is an offset in y, in rows. The transforms are multiplied
+        by -1 / Nx, and zero from lag ny on.
         """
         nx, half = self._nx, self.frequencies - 1
         transformed = np.zeros((last - first, half + 1))

@@ -223,7 +223,7 @@ def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, we
     reach : ndarray, shape (chunks,)
         Lag beyond which the kernel is negligible.
     filled : ndarray of bool, shape (2 rows / TILE,)
-        True for tiles (groups of TILE rows) with contact: first those of the leaf before, then those of this leaf.
+        True for tiles (groups of TILE rows) with contact: the tiles of the leaf before, then the tiles of this leaf.
     rows : RowSolver
         Data to solve single rows.
     r, mask, d : ndarray, shape (<= rows, >= column + nx)
@@ -313,7 +313,7 @@ def _add(rows, cells, start):
 
 @njit()
 def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
-    """Add the effect of some leaves on later leaves.
+    """Add the effect of solved leaves on later leaves.
 
     A leaf is a block of rows, a chunk a group of LANES frequencies. The `sources` leaves just before leaf `end` act on
     the `targets` leaves just after leaf `end`. Only chunks `first` to `last` - 1 are computed.

@@ -25,8 +25,8 @@ _DEFECT, _CORRECTION, _EFFECT, _SOLVED = range(1, 5)  # tags
 def deal_chunks(weights, ranks):
     """Deal chunks of frequencies to ranks for equal work.
 
-    `weights` are the work of each chunk, `ranks` the number of ranks. Return a pair for each rank: its first and its
-    end chunk. Rank 0 gets no chunks if there are several ranks.
+    `weights` are the work of each chunk, `ranks` the number of ranks. Return a pair for each rank: the first chunk, and
+    the chunk after the last. Rank 0 gets no chunks if there are several ranks.
     """
     helpers = max(ranks - 1, 1)
     middle = (np.cumsum(weights) - np.asarray(weights) / 2) / max(np.sum(weights), 1)
@@ -96,7 +96,7 @@ class SweepMessages:
                 self._d[rows] = part
 
     def collect(self, block):
-        """Receive the other ranks' effects of earlier leaves into `block`."""
+        """Receive into `block` the effects of earlier leaves from other ranks."""
         for rank, (first, last) in enumerate(self._edges):
             if rank and first < last:
                 self._comm.Recv(block[first:last], rank, _EFFECT)

@@ -1,8 +1,8 @@
 """Sums of stresses in a layered body over waves or cells.
 
-On a periodic patch the waves are those of `app.halfspace.layer_waves`. On a free patch the stress of a cell is that in
-a half-space of the layer's material plus a smooth rest, and in the base the rest alone (`layer_tables`). A depth equal
-to the thickness of the layer is in the layer; the next larger number is in the base.
+On a periodic patch `app.halfspace.layer_waves` has the waves. On a free patch the stress by a cell is, in the layer,
+the stress in a half-space of the layer's material plus a smooth rest; in the base it is the rest alone
+(`layer_tables`). A depth equal to the thickness of the layer is in the layer; the next larger number is in the base.
 """
 
 import numpy as np

@@ -7,10 +7,10 @@ stress below a pressure on cells follows from radial functions,
     v(r) = -1 / (2 pi) int a'(q) J0(q r) dq,
 
 because the stresses are derivatives of potentials. By Gauss's theorem, the stress of a cell is an integral along its
-edges: of g and h, times the distance from the line of the edge or, for s_xy, along it; and of v. In the layer, a is
-that of the layered body minus that of a half-space of the layer's material, which has a closed form. So all functions
-are smooth, over lengths of the *scale*: the depth in the base, and 2 - depth, the distance of the image of the surface,
-in the layer.
+edges: of g and h, times the distance from the line of the edge or, for s_xy, along it; and of v. In the layer, the
+function of a half-space of the layer's material, which has a closed form, is subtracted from a. So all functions are
+smooth, over lengths of the *scale*: the depth in the base, and 2 - depth, the distance of the image of the surface, in
+the layer.
 
 Cubic splines in asinh(r) interpolate the functions. The error of a stress is below 1e-8 of the largest pressure, or of
 the largest stress if the layer is much stiffer than its base.
@@ -36,7 +36,7 @@ _NODES, _WEIGHTS = (np.concatenate([rule[k] for rule in map(np.polynomial.legend
 
 @lru_cache(maxsize=4)
 def _waves(layer, radius):
-    """Return asinh of the radii, their Hankel rule, and its near and far waves."""
+    """Return asinh of the radii, the Hankel rule, near and far waves."""
     reach = asinh(radius)
     v = np.linspace(0.0, reach, ceil(reach / _SPACING) + 1)
     rule, unit = HankelRule(np.sinh(v)), replace(layer, thickness=1.0)
@@ -86,7 +86,7 @@ def _cubic(c, v):
 def _integrate(line, start, end, coefficients, spacing, scale, nodes, weights):
     """Return integrals along an edge from `start` to `end`.
 
-    They are those of g, h and v (see the module), and of g and h times the position. The edge is at the distance `line`
+    The integrands are g, h and v (see the module), and g and h times the position. The edge is at the distance `line`
     from the origin.
     """
     sum_g, sum_h, sum_v, along_g, along_h = 0.0, 0.0, 0.0, 0.0, 0.0

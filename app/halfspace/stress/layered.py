@@ -1,8 +1,8 @@
 """Stress in a body with a layer, below a frictionless pressure.
 
-The layer, or coating, is bonded to a substrate, a half-space or a rigid base. At the interface sigma_xx, sigma_yy and
-sigma_xy jump; the other components are continuous. A depth that equals the thickness is in the coating, unless the
-other side is selected. `layer_sums` has the formulas.
+The layer, or coating, is bonded to a substrate, which is either a half-space or rigid. At the interface sigma_xx,
+sigma_yy and sigma_xy jump; the other components are continuous. At a depth equal to the thickness, the stress is
+computed in the coating, unless `side` is "substrate". `layer_sums` has the formulas.
 """
 
 from functools import cached_property
@@ -25,7 +25,7 @@ class LayerMaxima(NamedTuple):
 
     `coating` and `substrate` have the largest von Mises stresses of the two materials, `coating_interface` and
     `substrate_interface` those on the two sides of the interface. `shear` has the largest shear stress on the interface
-    (`StressMaximum.horizontal_shear`), which the bond carries. On a rigid base those of the substrate are None.
+    (`StressMaximum.horizontal_shear`), which the bond carries. On a rigid base the maxima in the substrate are None.
     """
 
     coating: StressMaximum
@@ -66,7 +66,7 @@ class LayeredStress(SubsurfaceStress):
         return (LayeredPeriodicStress if grid.symbol else LayeredFreeStress)(pressure, grid, self.layer)
 
     def describe(self, nu="nu"):
-        """Return a text on the materials of the body; `nu` is the symbol."""
+        """Describe the materials of the body; `nu` is written for Poisson's ratio."""
         base = "a rigid base" if self.layer.on_rigid_base else f"{nu} = {self.nu[1]:.3g}"
         thickness = format_lengths(self.layer.thickness)
         thickness = thickness if nu.isascii() else thickness.replace("um", "µm")
@@ -79,11 +79,11 @@ class LayeredStress(SubsurfaceStress):
 
     @property
     def _below(self):
-        """Smallest depth in the substrate [mm]."""
+        """Depth of the interface, rounded up into the substrate [mm]."""
         return float(np.nextafter(self.layer.thickness, np.inf))
 
     def include_interface(self, depths):
-        """Return depths, with both sides of the interface if reached.
+        """Return `depths`, with both sides of the interface if they reach it.
 
         The coating has at least `_COATING_DEPTHS` depths. A rigid base has none.
         """
@@ -112,7 +112,8 @@ class LayeredStress(SubsurfaceStress):
     def plane(self, depth, side="coating"):
         """Return the stress on a horizontal plane, below the cell centres.
 
-        `side`, "coating" or "substrate", is that of a depth at the interface. See `SubsurfaceStress.plane`.
+        If `depth` is the depth of the interface, `side` selects the stress in the "coating" or in the "substrate".
+        Otherwise as `SubsurfaceStress.plane`.
         """
         return super().plane(float(self._at_side(depth, side)[0]))
 

@@ -175,7 +175,7 @@ class OneWayStress:
         self._waves = PeriodicStress(padded, wide, nu)
 
     def _of_strips(self, depth, at=None):
-        """Return stress by the mean pressure below all strips, or at `at`."""
+        """Return the stress by strips of uniform pressure, everywhere or at `at`."""
         grid, n = self.grid, self._mean.size
         size, centres = (grid.dx, grid.x()) if self._along == 0 else (grid.dy, grid.y())
         offsets = size * np.arange(1 - n, n) if at is None else at - centres
@@ -215,8 +215,8 @@ def _strip_edge(x, z):
 def _edges(offsets, step):
     """Return a point's offsets from cell edges [mm].
 
-    `offsets` are those from the cell centres, `step` is the side of a cell. Stresses at the surface jump between cells.
-    So a point that is on an edge, except for rounding, is placed exactly on it, and gets the mean of both sides.
+    `offsets` are the offsets from the cell centres, `step` is the side of a cell. Stresses at the surface jump between
+    cells. So a point that is on an edge, except for rounding, is placed exactly on it, and gets the mean of both sides.
     """
     edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
     edges[np.abs(edges) < _EDGE_TOLERANCE * step] = 0.0
@@ -243,8 +243,8 @@ class _Mirror:
         """Return the difference between the two edges of each cell.
 
         It is the value at the upper edge minus that at the lower edge. The values are integrals of a stress component
-        up to an edge. `corners` has them for edges at positive coordinates along `axis`; the others follow by symmetry.
-        `odd` is true if the component is an odd function of this coordinate, so that its integral is even.
+        up to an edge. `corners` has them for edges at positive coordinates along `axis`; integrals up to other edges
+        follow by symmetry. `odd` is true if the component is odd in this coordinate; then the integral is even.
         """
         mirrored = corners.take(self._index, axis)
         if not odd:

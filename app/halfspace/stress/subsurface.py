@@ -83,8 +83,8 @@ def shear_where_large(stress):
 class SubsurfaceStress:
     """Stress at any points below a surface pressure.
 
-    `pressure` has the values on the whole grid, shape (ny, nx) [N/mm2]. `poisson_ratio` is that of the body, from 0 to
-    0.5. Raises InputError for invalid numbers.
+    `pressure` has the values on the whole grid, shape (ny, nx) [N/mm2]. `poisson_ratio` is the body's, from 0 to 0.5.
+    Raises InputError for invalid numbers.
 
     Examples
     --------
@@ -126,7 +126,7 @@ class SubsurfaceStress:
         return f"{nu} = {self.nu:.3g}"
 
     def include_interface(self, depths):
-        """Return depths, with both sides of an interface if reached."""
+        """Return `depths`, with both sides of an interface if they reach it."""
         return depths
 
     def layer_maxima(self):
@@ -210,7 +210,7 @@ class SubsurfaceStress:
         return [self._refine(*pair, depths) for pair in zip(measures, peaks, strict=True)]
 
     def _refine(self, measure, peaks, depths):
-        """Return the maximum of a measure below some cells, refined in depth."""
+        """Return the maximum of `measure`, refined in depth below the `peaks`."""
         from scipy.optimize import minimize_scalar
 
         stresses = {}

@@ -1,6 +1,6 @@
 """Default method on free patches.
 
-The method is an active set method inside a nested iteration. Its linear systems are solved inexactly by CG with an FFT
+The method is an active set method inside a nested iteration. The linear systems are solved inexactly by CG with an FFT
 preconditioner.
 
 On each grid, from the coarsest to the target (`nested`), it has these stages:

@@ -82,7 +82,10 @@ class BlockAverage:
         self._means -= share * means.reshape(self._shape)
 
     def local_means(self, q):
-        """Return this rank's part of the block means of q."""
+        """Return this rank's terms of the block means of a field q.
+
+        The block means are the sum of these terms over all ranks.
+        """
         blocks = np.zeros(self._shape)
         sum_blocks(q, self._contact, *self._places, blocks)
         return blocks
@@ -98,10 +101,10 @@ class BlockAverage:
         _extend(r, self._contact, blocks, *self._places, out)
 
     def apply_transpose(self, r, b):
-        """Apply the transpose of `extend` to b, in place; return r.b.
+        """Apply the transpose of `extend` to b, in place; return r.b afterwards.
 
-        Only contact cells of b are changed. `r` must be the residual last passed to `extend`. r.b is the scalar
-        product.
+        Only contact cells of b are changed. The scalar product r.b is computed from the stored block means of the
+        residual, so `r` must be the residual last passed to `extend`.
         """
         blocks = np.zeros(self._shape)
         product = _sum_blocks_outside(r, b, self._contact, *self._places, blocks)

@@ -1,8 +1,8 @@
 """Preconditioner ``C B C`` on the contact set C.
 
-As a matrix, C sets cells outside the contact set to zero. B is the inverse of A continued periodically. On a periodic
-patch A itself is circulant, and B is computed by FFT. A free patch is continued periodically with a gap between its
-copies. On large grids B is then a multilevel product, which takes a third of the time of an FFT
+As a matrix, C sets cells outside the contact set to zero. B is the inverse of the periodic continuation of A. On a
+periodic patch A itself is circulant, and B is computed by FFT. A free patch is continued periodically with a gap
+between its copies. On large grids B is then a multilevel product, which takes a third of the time of an FFT
 (`app.methods.multilevel_operators`). The eigenvalues 1 / lambda of B (`app.methods.symbol`) are positive. The periodic
 matrix of the zero-padded grid has negative eigenvalues and cannot be used.
 
@@ -39,7 +39,7 @@ MAX_SCALED_ASPECT = (
 def _create_periodic_inverse(grid, kernel, layout):
     """Return the inverse of the influence matrix A of a periodic patch.
 
-    The eigenvalue of A for constants, 0, is replaced by that of the longest wave.
+    The eigenvalue of A for constants, 0, is replaced by the eigenvalue for the longest wave.
     """
     eigenvalues = partial(kernel.eigenvalues, grid)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
@@ -60,7 +60,7 @@ def has_stiff_layer(operator):
 
 
 def circulant_inverse(operator, apart=False):
-    """Return B, the inverse of the influence matrix A continued periodically.
+    """Return B, the inverse of the periodic continuation of A.
 
     Collective over the ranks of the `operator`. B is created on first use. On a periodic patch B is exact. If `apart`
     is true, there is a gap between the copies of a free patch, as in `create_circulant_inverse`.
@@ -77,13 +77,14 @@ def circulant_inverse(operator, apart=False):
 class Circulant:
     """Preconditioner ``C E^T B E C`` on contact, as a PC context.
 
-    Collective. The matrix is that of an `InfluenceOperator`. C restricts fields to contact, and B is the inverse of A
-    continued periodically. E extends the residual past the contact edge by k steps of an iteration with the 3 x 3
-    centre of B (`app.methods.free.contact_edge`). The iteration starts from zero or, on a free patch with scattered
-    contact, from means of the residual over blocks (`app.methods.free.block_average`).
+    Collective. The matrix A must be an `InfluenceOperator`. C restricts fields to contact, and B is the inverse of A
+    after periodic continuation of the patch. By default E = 1. With k > 0, E extends the residual past the contact edge
+    by k steps of an iteration with the 3 x 3 centre of B (`app.methods.free.contact_edge`). The iteration starts from
+    zero or, on a free patch with scattered contact, from means of the residual over blocks
+    (`app.methods.free.block_average`).
 
     For a stiff layer on a soft substrate, B also continues fields past the boundary of a free patch
-    (`app.methods.free.padded_inverse`), and E takes more steps.
+    (`app.methods.free.padded_inverse`), and E takes 3 k steps.
 
     Options: ``-pc_circulant_extend k``, the number of steps (default 0: E = 1); ``-pc_circulant_blocks n``, the cells
     of a block in each direction (default 0: no block means).
@@ -192,7 +193,7 @@ class Circulant:
         self.extension.extend(r, out)
 
     def _set_contact(self, r):
-        """Adapt the extension and block means to a new contact set.
+        """Adapt E and the block means to a new contact set.
 
         Block means are used if contact is scattered; `r` is the residual.
         """
@@ -224,7 +225,7 @@ class Circulant:
 
 
 def _scale_neighbours(stencil, share):
-    """Scale the neighbours of a stencil so that their sum is minus `share` times its centre."""
+    """Scale a stencil's neighbours, to the sum -`share` * centre."""
     middle = stencil[1, 1]
     scaled = stencil * (share * middle / (middle - stencil.sum()))
     scaled[1, 1] = middle

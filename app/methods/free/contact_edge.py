@@ -95,7 +95,7 @@ class EdgeExtension:
         self._works = {}
 
     def set_contact(self, mask):
-        """Copy a new contact set, with its halo."""
+        """Copy a new contact set, with the halo rows of other ranks."""
         before, after = self._exchange(mask)
         if len(self._contact) != len(before) + len(mask) + len(after):
             self._contact = np.empty((len(before) + len(mask) + len(after), self.shape[1]), bool)

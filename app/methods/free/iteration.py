@@ -1,6 +1,6 @@
 """Active set iteration of the default method on one grid.
 
-The steps are those of `app.contact.active_set.active_set`, with six differences:
+The steps are as in `app.contact.active_set.active_set`, with six differences:
 
 - *Inexact solves.* Each system is solved until its residual has fallen by the forcing term, a factor (``-ksp_rtol``).
 - *Updated displacement.* u is updated by A times the changes of p, by multilevel products
@@ -34,8 +34,8 @@ MIN_LOAD_FRACTION = 0.01  # of the largest load since u was computed: less is lo
 def inexact_active_set(state, solver, loading, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of `state`, which has the initial contact set and pressure. Parameters and result are
-    those of `active_set`; the solver is a TrackingSolver.
+    Collective over the ranks of `state`, which has the initial contact set and pressure. Parameters and result are as
+    in `active_set`; the solver is a TrackingSolver.
 
     Raises
     ------
@@ -125,9 +125,9 @@ class _ContactSets:
     def exchange(self, solved):
         """Update the contact set, by steps 4 to 6 of Sec. 4.1.
 
-        A contact set may be the last one if its system is solved and, on the target grid, almost no pressure is
-        negative. On the target grid such a contact set is verified; on a coarse grid it is updated for the last time.
-        Any other contact set is updated, and the iteration continues.
+        A contact set is *ready* if its system is solved and, on the target grid, almost no pressure is negative. On the
+        target grid a ready contact set is verified. On a coarse grid it is updated once more, and the iteration ends. A
+        contact set that is not ready is updated, and the iteration continues.
         """
         state, solver, stop = self.state, self.solver, self.stop
         tension = state.tension() if solved.norm <= solved.allowed else None
@@ -144,7 +144,7 @@ class _ContactSets:
         return self._go_on(solved)._replace(too_loose=too_loose)
 
     def record(self, solved, exchanged):
-        """Record residual and load, to test later whether they improve."""
+        """Record residual and load, for later tests of progress."""
         update = exchanged.update
         if exchanged.computed and solved.multilevel:
             self.progress.best = max(
@@ -235,8 +235,7 @@ class _ContactSets:
     def _leave_coarse(self, solved, tension):
         """Update the contact set of a coarse grid for the last time.
 
-        If the load is nearly met, u is not updated for the cells released now, because the finer grid computes its own
-        u.
+        If the load is nearly met, u is not updated for the cells released now, because the finer grid recomputes u.
         """
         state, solver, loading = self.state, self.solver, self.loading
         if tension > MAX_RELEASED_SHARE:

@@ -1,8 +1,8 @@
 """Lift: prolongation of the pressure to a finer grid, by displacements.
 
-B is the inverse of A continued periodically. The pressure p of the fine grid is computed as p = B T, where T is the
-displacement by p on the periodic patch. The coarse grid has the pressure p_H, the displacement u_H, and T_H = B_H^-1
-p_H. I is the interpolation to the fine grid:
+B is the inverse of the periodic continuation of A. The pressure p of the fine grid is computed as p = B T, where T is
+the displacement by p on the periodic patch. The coarse grid has the pressure p_H, the displacement u_H, and T_H =
+B_H^-1 p_H. I is the interpolation to the fine grid:
 
 1. T = I T_H on all cells of the fine grid.
 2. The contact set C consists of the contact cells of the coarse grid and of the cells with h + I u_H <= 0. In C the gap

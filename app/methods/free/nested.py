@@ -23,8 +23,8 @@ def nested_iteration(
 ):
     """Solve on all grids, from the coarsest to the target.
 
-    Collective. The ranks that share a grid or its window solve on it. They broadcast the results to the ranks that
-    join on the next grid.
+    Collective. Only the ranks that own rows of a grid or window solve on it. They broadcast the results to the ranks
+    that join on the next grid.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def nested_iteration(
     lifted : bool
         True to transfer pressures to finer grids by `lift`; otherwise they are copied.
     coarse_minimum : ndarray or None
-        Least undeformed distance of target cells in each cell of the finest grid without a window
-        (`Hierarchy.coarse_minimum`).
+        Smallest undeformed distance within each cell of the finest grid that is solved without a window, over the cells
+        of the target grid (`Hierarchy.coarse_minimum`).
     cache : WindowCache
         Solvers and window operators.
 

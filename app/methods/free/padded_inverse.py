@@ -1,9 +1,9 @@
-"""Inverse of A continued periodically, for fields continued past the patch boundary.
+"""Inverse of A's periodic continuation, for fields continued past the patch boundary.
 
-A residual that ends at the patch boundary jumps there. The energy of a jump is that of short waves. Where a stiff layer
-lies on a soft substrate, short waves have much energy compared with long ones, so this energy slows CG down. Therefore
-the residual is continued by some cells past the boundary, where it decays linearly to zero: B is replaced by W^T B W,
-with the continuation W. On half-spaces W gains nothing.
+A residual that ends at the patch boundary jumps there. The energy of a jump is in short waves. Where a stiff layer lies
+on a soft substrate, short waves have much energy compared with long ones, so this energy slows CG down. Therefore the
+residual is continued by some cells past the boundary, where it decays linearly to zero: B is replaced by W^T B W, with
+the continuation W. On half-spaces W gains nothing.
 """
 
 import numpy as np
@@ -20,9 +20,9 @@ _WEIGHTS = np.arange(1, PADDING + 1) / (PADDING + 1)  # of the cells up to the b
 class PaddedInverse:
     """Product with W^T B W. Collective over the ranks of the layout.
 
-    B is the inverse of A continued periodically. W continues fields past the patch boundary.
+    B is the inverse of the periodic continuation of A. W continues fields past the patch boundary.
 
-    The parameters are those of `create_circulant_inverse`.
+    The parameters are as in `create_circulant_inverse`.
 
     Attributes
     ----------

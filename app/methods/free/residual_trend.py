@@ -1,10 +1,9 @@
 """Trend of the residual over the patch, if cells are plastic.
 
 Cells that reach the hardness lose the pressure above it. The other cells of C make up for it in the next solve, so the
-remaining residual varies slowly over the patch. A correction of this residual also displaces the cells between those
-of C.
-The trend is a mean of the residual over the cells of C nearby. It follows from means over blocks of all sizes, from the
-whole patch to a few cells:
+remaining residual varies slowly over the patch. A correction of this residual also displaces the cells between the
+cells of C. The trend is a mean of the residual over the cells of C nearby. It follows from means over blocks of all
+sizes, from the whole patch to a few cells:
 
     trend = (s + offset * trend of blocks twice as large) / (c + offset).
 
@@ -49,12 +48,12 @@ class ResidualTrend:
         self._trend = _trend(*sum_over(comm, fields))
 
     def add(self, factor, cells, out):
-        """Add `factor` times the trend to `out` in the `cells` of a mask."""
+        """Add `factor` times the residual's trend to `out`, in the mask `cells`."""
         add_blocks(factor * self._trend, cells, *self._places, out)
 
 
 def _trend(sums, shares):
-    """Return the trend of each smallest block, by the module's equation."""
+    """Return the trend of the residual in each smallest block."""
     levels = [(sums, shares)]
     while max(sums.shape) > 1:
         sums, shares = _halve(sums), _halve(shares)

@@ -20,7 +20,7 @@ class TrackingSolver(LinearSolver):
     """Linear solver whose KSP is TrackingCG. Collective.
 
     `improve` changes the pressure p. Then the caller updates the displacement u by `release` or `update_displacement`,
-    or recomputes u. The parameters are those of `LinearSolver`.
+    or recomputes u. The parameters are as in `LinearSolver`.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class TrackingSolver(LinearSolver):
         self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
     def begin(self, multilevel):
-        """Prepare the solution on a grid.
+        """Choose multilevel or FFT products for the next solve.
 
         If `multilevel` is true, multilevel products are used on grids that are large enough.
         """
@@ -106,7 +106,7 @@ class TrackingSolver(LinearSolver):
     def check_multilevel(self, state, most):
         """Switch to products by FFT if multilevel products were inaccurate.
 
-        Their error was too large if the residual, which was just recomputed by FFT, exceeds `most` [mm].
+        The products' error was too large if the residual, which was just recomputed by FFT, exceeds `most` [mm].
         """
         if self.multilevel:
             self.multilevel = state.on_contact().residual <= most

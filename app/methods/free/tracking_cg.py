@@ -259,7 +259,7 @@ class TrackingCG(KspContext):
     def _preconditioner(self, pc):
         """Return the preconditioner's functions, and arrays for their arguments.
 
-        The first function computes z, the preconditioned residual, from the residual r. The second function is that of
+        The first function computes z, the preconditioned residual, from the residual r. The second function is
         `Circulant.local_terms`. r and z are in the operator's precision if the PC has these functions as methods,
         otherwise in double precision.
         """

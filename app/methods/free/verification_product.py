@@ -12,8 +12,7 @@ _PRODUCT = "product"  # broadcast to waiting ranks before a product
 class VerificationProduct:
     """Product A p on all cells, for a pressure in a window.
 
-    Outside the window p is zero. The product is in double precision. It is also the `exact_product` of the window's
-    operator.
+    Outside the window p is zero. The product is in double precision. The window's operator has it as `exact_product`.
 
     Parameters
     ----------
@@ -84,7 +83,7 @@ class VerificationProduct:
     def displacement(self, state, converged):
         """Return A p on all cells, for the final p. Collective.
 
-        `state` is that of the window. If the window has `converged`, the last product is used.
+        `state` is the state in the window. If the window has `converged`, the last product is used.
         """
         if self._scaled is None or not converged:
             self.apply_on_all(state.p, state.u)

@@ -29,8 +29,8 @@ class WindowCache(SolverCache):
     def window(self, place, grid, slabs, comm, verification=None):
         """Return the operator of a window. Collective over `comm`.
 
-        `place` is a hashable key for the purpose of the window; the last small window of each key is cached. `grid` and
-        `slabs` are those of the window. `verification` is its VerificationProduct on the target grid.
+        `place` is a hashable key for the purpose of the window; the last small window of each key is cached. `grid` is
+        the grid of the window, `slabs` its distribution. `verification` is its VerificationProduct on the target grid.
         """
         operator = self._windows.get(place)
         if operator is None or (operator.grid.shape, operator.slabs.starts) != (grid.shape, slabs.starts):
@@ -59,8 +59,7 @@ class WindowCache(SolverCache):
     def close(self, operator):
         """Finish with a window: count its work, and free its operator. Collective.
 
-        The products since the last count are added to the work of the hierarchy. If the operator is cached, it is not
-        freed.
+        The products since the last count are added to the work of the hierarchy. A cached operator is not freed.
         """
         self._hierarchy.count_window(operator)
         operator.spectra.drop_unused()

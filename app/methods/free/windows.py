@@ -2,8 +2,9 @@
 
 A grid is solved in a window; outside the window the pressure is zero. The verification product on all cells of the
 target grid shows whether the bodies penetrate outside the window. If they do, the iteration continues on all cells,
-which is expensive. Therefore each window also contains predicted contact: cells in which asperities may touch that only
-the target grid resolves, not the finest grid without a window (`Hierarchy.coarse_minimum`).
+which is expensive. Therefore each window also contains predicted contact: cells in which asperities may touch that are
+too small for the finest grid solved without a window. They are found from the distance on the target grid
+(`Hierarchy.coarse_minimum`).
 
 The option ``-lcp_window`` is the margin on each side, divided by the extent of contact (0: no windows). For the gain
 see `app.methods.free`.
@@ -104,7 +105,7 @@ class WindowedLevel:
     transfer : Transfer
         Transfer between the grids of `coarse` and `state`.
     windowed : bool
-        True if `state` is that of a window.
+        True if `state` covers only a window.
     verification : VerificationProduct or None
         Product on all cells, for a window of the target grid.
     """
@@ -151,8 +152,7 @@ class WindowedLevel:
 
         Collective over the ranks of the state. The result is None on grids coarser than the finest grid without a
         window. On that grid, contact is predicted from `coarse_minimum` and `depth`. `coarse_minimum` is the least
-        undeformed distance of the target cells in each cell. `depth` is the predicted depth on the next finer grid
-        [mm].
+        undeformed distance of the target cells in each cell, `depth` the predicted depth on the next finer grid [mm].
         """
         state, finest_unwindowed = self.state, self._hierarchy.finest_unwindowed
         if self._number < finest_unwindowed:

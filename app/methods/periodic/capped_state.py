@@ -1,4 +1,4 @@
-"""State of the primal form with a hardness H, the largest pressure.
+"""State of the periodic method with a hardness H, the largest pressure.
 
 In the contact set C, the gap is closed and 0 < p < H. A cell outside C is open (p = 0) or *plastic* (p = H); in both
 cases w is unknown. So plastic cells are free cells, too. The state and ``solver.carried`` store p - H instead of p in
@@ -21,7 +21,7 @@ from app.parallel.reductions import sums_and_minima
 def primal_state(state, inverse, loading):
     """Make the `PrimalState` of a grid, with or without a hardness.
 
-    The parameters are those of `PrimalState`.
+    The parameters are as in `PrimalState`.
     """
     kind = CappedPrimalState if state.bounds.capped else PrimalState
     return kind(state, inverse, loading)
@@ -53,7 +53,7 @@ class CappedPrimalState(PrimalState):
         self._subtract_hardness(self.state.values)
 
     def interpolate_from(self, coarse, transfer):
-        """Start from the coarser grid.
+        """Start from the coarser grid's displacement, pressure and plastic cells.
 
         w and p are interpolated, plastic cells are copied.
         """
@@ -132,7 +132,7 @@ class CappedPrimalState(PrimalState):
         return update
 
     def _exchange_cells(self, solver, *limits):
-        """Exchange cells of this rank.
+        """Release and capture cells of this rank; return the counts.
 
         If the same contact sets occurred before, only the cell that violates the conditions most is exchanged.
         """

@@ -6,9 +6,9 @@ and the change of w in one pass: ``change += alpha d``, ``carried += alpha B d``
 used.
 
 B may be a multilevel product, which has an error of some percent. Then the solve reduces the residual only by a part,
-and the caller recomputes p from the change (defect correction, as in `app.methods.free`). The norm is that of the
-preconditioned residual, which is about the error of w. Directions are those of flexible CG, because the preconditioner
-is not quite symmetric. This KSP can only be used by the options of -lcp_type primal::
+and the caller recomputes p from the change (defect correction, as in `app.methods.free`). The norm is taken of the
+preconditioned residual, which is about the error of w. Directions are chosen as in flexible CG, because the
+preconditioner is not quite symmetric. This KSP can only be used by the options of -lcp_type primal::
 
     -ksp_type python -ksp_python_type app.methods.periodic.cg.CarryingCG
 """
@@ -125,8 +125,7 @@ class CarryingCG(KspContext):
     Attributes
     ----------
     multilevel_share : float
-        Products are multilevel until the residual has fallen to this fraction; if it is 0, all are by FFT. Set by the
-        caller.
+        Products are multilevel until the residual has fallen to this fraction; if 0, all are by FFT. Set by the caller.
     carried : ndarray, shape (local rows, nx)
         Updated p [N/mm2]. The caller sets its storage, in double precision if B is by FFT.
     pressure : Vec

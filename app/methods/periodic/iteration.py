@@ -1,6 +1,6 @@
-"""Active set iteration of the primal form on one grid.
+"""Active set iteration of the periodic method on one grid.
 
-The steps are those of Sec. 4.1 with pressure and gap exchanged: the free cells O replace the contact set C, the gap e
+The steps are as in Sec. 4.1, with pressure and gap exchanged: the free cells O replace the contact set C, the gap e
 replaces p, and the pressure p = B w + mean pressure replaces e. B is the inverse of A on fields without mean, and w is
 the displacement minus the approach.
 """
@@ -37,8 +37,8 @@ def primal_active_set(primal, solver, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid.
 
     Collective over the ranks of the state. The PrimalState `primal` has the initial displacement and pressure. `solver`
-    is a PrimalSolver; the other parameters and the result are those of `active_set`. Raises `NeedsSafeguard` if there
-    is no progress.
+    is a PrimalSolver; the other parameters and the result are as in `active_set`. Raises `NeedsSafeguard` if there is
+    no progress.
     """
     state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
     solver.begin(state, primal.loading, stop.defect_correction)
@@ -97,8 +97,7 @@ def primal_active_set(primal, solver, stop, history):
 def _finish_unsolved(primal, solver):
     """Set a valid pressure and displacement after a failed solve. Collective.
 
-    If there is no pressure in contact, the load is spread evenly over the contact set. Return the relative residual of
-    (5.1).
+    Without pressure in contact, the load is spread evenly over the contact set. Return the relative residual of (5.1).
     """
     primal.commit(solver)
     state, p = primal.state, solver.scratch
@@ -145,7 +144,7 @@ class _Accuracy:
 
 
 class _Verdict(NamedTuple):
-    """Result of a verification."""
+    """Result of the verification of a pressure."""
 
     residual: float  # norm over the contact set [mm]; NaN: no pressure under the load
     error: float  # root mean square of the gap on contact [mm], or NaN
@@ -154,10 +153,11 @@ class _Verdict(NamedTuple):
 
 
 def _judge(primal, p, stop, allowed):
-    """Verify the pressure by (5.1) and the certificate; return the verdict.
+    """Compute the pressure exactly, and return whether it solves the problem.
 
-    Collective. This is step 6 of Sec. 4.1. The pressure is accepted if the root mean square gap on contact is at most
-    `allowed` [mm]. `p` is a work array, the solver's scratch field, so no change may be pending.
+    Collective. This is step 6 of Sec. 4.1. The pressure passes (5.1) if the root mean square gap on contact is at most
+    `allowed` [mm]. It solves the problem if the certificate, a bound of its error, is also small enough. `p` is a work
+    array, the solver's scratch field: the solver must not hold an unapplied change in it.
     """
     update = verify(primal, p)
     if update is None:

@@ -1,4 +1,4 @@
-"""Nested iteration (Sec. 4.3) of the primal form."""
+"""Nested iteration (Sec. 4.3) of the periodic method."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ _SAFEGUARD = {
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
     """Solve on all periodic grids, from the coarsest to the target.
 
-    Collective. Parameters and result are those of `app.methods.free.nested.nested_iteration`, but the cache contains
+    Collective. Parameters and result are as in `app.methods.free.nested.nested_iteration`, but the cache contains
     PrimalSolvers. If `start`, a Solution on the target grid, is given, the iteration starts from it, and coarser grids
     are left out.
     """

@@ -1,4 +1,4 @@
-"""Matrix O B O of the primal form.
+"""Matrix O B O of the periodic method.
 
 B is the inverse of A. O restricts fields to free cells, those outside contact.
 """

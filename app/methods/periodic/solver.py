@@ -1,4 +1,4 @@
-"""Linear solver of the primal form, for displacement and pressure."""
+"""Linear solver of the periodic method, for displacement and pressure."""
 
 from importlib import import_module
 
@@ -21,8 +21,7 @@ class PrimalSolver(LinearSolver):
     """Linear solver for the displacement of free cells. Collective.
 
     The matrix is O B O, where O restricts to the free cells and B is the inverse of A. The KSP is CarryingCG, the PC is
-    TwoGrid. The parameters are those of `LinearSolver`. To save memory, parts that never work at the same time share
-    fields:
+    TwoGrid. The parameters are as in `LinearSolver`. Parts that never work at the same time share fields:
 
     ===========  ==================================  ===========================================  ==================
     field        in CG                               between contact sets                         verification
@@ -75,7 +74,7 @@ class PrimalSolver(LinearSolver):
         self._set()
 
     def begin(self, state, loading, multilevel_share=0.0):
-        """Prepare the solution on a grid.
+        """Prepare this solver for a solve from the fields of `state`.
 
         If the approach is prescribed, the solver does not change the mean of w = u - approach. Until the verification,
         or `end`, the array u of `state` stores the updated pressure. Products are multilevel until the residual has

@@ -1,4 +1,4 @@
-"""State of the primal form: displacement and pressure on one grid."""
+"""State of the periodic method on one grid: displacement and pressure."""
 
 from contextlib import contextmanager
 
@@ -14,7 +14,7 @@ CLOSING_DAMPING = 0.9  # factor on the residual that is added to w when captured
 
 
 class PrimalState:
-    """Displacement w and pressure p of the primal form.
+    """Displacement w and pressure p of the periodic method.
 
     Collective. w is u - approach, and p = B w + mean pressure, where B is the inverse of A on fields without mean. The
     gap is e = shape + w. Depths are approaches beyond the reference of the undeformed distance.
@@ -22,7 +22,8 @@ class PrimalState:
     Parameters
     ----------
     state : ContactState
-        State whose contact set and pressure are changed in place. Before `verify` its depth is 0, and its u is not A p.
+        State whose contact set and pressure are changed in place. Before `verify`, its depth is 0, and its u is not A
+        p.
     inverse : InverseOperator
         B, with the free cells.
     loading : Loading
@@ -119,11 +120,11 @@ class PrimalState:
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
-        """Shift the displacement w from a depth to the predicted one [mm].
+        """Shift the displacement w uniformly, to the predicted depth [mm].
 
-        `depth` is that of the coarser grid. The pressure does not change. If the bodies move apart, some contact is
-        kept: a part of the depth beyond first touch remains, and cells that touched before the shift are put into
-        contact.
+        `depth` is the depth of the bodies on the coarser grid, `predicted` the depth predicted for this grid. The
+        pressure does not change. If the bodies move apart, they stay in contact: the depth beyond first touch is
+        reduced by a part only, and cells that touched before the shift are put into contact.
         """
         back, state = depth - predicted, self.state
         if back > 0:
@@ -135,8 +136,7 @@ class PrimalState:
     def add_mean_pressure(self, missing, carried=None):
         """Add a constant to the pressure of all cells.
 
-        The constant `missing` [N/mm2] is added to `mean_pressure`, to p, and to `carried`, the solver's copy of p, if
-        given.
+        The constant `missing` [N/mm2] is added to `mean_pressure`, to p and, if given, to `carried`, the solver's p.
         """
         self.mean_pressure += missing
         p = self.state.values
@@ -156,8 +156,8 @@ class PrimalState:
     def start(self, solver):
         """Close overlaps, set a prescribed mean displacement, and compute the pressure.
 
-        A pressure interpolated from the coarser grid is only corrected for the closed overlaps, by the 3 x 3 centre of
-        the inverse of A.
+        If the pressure was interpolated from the coarser grid, it is not recomputed. The 3 x 3 centre of the inverse of
+        A then adds the effect of the closed overlaps.
         """
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, self._touchable(), state.contact, change)
@@ -244,10 +244,11 @@ class PrimalState:
     def exchange(self, solver, slack, least_gap, far, residual):
         """Release cells with p < -slack; capture those with e < least_gap.
 
-        These are steps 4.a and 4.b of Sec. 4.1 in primal form, in one pass. p is the pressure and e the gap. So that
-        the next system has a solution, at least one cell stays in contact if the load is prescribed, and at least one
-        cell stays open if the approach is below that of full contact. Return an Update with the given `residual` [mm].
-        Its `moves` are infinite if a released or captured cell moves by more than `far` [mm].
+        These are steps 4.a and 4.b of Sec. 4.1 for the displacement, in one pass. p is the pressure and e the gap. So
+        that the next system has a solution, at least one cell stays in contact if the load is prescribed, and at least
+        one cell stays open if the approach is below full contact. Return an Update with the given `residual` [mm]. The
+        number `moves`, the root of the sum of squared moves, is infinite if a released or captured cell moves by more
+        than `far` [mm].
         """
         state = self.state
         limits = slack, least_gap, solver.preconditioner.weights[0], far, self._captured
@@ -271,10 +272,11 @@ class PrimalState:
         return state.bounds.exchange(*fields, *limits)
 
     def _keep_contact(self, solver, released):
-        """Keep a cell in contact if all cells would be released.
+        """Keep some contact if all cells would be released.
 
-        `released` is the number of released cells. Return the numbers of contact cells, captured cells and released
-        cells, and the `moves` of the `Update`.
+        Here no cell is released; a subclass may keep fewer cells. `released` is the number of cells that would be
+        released. Return the numbers of contact cells, of captured cells (new in contact) and of released cells, and how
+        far these cells move [mm].
         """
         self.restore_contact()
         return released, 0, 0, 0.0
@@ -297,8 +299,7 @@ class PrimalState:
     def close_captured_gaps(self, solver):
         """Set w so that captured cells have no gap, and update p.
 
-        The change of p is computed by FFT. If `extrapolates`, a preconditioned step also corrects w in the other free
-        cells.
+        The change of p is computed by FFT. If `extrapolates`, a preconditioned step corrects w in the other free cells.
         """
         state, z, damping = self.state, solver.product, CLOSING_DAMPING if self.extrapolates else 0.0
         if self.extrapolates:
@@ -343,7 +344,7 @@ class PrimalState:
         self.state.values[...] = self.state.contact
 
     def _pressure_of(self, carried):
-        """Return the pressure that callbacks receive."""
+        """Return the pressure p that callbacks receive from the field `carried`."""
         return carried
 
     @contextmanager

@@ -160,7 +160,7 @@ def free_in_cells(s, free, scale, coarse, skipped, factors, row):
 def contact_in_cells(free, coarse, skipped, factors, row):
     """Compute the share of contact in each coarse cell, in `coarse`.
 
-    The parameters are those of `free_in_cells`.
+    The parameters are as in `free_in_cells`.
     """
     fy, fx = factors
     coarse[...] = 0
@@ -180,8 +180,8 @@ def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
 def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
     """Compute means of the residual of x over coarse cells.
 
-    The residual is (s - B3 x) / B3_00 on free cells, where B3 is the 3 x 3 centre of the inverse B of A. `weights` are
-    those of `sweep`, `work` are three work rows, and the other parameters are those of `free_in_cells`.
+    The residual is (s - B3 x) / B3_00 on free cells, where B3 is the 3 x 3 centre of the inverse B of A. `weights` has
+    the entries of B3, as in `sweep`. `work` has three work rows. The other parameters are as in `free_in_cells`.
     """
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
@@ -210,7 +210,8 @@ def _interpolate_row(wide, place, row):
 def _interpolate_at(t, coarse, places, wide, row):
     """Interpolate a fine row bilinearly from coarse rows, into `row`.
 
-    t is the number of the fine row, `places` is that of `sweep`, and `wide` is a work row.
+    t is the number of the fine row. `places` has the places of rows and columns in the coarse grid, as in `sweep`.
+    `wide` is a work row.
     """
     in_y, in_x = places
     centre = in_y[0] * t + in_y[1]
@@ -302,7 +303,7 @@ def sweep(
 def sweep_projected(
     f, f_before, f_after, low, low_before, low_after, room, room_before, room_after, weights, steps, x, work
 ):  # fmt: skip
-    """Make projected Jacobi sweeps.
+    """Make Jacobi sweeps for x, projected onto its bounds.
 
     A sweep is ``y = f - N x``, then ``x = max(y, min(low, y + room))``. f is the right-hand side divided by B3_00; N
     are the neighbours in the 3 x 3 centre B3 of B, divided by B3_00. x starts from y = f. `low` is the displacement
@@ -355,7 +356,7 @@ def _add_row(above, here, below, scale, wx, wy, wd, out):
 def add_centre(d, before, after, weights, work, out):
     """Add the 3 x 3 centre of B times d to `out`.
 
-    `before` and `after` are the halo of d, one row each; `weights` are those of `sweep`.
+    `before` and `after` are the halo of d, one row each; `weights` has the entries of the centre, as in `sweep`.
     """
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
     if not len(d):
@@ -371,8 +372,7 @@ def add_centre(d, before, after, weights, work, out):
 def make_work(steps, nx, kind=bool):
     """Return the work arrays for a number of sweeps.
 
-    `kind` is the dtype of the second array: bool for `sweep`, float32 for `sweep_projected`. The latter needs one more
-    array.
+    `kind` is the dtype of the second array: bool for `sweep`; float32 for `sweep_projected`, which has one more array.
     """
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     work = sources, np.empty((steps + 1, nx), kind), swept

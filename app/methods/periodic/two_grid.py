@@ -1,4 +1,4 @@
-"""Two-grid preconditioner of O B O, the matrix of the primal form.
+"""Two-grid preconditioner of O B O, the matrix of the periodic method.
 
 O restricts fields to the free cells, those outside the contact set. B is the inverse of the influence matrix A. So a
 product with A on a coarser grid nearly solves for the long waves. Sweeps on the free cells reduce the short waves.
@@ -221,7 +221,7 @@ def _weights(kernel, centre, grid):
     neighbours in x, in y and on the diagonal. If B is cut to these 3 x 3 entries, long waves have wrong eigenvalues:
     for a stiff coating the neighbours outweigh the diagonal, and sweeps diverge; for a soft one they weigh too little,
     and sweeps undo the work of the coarser grid. So with layers the weights are multiplied by a factor that makes the
-    eigenvalue of a long wave right relative to that of a half-space.
+    eigenvalue of a long wave right relative to the eigenvalue of a half-space.
     """
     middle, *around = _centre_weights(centre, grid)
     if not kernel.scale_free and min(grid.shape) > 2:
@@ -248,7 +248,7 @@ def _centre_weights(centre, grid):
 
 
 def _relative_eigenvalue(kernel, diagonal, grid, cells):
-    """Return an eigenvalue of B divided by that of a half-space.
+    """Return an eigenvalue of B divided by the half-space's eigenvalue.
 
     The wave is `cells` long. Both eigenvalues are first divided by the diagonal entry of their B, here `diagonal`.
     """
@@ -328,7 +328,7 @@ class _LongWaves:
     def apply(self, s, free, weights, x, *halo):
         """Multiply means over coarse cells by A with springs.
 
-        The means are those of the field s or, if x is not empty, of the residual of x. Return what `stencil.sweep`
+        The means are taken of the field s or, if x is not empty, of the residual of x. Return what `stencil.sweep`
         needs: coarse rows around this rank's rows, their places, and work rows.
         """
         place = self._sums, self._skipped, self._factors

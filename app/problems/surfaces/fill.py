@@ -41,7 +41,7 @@ def fill_missing(heights, around=(False, False)):
 def _is_wave(columns, slope):
     """Return whether columns look like periodic waves, not like a plane.
 
-    `slope` is that of the best plane along the columns, with the ends of a column at -1 and 1.
+    `slope` is the slope of the best plane along the columns, with the ends of a column at -1 and 1.
     """
     columns = columns[:, ~np.isnan(columns).all(axis=0)]
     known, n, i = ~np.isnan(columns), len(columns), np.arange(columns.shape[1])

@@ -49,8 +49,8 @@ def turn_spacing(spacing, orient):
 class HeightMap(StoredArray):
     """Heights after turns, with unit and spacing as their source states them.
 
-    The argument `spacing` is the size (dx, dy) of a cell before the turns; the attribute is that after them. `unit` is
-    that of the heights, `lateral` that of the spacing if it differs, and `other_unit` that of values which are no
+    The argument `spacing` is the size (dx, dy) of a cell before the turns; the attribute is the size after the turns.
+    Units: `unit` of the heights, `lateral` of the spacing if it differs, and `other_unit` of values which are no
     lengths, such as V. What is unknown is None.
     """
 
@@ -153,8 +153,8 @@ class HeightMap(StoredArray):
 def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
     """Return the `HeightMap` of a file or array.
 
-    `skip`, `orient` and `channel` are those of `read_surface`. A text that looks like a line scan, or that begins with
-    coordinates, is an error. `coordinates` allows both, because a crop may remove coordinates.
+    `skip`, `orient` and `channel` are arguments of `read_surface`. A text that looks like a line scan, or that begins
+    with coordinates, is an error. `coordinates` allows both, because a crop may remove coordinates.
     """
     channel = "" if channel is None else str(channel)
     if not isinstance(path, str | os.PathLike):

@@ -38,10 +38,11 @@ class Surface:
         Rms height difference of neighbouring points of the file in x, and in y, after subtraction of this plane or
         quadratic and after filters [mm].
     spike : tuple
-        The point that stands out most, before filters: its height above the highest of its four neighbours [mm], the
-        same divided by the rms step, its row and its column. The plane or quadratic is subtracted first.
+        The point that stands out most, after subtraction of the plane or quadratic and before filters. Four numbers:
+        its height above the highest of its four neighbours [mm], this height divided by the smaller of `steps`, its row
+        and its column.
     rounding : float
-        Largest difference of heights in the file that may be rounding only [mm].
+        Height differences up to this number may come from the rounding of numbers in the file [mm].
     missing_points : int
         Number of missing points of the file, within the crop.
     notes : tuple of str
@@ -197,7 +198,7 @@ class Surface:
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
-        """Raise if a grid has other cells or another period."""
+        """Raise unless cells and period of `grid` fit this surface."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -232,10 +233,10 @@ class Surface:
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None), around=None):
-        """Return heights of some rows, (rows, nx) [mm].
+        """Return heights of these rows [mm], with shape (rows, nx).
 
-        Peaks are positive, missing points are NaN. `around` has two values, true if missing points are filled as on a
-        surface periodic in x, and in y. By default both are as the surface was read.
+        Peaks are positive, missing points are NaN. The two values of `around`, for x and y, are true if missing points
+        are filled as on a surface periodic in this direction. Default: `periodic`, as given to `read_surface`.
         """
         start, stop, _ = rows.indices(self.shape[0])
         stop, (fy, fx) = max(start, stop), self._averaged
@@ -299,7 +300,7 @@ class Surface:
     def _levelled(self, start, stop, around):
         """Return rows of the crop, after levelling, filling and filters [mm].
 
-        The heights are those of the file's points, before averaging.
+        The heights belong to the points of the file, before averaging.
         """
         if self._filtered is not None:
             return self._filtered[start:stop].copy()

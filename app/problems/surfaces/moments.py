@@ -37,10 +37,10 @@ def add_polynomial(z, coefficients, start, ny, sign=1):
 class Moments:
     """Sums over the known heights of a map.
 
-    The sums are those of x^k y^m and z x^k y^m over the heights z, where x and y go from -1 to 1. A step is the
-    difference of neighbouring heights in x or y; there are also the sums of steps and of squared steps. The function
-    ``rows(start, stop)`` returns a new array of heights [mm], NaN where missing. Infinite or too large heights, and a
-    map without any height, raise InputError.
+    The sums are of x^k y^m and z x^k y^m over the heights z, where x and y go from -1 to 1. A step is the difference of
+    neighbouring heights in x or y; there are also the sums of steps and of squared steps. The function ``rows(start,
+    stop)`` returns a new array of heights [mm], NaN where missing. Infinite or too large heights, and a map without any
+    height, raise InputError.
     """
 
     def __init__(self, name, rows, shape):
@@ -226,8 +226,8 @@ def _add_extremes(extremes, z, known, axis):
 def _find_spike(z, run):
     """Find the point highest above its four neighbours.
 
-    Only points in the rows `run` (a slice) of z count. Return three numbers: its height above the highest neighbour (0
-    if no point stands out), its row within `run`, and its column.
+    Only points in the rows `run` (a slice) of z count. Return the point's height above the highest neighbour (0 if no
+    point stands out), the row within `run`, and the column.
     """
     padded = np.pad(z, 1, constant_values=np.nan)
     highest = np.fmax.reduce([padded[2:, 1:-1], padded[:-2, 1:-1], padded[1:-1, 2:], padded[1:-1, :-2]])

@@ -80,8 +80,7 @@ def read_surface(
     channel : str or int, optional
         Name or number, from 0, of a channel, if a text has several channels, one below the other.
     override : bool
-        If true, `unit`, `height_unit` and `spacing` replace what the file states; otherwise a contradiction is an
-        error.
+        If true, `unit`, `height_unit` and `spacing` replace what the file states; else a contradiction is an error.
     spacing_unit : str, optional
         Unit of `spacing`; default: mm.
 
@@ -150,7 +149,7 @@ def read_surface(
 def make_surface(source, level="none", crop=None, missing="hole"):
     """Return the `Surface` of a `HeightMap`, after `HeightMap.settle`.
 
-    The arguments are those of `read_surface`.
+    The arguments are as in `read_surface`.
     """
     crop, scale = source.check_crop(crop), UNITS[source.unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]

@@ -24,9 +24,9 @@ ROUNDING = 1e-9  # relative rounding of sides, and of shares of a cell
 class ResampledSurface:
     """A measured surface on any grid, from `Surface.resampled`.
 
-    The middle of the surface lies in the middle of the grid's patch, which may be smaller. If the file does not state
-    its spacing, the surface is as large as the patch. A cell of the grid is missing if it overlaps no known point of
-    the file.
+    The middle of the surface lies in the middle of the grid's patch, which may be smaller. If the file states no
+    spacing, the surface is as large as the patch. A cell of the grid is missing if it overlaps no known point of the
+    file.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class ResampledSurface:
         return f"{line}; resampled to cells of {format_lengths(grid.dx, grid.dy)}"
 
     def heights_on(self, grid, rows=slice(None)):
-        """Return mean heights in some rows of cells [mm]; NaN where missing."""
+        """Return mean heights of cells in `rows` [mm]; NaN where missing."""
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
@@ -111,7 +111,7 @@ class ResampledSurface:
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
     """Return a grid on the surfaces' common patch.
 
-    `cells` is (nx, ny); by default cells are as large as those of the first surface. `domain`, x0, x1, y0, y1 [mm], is
+    `cells` is (nx, ny); by default cells are as large as the first surface's cells. `domain`, x0, x1, y0, y1 [mm], is
     needed if a file does not state its spacing.
     """
     own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
@@ -144,8 +144,8 @@ def _edges(own, grid, rows):
 def _means(values, edges, degree, around=False):
     """Return each row's means over the cells of another grid.
 
-    A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` are those of the other
-    cells, in units of these n cells, from 0 to n. If `around` is true, rows are periodic.
+    A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` are the edges of the
+    other cells, in units of these n cells, from 0 to n. If `around` is true, rows are periodic.
     """
     from scipy.interpolate import make_interp_spline
 

@@ -102,8 +102,7 @@ def find_esri_entries(lines):
 def read_esri_head(lines, skip=0):
     """Return the entries of an ESRI head, and its number of lines.
 
-    If `skip` is not 0, the head consists of the first `skip` lines. There are no entries if the text is not an ESRI
-    grid.
+    If `skip` is not 0, the head is the first `skip` lines. There are no entries if the text is not an ESRI grid.
     """
 
     def in_head(line):
