@@ -86,7 +86,7 @@ class FullContact:
         return distance.full_contact_pressures
 
     def _is_unlikely(self, mean_pressure):
-        """Return whether full contact needs much more pressure on coarser grids. Collective."""
+        """Return whether full contact needs much more than `mean_pressure` on coarser grids. Collective."""
         if not self.level:
             return False
         number = max(self.level - _PROBED_LEVELS, 0)

@@ -157,9 +157,9 @@ class OneWayKernel(HalfSpaceKernel):
         return rigid + 4 * compliance * _log_integral(self.datum, lengths[1 - self.axis] / 2)
 
     def punch_stiffness(self, area):
-        """Return the stiffness of a flat punch as long as the period [N/mm].
+        """Return the stiffness of a flat strip punch that spans the period [N/mm].
 
-        `area` is the area of the punch's end [mm2].
+        `area` is the contact area of the punch [mm2].
         """
         half_width = min(area / (2 * self.period), self.datum / 2)
         compliance = self.compliance_at(4 * half_width) / np.pi

@@ -335,7 +335,7 @@ class _Parts:
         return self.whole - width * np.sinh(v), end * _WEIGHTS * width * np.cosh(v)
 
     def _elastic(self, end):
-        """Return nodes and weights of integrals over the pressure p."""
+        """Return nodes and weights of the quadrature of the elastic pressure up to `end`."""
         width = math.sqrt(self.open) or 1e-12
         end = np.arcsinh(np.asarray(end)[..., None] / width)
         v = end * _NODES

@@ -1,17 +1,17 @@
 """Block means of the residual between contact spots.
 
 The extension E (`app.methods.free.contact_edge`) continues a residual r from contact cells to other cells, one cell
-further in each step. If contact spots are further apart, ``B E r`` vanishes between them only if E extends r from one
-spot to the next. So the steps start from means of r over the contact nearby. To compute these, r and the share of
-contact are averaged over square blocks of cells and smoothed over neighbouring blocks; then r is divided by the share:
+further in each step. With B, the inverse of A, ``B E r`` vanishes between distant contact spots only if E extends r
+from one spot to the next. So the steps start from means of r over the contact nearby. To compute these, r and the share
+of contact are averaged over square blocks of cells and smoothed over neighbour blocks; then r is divided by the share:
 
-    x_o = P D S P^T r,    D = 1 / (S c + offset),    c = P^T 1 on C.
+    x_o = P D S M r,    D = 1 / (S c + offset),    c = M 1 on C.
 
-x_o is the start of the steps outside the contact set C. P copies block values to cells, and P^T computes means over the
+x_o is the start of the steps outside the contact set C. P copies block values to cells, and M computes means over the
 cells of blocks. S computes binomial means over 3 x 3 blocks twice, with zeros outside the patch. Because of the offset,
-x_o decays with the distance from contact, as the displacement does. The transpose for a field b is
+x_o decays with the distance from contact, as the displacement does. The transpose for a field b on and outside C is
 
-    b_c + P S D P^T b_o
+    b_C + P S D M b_o
 
 and is applied after the steps of E^T. All ranks have all blocks, and each rank sums the cells of its rows. If contact
 consists of a few large areas, block means are of no use, and the steps start from zero.

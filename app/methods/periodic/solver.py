@@ -118,7 +118,7 @@ class PrimalSolver(LinearSolver):
 
     @property
     def uncertainty(self):
-        """Error bound of the residual that `improve` returns [mm]."""
+        """Bound on the error of the norm that `improve` returns, due to inexact products [mm]."""
         return self._cg.uncertainty
 
     def _atol_for(self, allowed):
