@@ -10,8 +10,9 @@ _LARGE = 640  # cells in x and y of a grid that is large enough for the products
 
 
 def compile_loops(methods=METHODS):  # run/setup passes methods
-    """Compile all loops, by solving a problem with each of the methods. Collective."""
+    """Compile all loops, by a solve with each method and a stress. Collective."""
     from app.api.solver import solve
+    from app.api.subsurface import stress
     from app.halfspace.grid import Grid
     from app.halfspace.material import Material
     from app.problems.contact_problem import ContactProblem
@@ -24,7 +25,9 @@ def compile_loops(methods=METHODS):  # run/setup passes methods
             n = _LARGE if method == "fast" else 256
             grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
             problem = ContactProblem(grid, material, Paraboloid(9, 7), periodic=method == "primal")
-            solve(problem, load=5000, method=method)
+            solution = solve(problem, load=5000, method=method).gather()
+            if method == "norm" and solution:
+                stress(solution, poisson_ratio=0.3).maximum()
 
 
 def main(_):
