@@ -1,4 +1,4 @@
-"""Chebyshev and Lagrange interpolation, and Chebyshev step lengths of iterations."""
+"""Chebyshev and Lagrange interpolation; step lengths of Chebyshev's iteration."""
 
 from functools import lru_cache
 
@@ -40,7 +40,7 @@ def lagrange_weights(at, places):
 
 @lru_cache(maxsize=64)
 def chebyshev_steps(steps, low, high):
-    """Return the step lengths of Chebyshev's iteration, a read-only array.
+    """Return step lengths of Chebyshev's iteration, a read-only array.
 
     The `steps` step lengths are the reciprocals of the roots of a Chebyshev polynomial on the interval from `low` to
     `high`, which contains the eigenvalues of the matrix. The order of the roots keeps intermediate results small

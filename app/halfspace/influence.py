@@ -20,7 +20,7 @@ from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
 
 def quadrant_rows(grid, kernel):
-    """Return a function ``rows(slice, columns=None)``, which returns rows of `influence_quadrant`.
+    """Return a function ``rows(slice, columns=None)`` for rows of `influence_quadrant`.
 
     The quadrant of a periodic grid is computed once and stored; it takes a quarter of the memory of a field.
     """

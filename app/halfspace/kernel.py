@@ -117,7 +117,7 @@ class HalfSpaceKernel:
         return self.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)
 
     def softest_parts(self, length):
-        """Return upper bounds of a displacement and of a compliance.
+        """Return upper bounds of a displacement and a compliance.
 
         The displacement [mm / (N/mm2)] is for layers on a rigid base, by pressure 1 in waves up to twice the `length`
         long. The compliance [mm2/N] is for half-spaces; a layered body counts as a half-space of its softer material.

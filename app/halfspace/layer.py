@@ -78,7 +78,7 @@ class Layer:
 
 
 def displacement_ratio(x, mu, nu1, nu2):
-    """Return S, a layered body's displacement over a half-space's displacement.
+    """Return S, a layered body's displacement over a half-space's.
 
     The half-space is of the layer's material. The ratio is S(x) of the module, for an array x of numbers q t above 0.
     """

@@ -1,4 +1,4 @@
-"""Influence coefficients of a layered body on a free patch.
+"""Influence coefficients of layered bodies on a free patch.
 
 Lengths are in thicknesses t of the layer. The displacement by a point force is ``1/r + g(r)`` times the compliance of
 the layer's material, with ``g(r) = int_0^inf (S(x) - 1) J0(x r) dx`` and the ratio S of `app.halfspace.layer`. The
@@ -25,7 +25,7 @@ _ANGLES = 32  # Gauss points of an angle
 
 
 def layer_tables(layer):
-    """Return the `LayerTables` of a layer; all grids share them."""
+    """Return a layer's `LayerTables`, which all grids share."""
     mu = float(f"{layer.modulus_ratio:.13g}")  # the same in all units
     return _tables(mu, *layer.poisson)
 

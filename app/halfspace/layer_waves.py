@@ -57,7 +57,7 @@ class LayerWaves:
         return _decaying(value, value + slope, s, np.exp(-s))[:3]
 
     def displacements(self, depth):
-        """Return the displacements at a depth in the layer [mm]."""
+        """Return displacements at a depth in the layer [mm]."""
         nu, (a, a1, a2, a3) = self.layer.poisson[0], self._layer_functions(depth)
         return (1 - nu) * a3 - (2 - nu) * a1, (1 - nu) * a2 + nu * a
 
@@ -108,7 +108,7 @@ def _from_surface(s, second, third):
 
 
 def _base_conditions(layer, functions):
-    """Return two numbers that must be 0 at the interface."""
+    """Return two numbers that must vanish at the interface."""
     (nu1, nu2), mu = layer.poisson, layer.modulus_ratio
     a, a1, a2, a3 = functions
     own, cross = 2 * (1 - nu2), 1 - 2 * nu2
@@ -119,7 +119,7 @@ def _base_conditions(layer, functions):
 
 
 def _solve(layer, functions, count):
-    """Solve two linear equations for two unknowns of `count` values."""
+    """Solve two linear equations; each unknown has `count` values."""
     zero, one = np.zeros(count), np.ones(count)
     f, g = _base_conditions(layer, functions(zero, zero))
     f0, g0 = (v - w for v, w in zip(_base_conditions(layer, functions(one, zero)), (f, g), strict=True))
@@ -129,7 +129,7 @@ def _solve(layer, functions, count):
 
 
 def _amplitudes(layer, x):
-    """Return the amplitudes of the exponentials of the stress function."""
+    """Return amplitudes of the exponentials of the stress function."""
     decay = np.exp(-x)
 
     def reflected(b0, b1):  # from a = 1 and a' = 0 at the surface

@@ -23,7 +23,7 @@ _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q 
 
 
 class LayeredKernel(HalfSpaceKernel):
-    """Kernel of a layer on one body or on both.
+    """Kernel of a layer on one or both bodies.
 
     The base of a layer is a half-space or rigid. For a pressure wave of wave number q, the compliance of a layered body
     is ``c1 S(q t)``. c1 is the compliance of the layer's material, t the thickness, and S the ratio of

@@ -53,7 +53,7 @@ _BLOCK = 1024  # wave numbers p that are summed together
 
 
 class OneWayKernel(HalfSpaceKernel):
-    """Kernel of bodies under a pressure periodic in one direction.
+    """Kernel of bodies under pressure periodic in one direction.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class OneWayKernel(HalfSpaceKernel):
         return total[index]
 
     def _near_integrals(self, n, length, width, along, across):
-        """Return `_integrals` over cells near the line x = 0."""
+        """Return `_integrals` over cells near x = 0."""
         period = n * length
         total = np.zeros((along.size, across.size))
         for m in range(-_COPIES, _COPIES + 1):
@@ -167,7 +167,7 @@ class OneWayKernel(HalfSpaceKernel):
 
 
 def patch_kernel(kernel, grid):
-    """Return the kernel of the same bodies on a patch.
+    """Return the same bodies' kernel on a patch.
 
     The `kernel` is the kernel of a free patch, ``Material.kernel``, or already the kernel of this patch. Raises
     InputError for a layer that is too thin for a patch that is periodic in one direction.
@@ -232,7 +232,7 @@ def _wave_integrals(width, period, count):
 
 
 def _even_powers(offsets, size):
-    """Return means over cells of even powers of the coordinate.
+    """Return cell means of even powers of the coordinate.
 
     Cells have the `size`, and centres at `offsets` times the size. The shape is (offsets, powers).
     """
@@ -243,7 +243,7 @@ def _even_powers(offsets, size):
 
 @lru_cache(maxsize=1)
 def _smooth_rest():
-    """Return the power series of the smooth part of K.
+    """Return the power series of K's smooth part.
 
     This part is the second sum in K in the module docstring: the effect of the copies further away than M periods,
     without the constant. The result has the coefficients of even powers of x / L and y / L, for K L / 2.

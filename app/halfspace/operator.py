@@ -134,7 +134,7 @@ class InfluenceOperator(MatMethods):
 
     @cached_property
     def exact_product(self):
-        """Product with A in double precision. Collective on first use."""
+        """Double-precision product with A. Collective on first use."""
         return self.product if self._dense or not self.active else self._convolution(np.float64)
 
     @property
@@ -144,7 +144,7 @@ class InfluenceOperator(MatMethods):
 
     @property
     def storage(self):
-        """Product whose work array other products may use, or None."""
+        """Product whose work array others may use, or None."""
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 

@@ -43,7 +43,7 @@ class Convolution(EvenMultiplier):
 
     @staticmethod
     def lengths(shape, repeats):
-        """Return the lengths of the transforms in y and x."""
+        """Return the transforms' lengths in y and x."""
         return tuple(n if whole else transform_length(n) for n, whole in zip(shape, repeats, strict=True))
 
 
@@ -70,7 +70,7 @@ class BoxProduct(EvenMultiplier):
 
     @classmethod
     def suits(cls, grid, dtype):
-        """Return whether a box product is faster than a `Convolution`."""
+        """Return whether box products are faster than a `Convolution`."""
         sides = [n * d for n, d in zip(cls.periods_of(grid), (grid.dy, grid.dx), strict=True)]
         return min(grid.shape) >= _MIN_BOX_CELLS[dtype] and max(sides) <= _MAX_BOX_ASPECT * min(sides)
 
@@ -95,7 +95,7 @@ class BoxProduct(EvenMultiplier):
 
 
 class PeriodicProduct(EvenMultiplier):
-    """Product with A on a periodic patch, without padding. Collective.
+    """Unpadded product with A on a periodic patch. Collective.
 
     ``symbol(columns, rows)`` returns the eigenvalues of A; see `EvenMultiplier.set_spectrum`.
     """

@@ -132,7 +132,7 @@ class Scatter:
         return out
 
     def reverse(self, part, field, storage=None):
-        """Copy `part`, a field on the window, into `field`. Collective.
+        """Copy `part`, a window field, into `field`. Collective.
 
         `field` is a field of the grid. `storage` is an array of bytes for the received rows, by default a new one.
         """

@@ -1,4 +1,4 @@
-"""Multilevel products with A and with B, its periodic inverse.
+"""Multilevel products with A and its periodic inverse B.
 
 A multilevel product applies stencils on several grids, and an FFT on the coarsest grid. Small grids have no stencils,
 because an FFT is fast there.
@@ -139,7 +139,7 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
 
 
 def multilevel_influence(operator):
-    """Return the multilevel product with A of an operator. Collective.
+    """Return an operator's multilevel product with A. Collective.
 
     The product is created on first use. None on periodic patches and small grids.
     """

@@ -43,7 +43,7 @@ def coarse_shape(shape, factors, periodic=False):
 
 
 class MultilevelOperator:
-    """Multilevel product M, an approximation of A or its inverse.
+    """Multilevel product M, approximating A or its inverse.
 
     Collective over the ranks of the layout. M contains the products of coarser levels.
 
@@ -112,7 +112,7 @@ class MultilevelOperator:
         return self.count * COST_IN_TRANSFORMS * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
-        """Compute out = M p with the multilevel product M.
+        """Compute out = M p, a multilevel product.
 
         Parameters
         ----------
@@ -198,7 +198,7 @@ def _in_y(rows, stencil, middle, once, twice):
 
 @njit_reassoc
 def _in_x(middle, once, twice, near, far, three, out):
-    """Apply the stencil in x, and add interpolated coarse rows.
+    """Apply the stencil in x; add interpolated coarse rows.
 
     `middle`, `once` and `twice` are the sums of `_in_y`; `near` and `far` are the nearer and the farther coarse row.
     """

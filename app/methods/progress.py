@@ -37,5 +37,5 @@ class HalvingTest:
 
     @property
     def stagnates(self):
-        """True if the value was not halved for PATIENCE iterations."""
+        """True if PATIENCE iterations did not halve the value."""
         return self._since >= PATIENCE

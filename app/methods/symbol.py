@@ -182,7 +182,7 @@ def _near_field_correction(dx, dy, levels, kernel):
 
 
 def _powers(kind, dx, dy, x, y, power, kernel):
-    """Return eigenvalues of A (`power` 1) or their reciprocals (-1).
+    """Return A's eigenvalues (`power` 1) or their reciprocals (-1).
 
     The compliance of the kernel is 1. In the inverse, aliased waves have the compliance of the wave itself.
     """
@@ -195,7 +195,7 @@ def _powers(kind, dx, dy, x, y, power, kernel):
 
 
 def coarsen_symbol(values, near, x, y):
-    """Return the part of eigenvalues that stencils do not represent.
+    """Return the part of eigenvalues not represented by stencils.
 
     `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, which are divided by the highest
     ones of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result has the eigenvalues (g_l

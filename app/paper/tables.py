@@ -36,7 +36,7 @@ def converged(outcome):
 
 
 def counts(outcome, work="work_units"):
-    """Return ``[active set iterations, work units]``; None if not converged."""
+    """Return ``[active set iterations, work units]``; None unless converged."""
     if not converged(outcome):
         return None
     return [outcome["active_set_iterations"], round(outcome[work], 1)]

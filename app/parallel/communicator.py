@@ -51,7 +51,7 @@ class Communicator(MPI.Intracomm):
         return self
 
     def plain(self):
-        """Return this communicator as `MPI.Intracomm`, for functions that reject subclasses."""
+        """Return this communicator as `MPI.Intracomm`, for functions rejecting subclasses."""
         return MPI.Intracomm(self)
 
     @cached_property
@@ -71,7 +71,7 @@ class Communicator(MPI.Intracomm):
         super().Free()
 
     def subcomm(self, ranks):
-        """Return a communicator of the given `ranks`. Collective over these."""
+        """Return a communicator of `ranks`. Collective over these ranks."""
         group = self.Get_group()
         subgroup = group.Incl(ranks)
         comm = Communicator(self.plain().Create_group(subgroup, ranks[-1]), self.traffic)

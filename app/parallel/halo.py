@@ -22,13 +22,13 @@ class _GhostRows:
         self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
-        """Return the ghost rows before and after a field. Collective."""
+        """Return ghost rows before and after a field. Collective."""
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
 
 
 class Halo(_GhostRows):
-    """Exchange of `width` ghost rows before and after a slab.
+    """Exchange of `width` ghost rows before and after slabs.
 
     On a periodic patch the ghost rows continue on the other side of the patch. On other patches there are fewer ghost
     rows at the ends of the patch. `comm` is None if this rank has all rows.
@@ -66,7 +66,7 @@ class CoarseHalo(_GhostRows):
 
 
 def fetch_row_before(field, periodic, slabs, comm, beyond):
-    """Return the row before the rows of this rank. Collective.
+    """Return the row before this rank's rows. Collective.
 
     `field` has the rows of this rank. On a periodic patch the last row is before the first one. On other patches the
     row before the first row is filled with the value `beyond`. `slabs` and `comm` are None if this rank has all rows.

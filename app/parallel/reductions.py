@@ -27,7 +27,7 @@ def _add_tuples(sums, more):
 
 @njit_reassoc
 def sum_row(row):
-    """Return the sum of a row; True counts as 1."""
+    """Return a row's sum; True counts as 1."""
     total = 0
     for i in range(row.size):
         total += row[i]

@@ -50,7 +50,7 @@ class Storage:
 
 
 def _map_shared(comm, size):
-    """Return `size` bytes that all ranks share, or None. Collective."""
+    """Return `size` bytes of shared memory, or None. Collective."""
     if not (getattr(comm, "shares_memory", False) and size and comm.single_node):
         return None
     file, mapped, path, name = -1, None, None, None

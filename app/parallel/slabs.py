@@ -72,7 +72,7 @@ class Slabs:
         return self.starting([-(-start // factor) for start in self.starts], self.rank)
 
     def surround(self):
-        """Return slabs of coarse rows that extend beyond the grid.
+        """Return slabs of coarse rows extending beyond the grid.
 
         A coarse row consists of two fine rows. There is one more coarse row before the grid, and one after it. A coarse
         row is on the rank that owns its first fine row.

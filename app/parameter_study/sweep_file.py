@@ -101,7 +101,7 @@ def _file_axis(entry):
 
 
 def _option_axis(lists, label):
-    """Return the axis of combinations of options that vary together.
+    """Return the axis of combinations of options varying together.
 
     `lists` maps each option to its list of values.
     """

@@ -43,7 +43,7 @@ def distribution_figure(result):
 
 
 def _draw_density(axes, values, label, unit):
-    """Draw the probability density of positive values, in logarithmic bins."""
+    """Draw positive values' probability density, in logarithmic bins."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
     if not values.size:
         annotate_empty(axes, "no values")

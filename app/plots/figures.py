@@ -124,7 +124,7 @@ def section_figure(result, reference=None):
 
 @with_style
 def history_figure(result):
-    """Draw residual, contact cells and changed cells of each iteration."""
+    """Draw each iteration's residual, contact cells and changed cells."""
     figure, (upper, lower) = new_panels([(7.0, 3.3)] * 2, title=make_title(result))
     draw_residual(upper, result)
     _draw_cells(lower, result)

@@ -48,7 +48,7 @@ class Path(NamedTuple):
     scale: float = np.nan
 
     def select(self, *names, above=0.0):
-        """Return columns at those steps where every column exceeds `above`.
+        """Return columns at steps where every column exceeds `above`.
 
         Return None if a column is missing, or if there is no such step.
         """
@@ -71,7 +71,7 @@ def get_path(result, name=""):
 
 
 def make_path(columns, name):
-    """Make the `Path` of a load path from its columns.
+    """Make the `Path` of a load path from columns.
 
     The scale of the path follows from the columns of Persson's contact fraction.
     """

@@ -245,7 +245,7 @@ class Canvas:
         self.draw_length(axes, self.result.displacement, LENGTH_MAP, "displacement u  [{}]")
 
     def draw_plastic_depth(self, axes):
-        """Draw a map of the permanent indentation; zero is white."""
+        """Draw a map of permanent indentation; zero is white."""
         if self.result.plastic_depth is None:
             raise InputError("plot 'plastic_depth': the result has no hardness")
         depth = self.result.plastic_depth[self.view]
@@ -280,7 +280,7 @@ def estimate_rounding(result):
 
 
 def finite_pressure(pressure):
-    """Return pressures with negative and non-finite ones set to zero."""
+    """Return pressures, with zero for negative and non-finite ones."""
     return np.where(np.isfinite(pressure) & (pressure > 0), pressure, 0.0)
 
 

@@ -32,7 +32,7 @@ class Drawing(NamedTuple):
 
 
 def analytic_reference(result):
-    """Return Hertz's solution for a result, None for other contacts.
+    """Return a result's Hertz solution, None for other contacts.
 
     Raises InputError if an attribute that it needs is missing.
     """

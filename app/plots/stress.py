@@ -67,7 +67,7 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interfac
 
 
 def _draw_interface(axes, interface, depths, unit):
-    """Draw a line at the depth of an interface [mm]."""
+    """Draw a line at an interface's depth [mm]."""
     if interface is not None and interface < depths[-1]:
         axes.axhline(interface * unit.per_mm, color="0.5", linestyle=DASHED, linewidth=1)
 

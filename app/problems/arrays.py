@@ -54,7 +54,7 @@ def check_shape(label, shape, grid):
 
 
 def check_hardness(hardness, grid, label="hardness"):
-    """Return a checked hardness: None, a number, or an array.
+    """Return a checked hardness: None, number, or array.
 
     Raises InputError unless all values are positive. Values may be infinite; the result is None if all are infinite.
     """

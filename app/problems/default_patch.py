@@ -1,4 +1,4 @@
-"""Default patches of the base shapes, from analytic contact sizes."""
+"""Default patches of base shapes, from analytic contact sizes."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""User-defined problems: a Python class or function; docs/extending.md has examples.
+"""User-defined problems: Python classes or functions; docs/extending.md has examples.
 
 A function takes arrays x and y of cell centres [mm] and returns the undeformed distance [mm], NaN where contact is
 impossible. A class derives from `app.problems.problem.Problem` and is called with the grid and the material. If it has

@@ -123,7 +123,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
 @dataclass(frozen=True)
 class Cone(AxisymmetricContact):
-    """Cone whose undeformed distance is `slope` times the radius r.
+    """Cone with undeformed distance `slope` times the radius r.
 
     The pressure is infinite at the tip, as log(1/r).
     """

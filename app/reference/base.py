@@ -1,4 +1,4 @@
-"""Base class of analytic solutions, and checks of their parameters."""
+"""Base class of analytic solutions, and checks of parameters."""
 
 import math
 from abc import ABC, abstractmethod
@@ -111,7 +111,7 @@ class NormalContact(ABC):
 
     @property
     def mean_pressure(self):
-        """Load divided by the contact area [N/mm2]; 0 without contact."""
+        """Load divided by contact area [N/mm2]; 0 without contact."""
         return self.load / (math.pi * self.a) / self.b if self.a else 0.0
 
     def _radius2(self, x, y):

@@ -347,7 +347,7 @@ class _Parts:
 
     @property
     def hardness(self):
-        """Hardness divided by p*, the mean pressure of full contact."""
+        """Hardness over p*, the mean pressure of full contact."""
         return self._elastic(ellipkinc(math.pi / 2, self.rest))[1].sum()
 
     @property

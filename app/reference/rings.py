@@ -145,5 +145,5 @@ class CappedSphere:
         return float(self.ring_plastic_depth[0])
 
     def pressure(self, x, y):
-        """Return the contact pressure at points [N/mm2], linear between rings."""
+        """Return contact pressure at points [N/mm2], linear between rings."""
         return np.interp(np.hypot(x, y), self.r, self.ring_pressure, right=0.0)

@@ -85,7 +85,7 @@ def on_ranks(quick):
 
 
 def compare(answers):
-    """Return figures that compare several ranks' answers with one rank's.
+    """Return figures comparing several ranks' answers with one rank's.
 
     `answers` maps numbers of ranks to results of `solve_all`.
     """

@@ -61,7 +61,7 @@ def random_problem(rng, nx, ny, periodic="", holes=True):
 
 
 def with_hardness(rng, problem, largest):
-    """Return a problem with a random hardness of each cell.
+    """Return a problem with random hardness of each cell.
 
     The hardness is 5% to 105% of the `largest` pressure. In a third of the problems a fifth of the cells is elastic.
     """
@@ -72,7 +72,7 @@ def with_hardness(rng, problem, largest):
 
 
 def difference(found, expected):
-    """Return the largest difference of two fields, divided by `expected`.
+    """Return two fields' largest difference, divided by `expected`.
 
     The divisor is the largest expected value.
     """

@@ -1,4 +1,4 @@
-"""Compiled loops that transform rows, and convolve columns, by FFTW.
+"""Compiled FFTW loops that transform rows and convolve columns.
 
 - *Pairs.* Two real rows a, b are transformed as one complex row a + i b, at half the cost of two real transforms by
   FFTW. An odd last row is paired with itself.
@@ -70,7 +70,7 @@ def _split(both, first, a, b):
 
 @njit()
 def _unite(both, first, a, b):
-    """Combine the transforms of two rows; the inverse of `_split`."""
+    """Combine the transforms of two rows; inverse of `_split`."""
     length, start = np.uint64(both.size), np.uint64(first)
     for c in range(np.uint64(a.size)):
         x, y = a[c], b[c]
@@ -198,7 +198,7 @@ def _any_active(p, mask, rows, start, stop):
 def rows_to_strips(
     p, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward
 ):
-    """Transform the rows of p in x, and store strips.
+    """Transform rows of p in x, and store strips.
 
     - With a `mask`, p counts as zero outside of it. Without a mask, this array has size 0.
     - `rows` marks the rows that are not zero. If they are unknown, this array has size 0.

@@ -229,7 +229,7 @@ class GaussSeidel:
                 transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
     def _rows_flops(self, cells, occupied):
-        """Count operations within rows, and between rows of neighbouring leaves."""
+        """Count operations within rows, and between neighbouring leaves' rows."""
         tables, rows = self._tables, self._tables.leaf_rows
         filled = occupied.reshape(-1, rows).sum(axis=1)
         pairs = np.sum(filled[1:] * (filled[1:] - 1) / 2) + np.sum(filled[1:] * filled[:-1])

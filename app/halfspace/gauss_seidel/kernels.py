@@ -208,7 +208,7 @@ def _list_contact(contact, mask):
 
 @njit()
 def solve_leaf(w, now, summed, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of a leaf, a block of rows.
+    """Solve a leaf, which is a block of rows.
 
     Let m be the number of the leaf. On entry w[now] is the effect of the leaves up to m - 2 on the rows of leaf m. On
     return w[now] has these rows, solved and transformed in x.

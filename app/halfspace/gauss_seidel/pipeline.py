@@ -102,7 +102,7 @@ class SweepMessages:
                 self._comm.Recv(block[first:last], rank, _EFFECT)
 
     def deal(self, block):
-        """Send the other ranks their frequencies of a solved leaf.
+        """Send other ranks their frequencies of a solved leaf.
 
         `block` has the rows of the leaf, transformed in x, by chunks of frequencies. Wait until the messages are sent,
         because MPI may progress messages only inside of its calls.

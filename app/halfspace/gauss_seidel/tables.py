@@ -82,7 +82,7 @@ class SweepTables:
         return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
-        """Return a `RowSolver`, given the influence coefficients within a row."""
+        """Return a `RowSolver`, given influence coefficients within a row."""
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)

@@ -15,7 +15,7 @@ from app.halfspace.stress.stress_sums import FreeStress, PeriodicStress
 
 
 class LayeredPeriodicStress(PeriodicStress):
-    """Stress below a periodic patch of a layered body [N/mm2]."""
+    """Stress below periodic patches of a layered body [N/mm2]."""
 
     def __init__(self, pressure, grid, layer):
         super().__init__(pressure, grid, layer.poisson[0])
@@ -31,7 +31,7 @@ class LayeredPeriodicStress(PeriodicStress):
 
 
 class LayeredFreeStress(FreeStress):
-    """Stress below a free patch of a layered body [N/mm2]."""
+    """Stress below free patches of a layered body [N/mm2]."""
 
     def __init__(self, pressure, grid, layer):
         super().__init__(pressure, grid, layer.poisson[0])

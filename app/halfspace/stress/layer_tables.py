@@ -62,7 +62,7 @@ def _table(layer, depth, radius):
 
 
 def add_layer_corners(layer, x, y, depth, out):
-    """Add the stress due to corners of cells to `out`.
+    """Add the stress due to cell corners to `out`.
 
     The sum over the four corners of a cell, with alternating signs, is the stress of the cell. `x` and `y` are offsets
     of a point from the corners [mm], monotonic arrays. The depth is in mm. `out` has the shape (6, y.size, x.size).

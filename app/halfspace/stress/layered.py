@@ -79,7 +79,7 @@ class LayeredStress(SubsurfaceStress):
 
     @property
     def _below(self):
-        """Depth of the interface, rounded up into the substrate [mm]."""
+        """Interface depth, rounded up into the substrate [mm]."""
         return float(np.nextafter(self.layer.thickness, np.inf))
 
     def include_interface(self, depths):

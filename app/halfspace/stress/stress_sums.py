@@ -240,7 +240,7 @@ class _Mirror:
         return (np.arange(self.edges) + 0.5) * step
 
     def difference(self, corners, axis, odd):
-        """Return the difference between the two edges of each cell.
+        """Return the difference between each cell's two edges.
 
         It is the value at the upper edge minus that at the lower edge. The values are integrals of a stress component
         up to an edge. `corners` has them for edges at positive coordinates along `axis`; integrals up to other edges

@@ -130,7 +130,7 @@ class SubsurfaceStress:
         return depths
 
     def layer_maxima(self):
-        """Return the largest stresses of a layered body, else None."""
+        """Return a layered body's largest stresses, else None."""
         return None
 
     def plot(self):
@@ -192,7 +192,7 @@ class SubsurfaceStress:
         return np.concatenate([[0.0], width / 2 ** (np.arange(count, -1, -1) / 2)])
 
     def _search(self, depths, *measures):
-        """Return the maximum of each measure between depths, a `StressMaximum`.
+        """Return each measure's maximum between depths, a `StressMaximum`.
 
         A measure is a function of the stress components, such as `von_mises`. Default depths: `_search_depths`.
         """

@@ -75,7 +75,7 @@ class BlockAverage:
         self._means = sum_over(self._comm, self.local_means(r))
 
     def subtract(self, share, means):
-        """Update the block means of a residual that has changed.
+        """Update the block means of a changed residual.
 
         ``share * q`` was subtracted from the residual. `means` is the sum of `local_means(q)` over the ranks.
         """
@@ -120,13 +120,13 @@ class BlockAverage:
 
 @njit()
 def _block_rows(first, ny, cells):
-    """Return the range of block rows that contain local rows."""
+    """Return the range of block rows containing local rows."""
     return range(first // cells, (first + ny - 1) // cells + 1)
 
 
 @njit()
 def _rows_in_block(k, cells, first, ny):
-    """Return the range of local rows in block row k."""
+    """Return block row k's range of local rows."""
     return range(max(k * cells - first, 0), min((k + 1) * cells - first, ny))
 
 

@@ -60,7 +60,7 @@ def has_stiff_layer(operator):
 
 
 def circulant_inverse(operator, apart=False):
-    """Return B, the inverse of the periodic continuation of A.
+    """Return B, the inverse of A's periodic continuation.
 
     Collective over the ranks of the `operator`. B is created on first use. On a periodic patch B is exact. If `apart`
     is true, there is a gap between the copies of a free patch, as in `create_circulant_inverse`.
@@ -101,7 +101,7 @@ class Circulant:
         self.reset(pc)
 
     def reset(self, pc):
-        """Drop the operator, so that the next `setUp` prepares again."""
+        """Drop the operator, so the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
@@ -225,7 +225,7 @@ class Circulant:
 
 
 def _scale_neighbours(stencil, share):
-    """Scale a stencil's neighbours, to the sum -`share` * centre."""
+    """Scale stencil neighbours to the sum -`share` * centre."""
     middle = stencil[1, 1]
     scaled = stencil * (share * middle / (middle - stencil.sum()))
     scaled[1, 1] = middle

@@ -80,7 +80,7 @@ class EdgeExtension:
         self._weights, self._lengths, self._works = (0.0, 0.0, 0.0), np.ones(steps), {}
 
     def set_stencil(self, stencil):
-        """Set the stencil of the steps that extend the residual.
+        """Set the stencil for steps that extend the residual.
 
         `stencil` is the 3 x 3 centre of B, the inverse of A, times any factor. Only its even part is used.
         """
@@ -149,7 +149,7 @@ class EdgeExtension:
 
 @njit_reassoc
 def _first_step_back(b, contact, length, out):
-    """Make the first step of E^T b in a row."""
+    """Make a row's first step of E^T b."""
     zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
@@ -204,7 +204,7 @@ def _set_contact(before, mask, after, steps, contact, away, rows):
 
 @njit()
 def _pad_ends(row, periodic):
-    """Set the ghost cells at the ends of a row."""
+    """Set ghost cells at the ends of a row."""
     row[0], row[-1] = (row[-2], row[1]) if periodic else (row.dtype.type(0), row.dtype.type(0))
 
 

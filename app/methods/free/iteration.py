@@ -1,4 +1,4 @@
-"""Active set iteration of the default method on one grid.
+"""The default method's active set iteration on one grid.
 
 The steps are as in `app.contact.active_set.active_set`, with six differences:
 

@@ -21,7 +21,7 @@ MAX_COARSE_ERROR = 0.02  # of coarser grids, over the difference of pressures th
 def nested_iteration(
     hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, cache
 ):
-    """Solve on all grids, from the coarsest to the target.
+    """Solve on all grids, from coarsest to target.
 
     Collective. Only the ranks that own rows of a grid or window solve on it. They broadcast the results to the ranks
     that join on the next grid.

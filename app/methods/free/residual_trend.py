@@ -53,7 +53,7 @@ class ResidualTrend:
 
 
 def _trend(sums, shares):
-    """Return the trend of the residual in each smallest block."""
+    """Return the residual's trend in each smallest block."""
     levels = [(sums, shares)]
     while max(sums.shape) > 1:
         sums, shares = _halve(sums), _halve(shares)

@@ -104,7 +104,7 @@ class TrackingSolver(LinearSolver):
             self._cg.free_work()
 
     def check_multilevel(self, state, most):
-        """Switch to products by FFT if multilevel products were inaccurate.
+        """Switch to FFT products if multilevel products were inaccurate.
 
         The products' error was too large if the residual, which was just recomputed by FFT, exceeds `most` [mm].
         """
@@ -112,7 +112,7 @@ class TrackingSolver(LinearSolver):
             self.multilevel = state.on_contact().residual <= most
 
     def release(self, state, tension=None, update=True):
-        """Release tensile cells from the contact set, and update u.
+        """Release tensile cells from the contact set; update u.
 
         This is step 4.a of Sec. 4.1. Return a true value if cells were released. `tension` is the result of
         `ContactState.tension`, if known. If `update` is false, u is not updated, because the caller recomputes it.

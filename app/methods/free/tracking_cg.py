@@ -147,7 +147,7 @@ def _dots(d, q, r, contact, spans):
 
 
 class TrackingCG(KspContext):
-    """Conjugate gradients from a known displacement, as a KSP context.
+    """KSP context of conjugate gradients from a known displacement.
 
     Collective. The system is C A C x = C (b + shift), with C the contact cells. The KSP's matrix is an
     `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.

@@ -49,7 +49,7 @@ class VerificationProduct:
         self.apply_on_all(p, u)
 
     def apply_on_all(self, p, u):
-        """Compute the product A p on the whole grid. Collective.
+        """Compute A p on the whole grid. Collective.
 
         Only its part in the window is copied to `u`.
         """

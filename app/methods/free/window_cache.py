@@ -13,7 +13,7 @@ from app.multigrid.solver_cache import SolverCache, is_large
 
 
 class WindowCache(SolverCache):
-    """Cache of solvers and window operators of a hierarchy. Collective.
+    """Cache of a hierarchy's solvers and window operators. Collective.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Windows: rectangles around the contact area of the coarser grid.
+"""Windows: rectangles around the coarser grid's contact area.
 
 A grid is solved in a window; outside the window the pressure is zero. The verification product on all cells of the
 target grid shows whether the bodies penetrate outside the window. If they do, the iteration continues on all cells,
@@ -193,7 +193,7 @@ class WindowedLevel:
 
 
 def _choose_window(boxes, patch, margin, possible):
-    """Return the window of the next finer grid, or None.
+    """Return the next finer grid's window, or None.
 
     The window is counted in cells of the coarser grid. The window contains the contact of the coarser grid, widened by
     `margin`, and predicted contact. If a smaller window saves no time, return the window of the coarser grid, or None
@@ -214,7 +214,7 @@ def _choose_window(boxes, patch, margin, possible):
 
 
 def _widen(first, last, margin, lowest, highest):
-    """Widen an interval of cells on both sides, within bounds.
+    """Widen a cell interval on both sides, within bounds.
 
     `margin` is the width added on each side, divided by the length of the interval.
     """

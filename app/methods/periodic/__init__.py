@@ -1,4 +1,4 @@
-"""Default method on periodic patches, with the displacement as unknown.
+"""Default method on periodic patches, with displacement as unknown.
 
 In the primal form of a variational inequality the displacement is the unknown. On a periodic patch A is diagonal in
 Fourier space. So a product with its inverse B, on fields without mean, costs as much as a product with A, and the

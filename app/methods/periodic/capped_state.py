@@ -66,7 +66,7 @@ class CappedPrimalState(PrimalState):
             self.add_mean_pressure(mean - self.mean_pressure)
 
     def start(self, solver):
-        """Put plastic cells with a gap into contact; see `PrimalState.start`."""
+        """Put plastic cells with gaps into contact; see `PrimalState.start`."""
         opened = self.plastic & (self.w > self.state.distance.b)
         self.plastic &= ~opened
         self.state.contact |= opened
@@ -132,7 +132,7 @@ class CappedPrimalState(PrimalState):
         return update
 
     def _exchange_cells(self, solver, *limits):
-        """Release and capture cells of this rank; return the counts.
+        """Release and capture this rank's cells; return the counts.
 
         If the same contact sets occurred before, only the cell that violates the conditions most is exchanged.
         """

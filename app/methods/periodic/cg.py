@@ -61,7 +61,7 @@ def _first_step_row(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _first_step(p, d, q, alpha, left, change):
-    """Make the first step of CG along the direction d.
+    """Make the first CG step along direction d.
 
     q is the pressure by the displacement d. `change` is set to alpha d, and the updated pressure `left` to p + alpha q.
     """
@@ -71,7 +71,7 @@ def _first_step(p, d, q, alpha, left, change):
 
 @njit_reassoc
 def _step(d, q, alpha, left, change):
-    """Make a further step of CG along the direction d.
+    """Make a further CG step along direction d.
 
     q is the pressure by the displacement d. alpha d is added to `change`, and alpha q to the updated pressure `left`.
     """
@@ -92,7 +92,7 @@ def _normed_row(z, q):
 
 @njit()
 def _normed(z, q):
-    """Return the scalar products z.z and z.q of two fields."""
+    """Return scalar products z.z and z.q of two fields."""
     sums = 0.0, 0.0
     for j in range(z.shape[0]):
         sums = add_tuples(sums, _normed_row(z[j], q[j]))
@@ -171,7 +171,7 @@ class CarryingCG(KspContext):
         self.scratch = self._z = self.change = self.direction = self.product = None
 
     def solve(self, ksp, b, x):
-        """Reduce the pressure p on the free cells by CG.
+        """Reduce the pressure p on free cells by CG.
 
         Store the change of the displacement in `change`, and the new p in `carried`.
         """

@@ -1,4 +1,4 @@
-"""Active set iteration of the periodic method on one grid.
+"""The periodic method's active set iteration on one grid.
 
 The steps are as in Sec. 4.1, with pressure and gap exchanged: the free cells O replace the contact set C, the gap e
 replaces p, and the pressure p = B w + mean pressure replaces e. B is the inverse of A on fields without mean, and w is

@@ -1,4 +1,4 @@
-"""Linear solver of the periodic method, for displacement and pressure."""
+"""The periodic method's linear solver for displacement and pressure."""
 
 from importlib import import_module
 
@@ -93,7 +93,7 @@ class PrimalSolver(LinearSolver):
         self._cg.carried, self._cg.multilevel_share = self.carried, self._multilevel_share
 
     def end(self):
-        """Return the storage of the updated pressure to the state."""
+        """Return the updated pressure's storage to the state."""
         self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
@@ -148,7 +148,7 @@ def prepare(hierarchy, multilevel):
 
 
 def _check_kinds(options):
-    """Raise a ValueError unless the options choose CarryingCG and TwoGrid."""
+    """Raise ValueError unless the options choose CarryingCG and TwoGrid."""
     for name, kind in (("ksp", CarryingCG), ("pc", TwoGrid)):
         module, _, cls = options.getString(f"{name}_python_type", "").rpartition(".")
         is_python = options.getString(f"{name}_type", "") == "python" and module

@@ -57,7 +57,7 @@ class PrimalState:
 
     @property
     def prescribed_depth(self):
-        """Prescribed depth: minus the mean of the displacement w [mm].
+        """Prescribed depth: minus the mean displacement w [mm].
 
         The depth is infinite if the load is prescribed.
         """
@@ -69,11 +69,11 @@ class PrimalState:
 
     @property
     def depth(self):
-        """Present depth: minus the mean of the displacement w [mm]."""
+        """Present depth: minus the mean displacement w [mm]."""
         return -self.mean(self.w)
 
     def largest(self):
-        """Return the largest absolute value of the displacement w [mm]."""
+        """Return the largest absolute value of displacement w [mm]."""
         return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
 
     @property
@@ -112,7 +112,7 @@ class PrimalState:
         self.add_mean_pressure(-total / max(cells, 1), p if self.pending else None)
 
     def interpolate_from(self, coarse, transfer):
-        """Interpolate displacement w and pressure p from the coarser grid."""
+        """Interpolate the coarser grid's displacement w and pressure p."""
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_quintic(coarse.w, self.w)
         transfer.interpolate_quintic(coarse.state.p, self.state.values)
@@ -120,7 +120,7 @@ class PrimalState:
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
-        """Shift the displacement w uniformly, to the predicted depth [mm].
+        """Shift displacement w uniformly, to the predicted depth [mm].
 
         `depth` is the depth of the bodies on the coarser grid, `predicted` the depth predicted for this grid. The
         pressure does not change. If the bodies move apart, they stay in contact: the depth beyond first touch is
@@ -145,7 +145,7 @@ class PrimalState:
             carried += missing
 
     def restore_mean(self, solver, *changes):
-        """Restore the mean of the displacement if it is prescribed.
+        """Restore the mean displacement if it is prescribed.
 
         The correction is zero in contact cells, and is also added to each field of `changes`.
         """
@@ -282,7 +282,7 @@ class PrimalState:
         return released, 0, 0, 0.0
 
     def _open_least(self, solver):
-        """Release the cells with the smallest pressure; return their number."""
+        """Release the cells with smallest pressure; return their number."""
         least = float(self.state.minimum([solver.carried.min(initial=np.inf)])[0])
         opened = solver.carried <= least
         self.state.contact[opened] = False
@@ -290,7 +290,7 @@ class PrimalState:
         return int(self.state.sum([np.count_nonzero(opened)])[0])
 
     def touch_captured(self):
-        """Close the gap of cells that the last `exchange` captured.
+        """Close the gap of cells the last `exchange` captured.
 
         The caller recomputes p.
         """
@@ -312,7 +312,7 @@ class PrimalState:
         state.displacement_status, self.pending = Displacement.STALE, False
 
     def commit(self, solver):
-        """Copy displacement and pressure from the solver, unless copied before.
+        """Copy the solver's displacement and pressure, unless copied before.
 
         The displacement is w plus the solver's `change`, the pressure is its `carried`.
         """

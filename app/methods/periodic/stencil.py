@@ -1,4 +1,4 @@
-"""Compiled sweeps with the 3 x 3 centre of B.
+"""Compiled sweeps with B's 3 x 3 centre.
 
 B, the inverse of A, decays like 1 / r^3, so its 3 x 3 centre is enough for short waves. One pass over the rows makes
 all sweeps, so that the rows stay in the cache: at time t, sweep m is made on row j = t - m + 1. ``swept[m]`` has the
@@ -178,7 +178,7 @@ def _residual_row(s, free, scale, above, here, below, wx, wy, wd, out):
 
 @njit()
 def residual_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, work, row):
-    """Compute means of the residual of x over coarse cells.
+    """Compute coarse-cell means of the residual of x.
 
     The residual is (s - B3 x) / B3_00 on free cells, where B3 is the 3 x 3 centre of the inverse B of A. `weights` has
     the entries of B3, as in `sweep`. `work` has three work rows. The other parameters are as in `free_in_cells`.
@@ -208,7 +208,7 @@ def _interpolate_row(wide, place, row):
 
 @njit()
 def _interpolate_at(t, coarse, places, wide, row):
-    """Interpolate a fine row bilinearly from coarse rows, into `row`.
+    """Interpolate coarse rows bilinearly to `row`, a fine row.
 
     t is the number of the fine row. `places` has the places of rows and columns in the coarse grid, as in `sweep`.
     `wide` is a work row.

@@ -89,7 +89,7 @@ class TwoGrid:
         self.reset(pc)
 
     def reset(self, pc):
-        """Drop the operator, so that the next `setUp` prepares again."""
+        """Drop the operator, so the next `setUp` prepares again."""
         self.operator = None
 
     def setUp(self, pc):
@@ -137,7 +137,7 @@ class TwoGrid:
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     def smooth(self, s, z):
-        """Compute z = M s, where M is the preconditioner.
+        """Compute z = M s with the preconditioner M.
 
         s is a residual pressure, z an approximate displacement, zero outside the free cells. If `constrained`, the
         `multiplier` is subtracted from s so that z has mean zero.
@@ -248,7 +248,7 @@ def _centre_weights(centre, grid):
 
 
 def _relative_eigenvalue(kernel, diagonal, grid, cells):
-    """Return an eigenvalue of B divided by the half-space's eigenvalue.
+    """Return an eigenvalue of B over the half-space's eigenvalue.
 
     The wave is `cells` long. Both eigenvalues are first divided by the diagonal entry of their B, here `diagonal`.
     """
@@ -310,7 +310,7 @@ class _LongWaves:
         self._three = np.empty((3, nx + 2), kind)
 
     def set_contact(self, free, share, spacing):
-        """Set the stiffness of the springs that stand for contact.
+        """Set the stiffness of springs that stand for contact.
 
         `free` are the free cells, `share` is their fraction of all cells, and `spacing` is the area of the patch
         divided by the perimeter of contact [mm].

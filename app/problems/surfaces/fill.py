@@ -56,7 +56,7 @@ def _is_wave(columns, slope):
 
 
 def _solve_laplace(heights, missing, around):
-    """Return missing heights, each the mean of its four neighbours."""
+    """Return missing heights, each the mean of four neighbours."""
     rows, columns = np.nonzero(missing)
     number = np.full(heights.shape, -1)
     number[rows, columns] = np.arange(len(rows))

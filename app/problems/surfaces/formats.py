@@ -48,7 +48,7 @@ ARRAYS = tuple(suffix for known in FORMATS if known.kind in ARRAY_KINDS for suff
 
 
 def split_suffix(path):
-    """Return a path's lower-case suffix, and whether ``.gz`` follows it.
+    """Return a path's lower-case suffix, and whether ``.gz`` follows.
 
     Examples
     --------

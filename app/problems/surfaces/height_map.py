@@ -92,7 +92,7 @@ class HeightMap(StoredArray):
         self._array = self.cropped_rows((i0, i1, j0, j1), 0, j1 - j0)
 
     def settle(self, unit=None, height_unit=None, spacing=None, override=False, options=OPTIONS):
-        """Determine units and spacing from the source and the arguments.
+        """Determine units and spacing from the source and arguments.
 
         If `override` is true, the arguments replace what the source states. `options` are the names of the four
         arguments in messages. Raises InputError if a unit is stated nowhere, if a unit or the spacing is stated twice

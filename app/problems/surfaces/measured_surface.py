@@ -1,4 +1,4 @@
-"""A measured surface: heights after levelling, filling, filtering and averaging.
+"""Measured surface: heights after levelling, filling, filtering and averaging.
 
 Each rank stores only its own rows. Each rank fills all missing points, so that the filled heights are the same on any
 number of ranks.
@@ -125,7 +125,7 @@ class Surface:
         )
 
     def resampled(self):
-        """Return the surface as a `ResampledSurface`, which fits any grid."""
+        """Return the surface as a `ResampledSurface`, for any grid."""
         return ResampledSurface(self)
 
     def filtered(self, grid, s_filter=None, l_filter=None):
@@ -198,7 +198,7 @@ class Surface:
         return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
-        """Raise unless cells and period of `grid` fit this surface."""
+        """Raise unless `grid`'s cells and period fit this surface."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -233,7 +233,7 @@ class Surface:
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None), around=None):
-        """Return heights of these rows [mm], with shape (rows, nx).
+        """Return these rows' heights [mm], with shape (rows, nx).
 
         Peaks are positive, missing points are NaN. The two values of `around`, for x and y, are true if missing points
         are filled as on a surface periodic in this direction. Default: `periodic`, as given to `read_surface`.
@@ -316,7 +316,7 @@ class Surface:
         return heights
 
     def _read(self, start, stop):
-        """Return rows of the crop from the file, levelled [mm]."""
+        """Return the crop's rows from the file, levelled [mm]."""
         heights = self._source.cropped_rows(self.crop, start, stop)
         heights *= UNITS[self.unit]
         return add_polynomial(heights, self._level, start, self.crop[3] - self.crop[2], sign=-1)

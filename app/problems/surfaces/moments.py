@@ -148,7 +148,7 @@ class Moments:
         return unmeasured
 
     def roughness(self, level):
-        """Return attributes of `Surface` from `rms_height` to `spike`, by name.
+        """Return `Surface` attributes from `rms_height` to `spike`, by name.
 
         All heights are read a second time. ``rms_height`` refers to heights after subtraction of the `level`. All other
         numbers refer to heights above the best plane, or the best quadratic if the level is "quadratic".
@@ -213,7 +213,7 @@ class Moments:
 
 
 def _add_extremes(extremes, z, known, axis):
-    """Update lowest height, highest height, and number of known heights.
+    """Update lowest, highest, and number of known heights.
 
     `extremes` has these three numbers for each row of z if `axis` is 1, for each column if `axis` is 0.
     """

@@ -142,7 +142,7 @@ def _edges(own, grid, rows):
 
 
 def _means(values, edges, degree, around=False):
-    """Return each row's means over the cells of another grid.
+    """Return each row's means over another grid's cells.
 
     A spline of a `degree` interpolates the sums of a row up to the edges of its n cells. `edges` are the edges of the
     other cells, in units of these n cells, from 0 to n. If `around` is true, rows are periodic.

@@ -71,7 +71,7 @@ def select_channel(lines, wanted, advice):
 
 
 def read_gwyddion_head(comments):
-    """Return unit and sides [mm] that a Gwyddion head states.
+    """Return unit and sides [mm] from a Gwyddion head.
 
     A value that the head does not state is None.
 
