@@ -14,7 +14,7 @@ ANALYTIC = (  # names of a Solution's numbers that have analytic values
 
 
 def analytic_values(problem, measures, approach, load=None):
-    """Return the values of the problem's analytic solution, named ``analytic_NAME``.
+    """Return values of the problem's analytic solution, named ``analytic_NAME``.
 
     The values are for the approach [mm], or for the load [N] if given. The dict is empty if there is no analytic
     solution or no load, or if there are plastic cells.

@@ -74,7 +74,7 @@ def _check_layer(grid, coating):
 
 
 def _check_python_types(texts):
-    """Raise InputError for a preconditioner class that would abort PETSc.
+    """Raise InputError for preconditioner classes that would abort PETSc.
 
     `texts` are options; those whose names end in ``pc_python_type`` name the classes.
     """

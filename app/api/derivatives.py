@@ -208,7 +208,7 @@ class Derivatives:
         return self._sum(y) / grid.n - y
 
     def _in_full_contact(self, g, fixed):
-        """Return the derivatives in full contact of a periodic patch.
+        """Return the derivatives in full contact of periodic patches.
 
         `g` is dJ/dp, `fixed` the fixed quantity.
         """

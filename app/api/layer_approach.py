@@ -22,7 +22,7 @@ _SUMS = "iterations", "inner_iterations", "work_units", "operator_applications",
 
 
 def add_uniform_displacement(solution, compliance):
-    """Return a Solution with the uniform displacement of the layer.
+    """Return a Solution with the layer's uniform displacement added.
 
     This displacement is `compliance` [mm / (N/mm2)] times the mean pressure. It is added to displacement and approach.
     """

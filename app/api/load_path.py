@@ -161,7 +161,7 @@ class LoadPath:
             return self._solve_counted(number + history.mean_gap)
 
     def _solve_counted(self, number):
-        """Solve for one prescribed number, and count the work. Collective."""
+        """Solve for one prescribed number; count the work. Collective."""
         solution = self._solver.solve(**{self._kind: number})
         if self._with_stiffness:
             solution = self._solver.with_stiffness(solution)

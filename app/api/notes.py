@@ -95,7 +95,7 @@ def _note_cell_shape(grid):
 
 
 def _note_narrow_contact(state, contact):
-    """Return a note if contact is few cells wide. Collective."""
+    """Return a note on contacts few cells wide. Collective."""
     grid = state.grid
     if not contact.max_pressure > 0 or max(grid.nx, grid.ny) < MIN_SHAPE_CELLS:
         return []

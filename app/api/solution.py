@@ -306,7 +306,7 @@ class Solution(_Numbers, ContactFields):
         return whole
 
     def _select_fields(self, attributes, taken, what):
-        """Return the local rows of the attributes that are fields."""
+        """Return the local rows of attributes that are fields."""
         selected = {}
         for name, value in attributes.items():
             if name in taken:
@@ -374,7 +374,7 @@ class Solution(_Numbers, ContactFields):
 
 
 def fingerprint(start):
-    """Return numbers that identify this solution, to compare between ranks."""
+    """Return numbers that identify this solution, compared between ranks."""
     if not isinstance(start, Solution):
         return type(start).__name__
     return start.load, start.approach, start.max_pressure, start.contact_cells

@@ -356,7 +356,7 @@ class ContactSolver(Derivatives):
 
     @contextmanager
     def replaced(self, problem):
-        """Replace the problem by `update` until a ``with`` block ends."""
+        """Replace the problem by `update` during a ``with`` block."""
         before = self.problem
         if problem is before:
             yield self

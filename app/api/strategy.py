@@ -35,7 +35,7 @@ from app.multigrid.solver_cache import SolverCache
 
 
 class Strategy:
-    """Base class of strategies, which run a method's iteration. Collective.
+    """Base class of strategies for a method's iteration. Collective.
 
     Parameters
     ----------
@@ -217,13 +217,13 @@ class Inexact(Strategy):
         return 0
 
     def destroy(self):
-        """Free the cached solvers of all levels, too; see `Strategy.destroy`."""
+        """Free the levels' cached solvers, too; see `Strategy.destroy`."""
         self._cache.destroy()
         super().destroy()
 
 
 class Fast(Inexact):
-    """Strategy ``fast``, the default on free patches: TrackingCG in windows."""
+    """Strategy ``fast``, default on free patches: TrackingCG in windows."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
@@ -240,7 +240,7 @@ class Fast(Inexact):
         return int(direct.starts_directly(self._hierarchy, 0))
 
     def prepare(self):
-        """Create the operators of the grids, and the multilevel products."""
+        """Create the grids' operators, and the multilevel products."""
         super().prepare()
         multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 

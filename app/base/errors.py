@@ -57,7 +57,7 @@ class OtherRankError(RuntimeError):
 
 
 def check_type(name, value, kind, what):
-    """Raise InputError unless the argument `name` has the type `kind`."""
+    """Raise InputError unless argument `name` has the type `kind`."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
 

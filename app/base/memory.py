@@ -112,7 +112,7 @@ def _check(grid, needed, free, where):
 
 
 def check_fits(size, what):
-    """Raise unless `size` bytes are free; the message names `what`."""
+    """Raise InputError naming `what` unless `size` bytes are free."""
     if size < MIN_CHECKED:
         return
     free = min(available_memory(), _address_space())

@@ -155,7 +155,7 @@ class LockedCache(FunctionCache):
 
 
 def release_lock_after(compile_, cache):
-    """Return a function that compiles, then always unlocks the cache."""
+    """Return a function that compiles, always unlocking the cache."""
 
     @wraps(compile_)
     def compile_and_unlock(signature):

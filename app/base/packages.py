@@ -32,7 +32,7 @@ class MissingPackageFinder:
 
 
 class CompiledPackageFinder:
-    """Import finder asked first; reports packages compiled for another numpy."""
+    """First import finder; reports packages compiled for another numpy."""
 
     _loading = False  # a package's own imports are part of its import
 

@@ -1,4 +1,4 @@
-"""Functions that petsc4py 3.18 lacks, and workarounds for newer releases.
+"""Functions petsc4py 3.18 lacks, and workarounds for newer releases.
 
 ``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide differences between releases of petsc4py.
 """
@@ -56,7 +56,7 @@ def return_large_arrays():
 
 
 def _ignore_closed_pipes():
-    """Restore Python's handler of SIGPIPE; PETSc's would end the process."""
+    """Restore Python's SIGPIPE handler; PETSc's would end the process."""
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
@@ -89,7 +89,7 @@ def _forget_last_exception():
 
 
 def collect_garbage(comm=PETSc.COMM_SELF):
-    """Free PETSc objects that interrupted solves left to Python. Collective."""
+    """Free PETSc objects that interrupted solves left behind. Collective."""
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(comm)
 
@@ -139,7 +139,7 @@ def log_messages(count, size):
 
 
 def log_reduction():
-    """Add one reduction over ranks to PETSc's counter for -log_view."""
+    """Add one reduction over ranks to PETSc's -log_view counter."""
     _counter("petsc_allreduce_ct").value += 1
 
 
@@ -160,7 +160,7 @@ def error_message(error):
 
 
 def _unwrapped(error):
-    """Return a callback's exception, which newer petsc4py wraps in PETSc.Error."""
+    """Return a callback's exception, unwrapped from newer petsc4py's PETSc.Error."""
     while isinstance(error, PETSc.Error) and error.__cause__ is not None:
         error = error.__cause__
     return error
@@ -242,7 +242,7 @@ def check_cells(grid):
 
 
 class Resources:
-    """PETSc objects of a solver, destroyed in reverse order. Collective."""
+    """A solver's PETSc objects, destroyed in reverse order. Collective."""
 
     def __init__(self):
         return_large_arrays()

@@ -14,7 +14,7 @@ from app.options import option_table
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser that raises InputError, and accepts values like -1,2."""
+    """Argument parser raising InputError and accepting values like -1,2."""
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
@@ -27,7 +27,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def argument_type(kind):
-    """Return a type for argparse from a `kind` of `app.options.option_table`.
+    """Return an argparse type from a `kind` of `app.options.option_table`.
 
     Both functions convert a text to a value. If the text is not allowed, both raise an error with the same message.
     """
@@ -61,7 +61,7 @@ def check_folder(folder):
 
 
 def add_picture_options(add):
-    """Add --title, --style and --format by a parser's method ``add_argument``."""
+    """Add --title, --style and --format by a parser's ``add_argument``."""
     add("--title", metavar="TEXT", help="heading of pictures; default: that of the result, or its problem")
     look = "paper: 8.5 cm wide, letters of 8 pt, panels in one column, no heading; default: screen"
     add("--style", choices=("screen", "paper"), default="screen", help=look)

@@ -1,4 +1,4 @@
-"""The problem that the options of geometry and material define."""
+"""The problem defined by the geometry and material options."""
 
 import numpy as np
 

@@ -61,7 +61,7 @@ class ParsedOptions:
     database_options: dict = field(default_factory=dict)  # `petsc_options` and the command line
 
     def select_alternative(self, alternatives, needed=""):
-        """Return the exclusive option that applies; remove the overridden ones.
+        """Return the exclusive option that applies; remove overridden ones.
 
         `alternatives` are names of options, or tuples of names that are allowed together. The alternative on the
         command line applies. Otherwise the alternative in the last option file that has one applies. Return None if no

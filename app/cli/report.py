@@ -73,7 +73,7 @@ _format = partial(format_quantity, digits=6)
 
 
 def typeset(text):
-    """Return a text with long minus signs, µm and superscripts."""
+    """Return text with long minus signs, µm and superscripts."""
     text = re.sub(r"(?<=\d\s)u(?=[mN])", "µ", text)
     text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)([23])\b", lambda unit: unit[1] + "²³"[unit[2] == "3"], text)
     return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
@@ -91,7 +91,7 @@ def _is_number(value):
 
 
 def numbers_section(result):
-    """Return the section with the result's numbers and their meanings."""
+    """Return the section of result numbers and their meanings."""
     grid = result.grid
     values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):

@@ -1,4 +1,4 @@
-"""Entry point of installed commands: ``contact-solve`` is ``python -m app.solve``."""
+"""Installed commands' entry point: ``contact-solve`` is ``python -m app.solve``."""
 
 import runpy
 import sys

@@ -91,7 +91,7 @@ class PressureBounds:
         return self.lower - waves.min(initial=np.inf), self.upper
 
     def vecs(self, pressure):
-        """Return the bounds as Vecs, for TAO and SNESVI. Collective."""
+        """Return bounds as Vecs, for TAO and SNESVI. Collective."""
         lower, upper = pressure.duplicate(), pressure.duplicate()
         for vec, bound in ((lower, self.lower), (upper, self.upper)):
             vec.setArray(np.where(self.admissible, np.minimum(bound, PETSc.INFINITY), 0.0).reshape(-1))
@@ -99,7 +99,7 @@ class PressureBounds:
 
 
 class CappedBounds(PressureBounds):
-    """Bounds of the pressure between 0 and the hardness H.
+    """Bounds of the pressure: 0 and the hardness H.
 
     Cells with p = H are plastic. Plastic cells may overlap: e <= 0. In inadmissible cells p = 0.
 
@@ -124,7 +124,7 @@ class CappedBounds(PressureBounds):
         return CappedBounds(cut(self.admissible), cut(self.upper), self.largest_load)
 
     def plastic(self, p):
-        """Return a mask of the cells with p = H."""
+        """Return a mask of cells with p = H."""
         return self.admissible & (p >= self.upper)
 
     def plastic_after(self, p, gap, diagonal):
@@ -145,7 +145,7 @@ class CappedBounds(PressureBounds):
         return p.sum() if plastic.any() else total
 
     def count_plastic(self, p, factor=1.0):
-        """Count the admissible cells with `factor` * p >= H."""
+        """Count admissible cells with `factor` * p >= H."""
         return capped_kernels.count_plastic(p, self.upper, self.admissible, factor)
 
     def sum_at_nearest_bound(self, p):
@@ -171,7 +171,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.exchange(*fields, *limits, np.empty(p.shape[1]))
 
     def project(self, p, cells, out):
-        """Store p clipped to the bounds in `cells`; see `bounds_kernels.project`."""
+        """Store p clipped to bounds in `cells`; see `bounds_kernels.project`."""
         return capped_kernels.project(p, self.upper, cells, out)
 
     def tension(self, p, contact):
@@ -179,7 +179,7 @@ class CappedBounds(PressureBounds):
         return capped_kernels.violations(p, self.upper, contact)
 
     def excess(self, p):
-        """Return what clipping to the bounds subtracts from p [N/mm2]."""
+        """Return what clipping to bounds subtracts from p [N/mm2]."""
         return p - np.clip(p, self.lower, self.upper)
 
     def room(self, p, contact, step):

@@ -14,13 +14,13 @@ NO_CELLS = 0, 0, 0, 0.0, 0.0, 0.0  # result of `activate` without cells
 
 @njit_reassoc
 def violation(p, admissible):
-    """Return by how much a pressure violates p >= 0."""
+    """Return how much a pressure violates p >= 0."""
     return -p if admissible else abs(p)
 
 
 @njit_reassoc
 def projected_displacement(free, closed):
-    """Return the displacement of a cell, with or without pressure.
+    """Return a cell's displacement, with or without pressure.
 
     `closed` is the displacement that closes the gap, `free` that without pressure. Return `closed` if it needs p >= 0,
     otherwise `free`.
@@ -106,7 +106,7 @@ def _activate_row(overlap, admissible, contact, released):
 
 @njit_reassoc
 def _squares_row(b, depth, u, contact):
-    """Return the sums of gap^2 and h^2 over contact cells."""
+    """Return sums of gap^2 and h^2 over contact cells."""
     gaps, distances = 0.0, 0.0
     for i in range(b.size):
         e, h = gap(u[i], b[i], depth), b[i] + depth

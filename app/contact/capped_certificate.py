@@ -114,7 +114,7 @@ def gaps(b, depth, u, p, upper, admissible, slope):
 
 @njit()
 def move(b, depth, u, p, upper, admissible, slope, stretch, deepen, constant, elsewhere, scale, field):
-    """Return w.w and w.field; set `field` to scale times w.
+    """Return w.w and w.field; set `field` to scale*w.
 
     w is the change from the gap e to the dual feasible gap. The dual feasible gap is the reduced gap, times 1 +
     `stretch` where it is open and 1 + `deepen` where it overlaps, plus a constant. In inadmissible cells w is

@@ -1,4 +1,4 @@
-"""Compiled loops of `app.contact.bounds.CappedBounds`, for 0 <= p <= H.
+"""Compiled loops of `app.contact.bounds.CappedBounds`: 0 <= p <= H.
 
 The loops correspond to the loops in `app.contact.bounds_kernels`, which are for p >= 0. `upper` is the hardness H, of
 shape (rows, nx). Outside the contact set C a cell with p >= H is plastic; any other cell is open.
@@ -142,7 +142,7 @@ def _count_row(p, upper, admissible, factor):
 
 @njit()
 def count_plastic(p, upper, admissible, factor):
-    """Count the admissible cells with `factor` * p >= H."""
+    """Count admissible cells with `factor` * p >= H."""
     cells = 0
     for j in range(p.shape[0]):
         cells += _count_row(p[j], upper[j], admissible[j], factor)

@@ -107,7 +107,7 @@ _certificates = WeakKeyDictionary()  # key of `estimate` and Certificate, by sta
 
 
 def certify(state, wanted=np.inf):
-    """Return the `Certificate` of the pressure of a `ContactState`. Collective.
+    """Return the `Certificate` of a `ContactState`'s pressure. Collective.
 
     The displacement is computed in double precision, unless `state` has it. If the first bound is below `wanted`, no
     product is spent on a smaller bound.
@@ -181,7 +181,7 @@ def _prove(state, enough, work):
 
 
 def _is_plastic_everywhere(state):
-    """Return whether all admissible cells are plastic, without gaps. Collective."""
+    """Return whether all admissible cells are plastic, gap-free. Collective."""
     if state.plastic_cells() < state.distance.statistics.cells:
         return False
     highest = [field.max(where=state.admissible, initial=-np.inf) for field in (state.gap(), np.abs(state.u))]
@@ -190,7 +190,7 @@ def _is_plastic_everywhere(state):
 
 
 def _lift_penetrations(state, most, energy, penetrates):
-    """Return the least duality gap by lifting penetrating cells. Collective.
+    """Return the least duality gap by lifting penetrations. Collective.
 
     This is the first way of the module docstring, on a free patch, with t up to `most`. `energy` is p.u, and
     `penetrates` marks the rows with penetration.

@@ -59,7 +59,7 @@ def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere
 
 @njit()
 def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
-    """Return w.w and w.field; set `field` to scale times w.
+    """Return w.w and w.field; set `field` to scale*w.
 
     w is the change from the gap e to the dual feasible gap, by the numbers of `certificate._gap_with_mean`.
     If `field` has no columns, only w.w is computed.

@@ -135,13 +135,13 @@ class UndeformedDistance:
 
     @property
     def max_searched_depth(self):
-        """Largest depth that the search for a load tries [mm]."""
+        """Largest depth [mm] tried when searching for a load."""
         depth = self.max_depth
         return depth - _MIN_SEARCHED_GAP * abs(depth) if depth < np.inf else depth
 
     @property
     def deviation(self):
-        """Standard deviation of the undeformed distance over admissible cells [mm]."""
+        """Standard deviation of undeformed distance over admissible cells [mm]."""
         return float(np.sqrt(self.statistics.squares_about_mean / max(self.statistics.cells, 1)))
 
     @property
@@ -150,7 +150,7 @@ class UndeformedDistance:
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
 
     def move_to(self, depth, neglected_gap=0.0):
-        """Set the depth, and the `neglected_gap` at this depth [mm]."""
+        """Set the depth, and the `neglected_gap` there [mm]."""
         self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
 
     def norm(self):
@@ -194,7 +194,7 @@ def _measure(levels, comm):
 
 
 def _mean(parts, cells):
-    """Return the mean and its rounding error, from partial sums."""
+    """Return the mean and rounding error, from partial sums."""
     if not cells:
         return 0.0, 0.0
     exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)

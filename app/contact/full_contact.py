@@ -21,7 +21,7 @@ _MAX_PRESSURE_FRACTION = 0.5
 
 
 class FullContact:
-    """Solver for the case that all cells are in contact.
+    """Solver for the case with all cells in contact.
 
     `distances` are the undeformed distances on all levels, coarsest first. The attribute `postponed` is true if a
     coarser grid showed that full contact is unlikely.

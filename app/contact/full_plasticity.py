@@ -32,7 +32,7 @@ class FullPlasticity:
         self.level = level
 
     def solve(self, state, loading, history):
-        """Solve if the load is the largest possible load. Collective.
+        """Solve if the load is the largest possible. Collective.
 
         Many approaches are possible under the largest load. The smallest of these approaches is chosen. Return the
         Outcome, or None under a smaller load.

@@ -61,7 +61,7 @@ class GridErrors(NamedTuple):
         return self.largest_of(ESTIMATED)
 
     def largest_of(self, names):
-        """Return the largest known error of some quantities of `ESTIMATED`."""
+        """Return the largest known error of some `ESTIMATED` quantities."""
         errors = (getattr(self, f"{name}_error") for name in names)
         return max((error for error in errors if error == error), default=float("nan"))
 
@@ -131,7 +131,7 @@ def _error(values, pairs, scatter=0.0):
 
 
 def pressure_difference(comm, transfer, coarse, state):
-    """Return the relative difference of pressures on two grids. Collective.
+    """Return the relative pressure difference between two grids. Collective.
 
     `coarse` is the pressure on the coarser grid. The pressure of `state` is restricted to this grid. The norm of the
     difference is divided by the larger of both norms. NaN if the pressures are equal.

@@ -1,4 +1,4 @@
-"""Loop over the grids of a nested iteration (Sec. 4.3)."""
+"""Loop over the grids of nested iteration (Sec. 4.3)."""
 
 import itertools
 

@@ -16,7 +16,7 @@ class Listener:
         """Handle a solve's start on all ranks; ``settings.rtol`` is -lcp_rtol."""
 
     def start(self, state, level):
-        """Handle the start of a grid; ``state.contact`` may be empty."""
+        """Handle a grid's start; ``state.contact`` may be empty."""
 
     def iteration(self, entry, state):
         """Handle an active set iteration: its history entry and the state.
@@ -30,7 +30,7 @@ class Listener:
 
 
 class Monitor(Listener):
-    """Listener that prints a line per active set iteration (-lcp_monitor)."""
+    """Listener printing a line per active set iteration (-lcp_monitor)."""
 
     HEADER = "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
     say = staticmethod(partial(print, flush=True))
@@ -67,20 +67,20 @@ class History:
     entries: list = field(default_factory=list)
 
     def start(self, state, solver):
-        """Start the record of a grid, and call the listeners."""
+        """Start a grid's record, and call the listeners."""
         self._started, self._iteration, self._work = time.perf_counter(), 0, solver.work_units
         for listener in self.listeners:
             listener.start(state, solver.level)
 
     def add(self, state, solver, update, inner):
-        """Record an iteration: its `Update` and its inner iterations. Collective."""
+        """Record an iteration: its `Update` and inner iterations. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
         work, seconds = self._work - before, time.perf_counter() - self._started
         self.record(make_entry(state, solver.level, self._iteration, update, inner, work, seconds), state)
 
     def record(self, entry, state):
-        """Append the entry of an iteration, and call the listeners."""
+        """Append an iteration's entry, and call the listeners."""
         self.entries.append(entry)
         for listener in self.listeners:
             listener.iteration(entry, state)
@@ -99,7 +99,7 @@ class History:
 
 
 def make_entry(state, level, iteration, update, inner, work, seconds):
-    """Return the history entry of an active set iteration. Collective."""
+    """Return an active set iteration's history entry. Collective."""
     return {
         "level": level,
         "iteration": iteration,

@@ -117,7 +117,7 @@ def _count_differences(row, other):
 
 @njit()
 def count_faces(contact, before, periodic):
-    """Count the faces between cells in contact and other cells.
+    """Count the faces between contact cells and other cells.
 
     A face lies between two neighbouring cells. Return the numbers of faces in x and in y. `before` is the row before
     the first row. The upper faces of the last row are left out.

@@ -18,7 +18,7 @@ import numpy as np
 
 
 class Loading:
-    """Base class of loadings; its methods suit a prescribed approach.
+    """Base class of loadings; methods suit a prescribed approach.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Loading:
         return state.approach
 
     def restore_prescribed(self, measures):
-        """Return `measures` with the prescribed number free of rounding errors."""
+        """Return `measures` without rounding errors in the prescribed number."""
         return measures
 
     def first_solve(self, state, solve):
@@ -99,7 +99,7 @@ class Loading:
         """Add the missing load to p, before `settle`. Collective."""
 
     def settle(self, state, update):
-        """Meet the prescribed number exactly; return the new `Update`. Collective."""
+        """Meet the prescribed number exactly; return the `Update`. Collective."""
         return update
 
     def scale_pressure(self, pressure, total, cell_area):
@@ -184,5 +184,5 @@ class PrescribedMeanGap(PrescribedApproach):
         return measures if measures.mean_plastic_depth else measures._replace(mean_gap=self._mean_gap)
 
     def depth_on(self, distance):
-        """Return the depth that gives the mean gap; see `Loading.depth_on`."""
+        """Return the depth for the mean gap; see `Loading.depth_on`."""
         return self._depth + (distance.statistics.mean - self._mean)

@@ -84,7 +84,7 @@ def _without_rounding(depth, size, touching, full):
 
 
 def validate_number(kind, number):
-    """Return the prescribed number of a loading as a float.
+    """Return a loading's prescribed number as a float.
 
     Raises InputError if it is no real number, too large or too small, or a negative load.
     """

@@ -204,7 +204,7 @@ def _steps_at_sides(operator, shape):
 
 
 def _wave_slope(operator, shape):
-    """Return the mean square slope of the Fourier interpolant. Collective."""
+    """Return the Fourier interpolant's mean square slope. Collective."""
     grid = operator.grid
 
     def square(columns, rows):
@@ -219,7 +219,7 @@ def _wave_slope(operator, shape):
 
 
 def _difference_slope(operator, shape):
-    """Return the mean square slope from differences across faces. Collective."""
+    """Return the mean square slope by face differences. Collective."""
     grid, (repeats_y, repeats_x) = operator.grid, operator.grid.repeats
     before = fetch_row_before(shape, repeats_y, operator.slabs, operator.comm, np.nan)
     in_x, faces_x, in_y, faces_y = sum_over(operator.comm, _squared_differences(shape, before, repeats_x))

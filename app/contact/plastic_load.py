@@ -33,7 +33,7 @@ def step_to_load(state, load, target, stiffness=0.0):
         compliance = cells * grid.cell_area / stiffness
 
     def model(t):
-        """Return the model's load minus the target, and its derivative."""
+        """Return the model's load minus the target, with derivative."""
         total, free = state.sum(state.bounds.local_load(*fields, t, compliance))
         return grid.cell_area * float(total) - target, grid.cell_area * float(free) / compliance
 
@@ -45,7 +45,7 @@ def step_to_load(state, load, target, stiffness=0.0):
 
 
 def _zero(function, value, slope, width, allowed):
-    """Find the zero of an increasing function by Newton's method.
+    """Find an increasing function's zero by Newton's method.
 
     The iteration starts at 0, and stays in an interval that contains the zero. ``function(t)`` returns value and
     derivative; those at 0 are `value` and `slope`. `width` is the first step where the derivative is 0. A value up to

@@ -58,7 +58,7 @@ class PrescribedLoad(Loading):
         self._depths = []  # final depths of the grids solved so far [mm]
 
     def mean_pressure_on(self, grid):
-        """Return the load divided by the patch's area; see `Loading`."""
+        """Return the load divided by patch area; see `Loading`."""
         return self.load / (grid.n * grid.cell_area)
 
     def largest_pressure(self, distance, grid, coefficient):
@@ -70,7 +70,7 @@ class PrescribedLoad(Loading):
         return self.mean_pressure_on(operator.grid) * operator.diagonal
 
     def restore_prescribed(self, measures):
-        """Restore the load if met up to rounding; see `Loading.restore_prescribed`."""
+        """Restore a load met up to rounding; see `Loading.restore_prescribed`."""
         if not isclose(measures.load, self.load, rel_tol=LOAD_ROUNDING):
             return measures
         load, mean = self.load, self._mean_pressure
@@ -83,7 +83,7 @@ class PrescribedLoad(Loading):
         return solve(self).after(outcome) if outcome.converged else outcome
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Search for the approach that gives the load; see `Loading.solve_by_search`.
+        """Find the approach that gives the load; see `Loading.solve_by_search`.
 
         After the search the load is made exact, and the stopping test (5.1) is repeated.
         """
@@ -109,7 +109,7 @@ class PrescribedLoad(Loading):
             state.approach_next_cell() if load < self.load else state.retreat_to_cell()
 
     def search(self, state, solve, rtol, step=None):
-        """Search for the approach that gives the load, by bracketing.
+        """Find the approach that gives the load, by bracketing.
 
         Collective. The search solves problems of prescribed approach. It converges for every problem that `solve` can
         solve, because the load is monotone in the approach.
@@ -302,7 +302,7 @@ class PrescribedLoad(Loading):
         return state.activate_penetrating().after(update)
 
     def meet(self, state):
-        """Add the missing load if cells are plastic; see `Loading.meet`."""
+        """Add missing load if cells are plastic; see `Loading.meet`."""
         if state.bounds.capped and state.plastic_cells():
             state.reach_load(self.load)
 

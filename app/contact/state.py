@@ -51,7 +51,7 @@ class Update(NamedTuple):
 
 
 class Gaps(NamedTuple):
-    """Sums over the gaps of cells, NaN if not computed."""
+    """Sums over the cells' gaps, NaN if not computed."""
 
     cells: int
     squares: float  # sum of (h + u)^2 [mm2]
@@ -66,7 +66,7 @@ class Gaps(NamedTuple):
 
     @property
     def rms(self):
-        """Root mean square of the gaps [mm]; 0 without cells."""
+        """Root mean square gap [mm]; 0 without cells."""
         return sqrt(self.squares / max(self.cells, 1))
 
     @property
@@ -229,13 +229,13 @@ class ContactState:
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
     def forget_exchanges(self):
-        """Reset the numbers of changed cells, before a new iteration."""
+        """Reset the numbers of changed cells, before iterating anew."""
         self._fewest_changed, self._stagnating, self._has_released = np.inf, 0, False
 
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
 
     def before_iteration(self, k):
-        """Adapt C before iteration k, on periodic patches only. Collective."""
+        """Adapt C of periodic patches before iteration k. Collective."""
 
     def start_from_interpenetration(self):
         """Start from contact where h <= 0, without pressure (step 1)."""

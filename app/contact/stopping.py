@@ -15,7 +15,7 @@ class StoppingTest:
     final: bool = True  # True on the target grid
 
     def allowed(self, state):
-        """Return the allowed norm of the residual, rtol ||h|| [mm]."""
+        """Return the allowed residual norm, rtol ||h|| [mm]."""
         return self.rtol * state.distance.norm()
 
     def __call__(self, state, residual):
@@ -27,7 +27,7 @@ class StoppingTest:
         return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
-        """Return the test of coarser grids, which accepts any residual.
+        """Return the coarser grids' test, which accepts any residual.
 
         Step 3.b of Sec. 4.3 only requires that the contact area does not change.
         """

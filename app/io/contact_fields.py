@@ -113,11 +113,11 @@ class ContactFields:
         return views.load().solution_html(self)
 
     def summary(self):
-        """Return the text that app.solve prints on a solution. Collective."""
+        """Return the text app.solve prints on a solution. Collective."""
         return views.load().summarize(self)
 
     def plot(self, name=None, ax=None):
-        """Draw a picture of these fields, chosen by its `name`.
+        """Draw a picture of these fields, chosen by `name`.
 
         On several ranks, call the method `plot` of ``solution.gather()`` on one rank.
 

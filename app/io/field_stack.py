@@ -38,7 +38,7 @@ class FieldStack:
         self._file, self._path, self._name = file, path, f"output {target}"
 
     def write(self, row, fields):
-        """Write the fields of a row; missing fields become NaN."""
+        """Write a row's fields; missing fields become NaN."""
         for name in _TYPES.keys() & self._file.keys():
             missing = 0 if _TYPES[name] is np.uint8 else np.nan
             with report_write_errors(self._name):
@@ -58,7 +58,7 @@ class FieldStack:
 
 @contextmanager
 def open_field_stack(path, names, rows, grid):
-    """Yield a `FieldStack` that replaces `path` if the block succeeds.
+    """Yield a `FieldStack`, replacing `path` if the block succeeds.
 
     The space is reserved first, because HDF5 cannot close a file on a full disk.
     """

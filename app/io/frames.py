@@ -37,7 +37,7 @@ def to_dataframe(columns, index=None, units=()):
 
 
 def to_xarray(result):
-    """Return an xarray.Dataset of the fields, with units in ``attrs``.
+    """Return an xarray.Dataset of fields, with units in ``attrs``.
 
     Numbers and texts are attributes of the Dataset. Fields have the local rows only.
     """

@@ -11,7 +11,7 @@ from app.multigrid.hierarchy import MAX_DIRECT_CELLS
 
 
 def solves_directly(operator):
-    """Return whether a grid is small and on one rank."""
+    """Return whether one rank holds the whole, small grid."""
     return operator.slabs.size == 1 and operator.grid.n <= MAX_DIRECT_CELLS
 
 
@@ -44,7 +44,7 @@ def stored_matrix(operator):
 
 @njit()
 def _cut(matrix, cells, system):
-    """Copy the lower triangle of A on `cells` to `system`."""
+    """Copy A's lower triangle on `cells` to `system`."""
     for i in range(cells.size):
         row = matrix[cells[i]]
         for j in range(i + 1):

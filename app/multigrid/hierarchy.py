@@ -180,7 +180,7 @@ class Hierarchy:
         return operator.grid.n / self.target.grid.n
 
     def shapes(self, problem):
-        """Return the undeformed distance on all levels, coarsest first. Collective.
+        """Return each level's undeformed distance, coarsest first. Collective.
 
         A gap that is a function is evaluated on every grid. A gap that is an array is averaged over the cells of
         coarser grids. Raises InputError if the undeformed distance has invalid values, or differs between ranks.
@@ -247,7 +247,7 @@ class Hierarchy:
             collect_garbage(comm)
 
     def destroy(self):
-        """Free the products of all levels, and the communicators. Collective."""
+        """Free the levels' products and the communicators. Collective."""
         for level in self.levels:
             level.free()
         self.ranks.destroy()

@@ -1,4 +1,4 @@
-"""Interpolation to a finer grid: bilinear, or quintic if periodic.
+"""Interpolation to finer grids: bilinear, or quintic if periodic.
 
 Values belong to the centres of cells. Bilinear interpolation is as in the paper, step 2 of Sec. 4.3. Quintic
 polynomials through six cells in x and y have an error of sixth order. Both interpolations take the same time.
@@ -64,7 +64,7 @@ def _interpolate_halved(row, weights, fine):
 
 @njit()
 def interpolate_quintic(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
-    """Interpolate a periodic coarse field to fine cells, by quintics.
+    """Interpolate periodic coarse fields to fine cells, by quintics.
 
     Fine row j is interpolated from the coarse rows rows[j] to rows[j] + 5, fine column i from columns[i] to columns[i]
     + 5. Columns are counted from `QUINTIC_MARGIN` cells before the first one. Weights have shapes (rows, 6) and

@@ -14,7 +14,7 @@ class KspContext:
     norm_type = PETSc.KSP.NormType.UNPRECONDITIONED
 
     def setFromOptions(self, ksp):
-        """Set the norm of the method, unless ``-ksp_norm_type`` is given."""
+        """Set the method's norm, unless ``-ksp_norm_type`` is given."""
         if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_norm_type"):
             ksp.setNormType(self.norm_type)
 

@@ -133,7 +133,7 @@ class ContactMG:
             self.setUp(pc)
 
     def apply(self, pc, x, y):
-        """Compute y from x by ``-pc_mg_multiplicative_cycles`` cycles, by default one."""
+        """Compute y from x by ``-pc_mg_multiplicative_cycles`` cycles (default: one)."""
         if self._cycle is None:
             self.setUp(pc)
         try:

@@ -115,7 +115,7 @@ class Transfer:
         self.coarse.mask[...] = self._send_to_owner(contact)
 
     def restrict_shape(self, shape):
-        """Return the mean undeformed distance in each coarse cell. Collective.
+        """Return each coarse cell's mean undeformed distance. Collective.
 
         The mean is over the admissible fine cells, where contact is possible; NaN if there are none. If the patch
         repeats in a direction with an odd number of cells, coarse cells are shorter than two fine cells. Then the mean
@@ -212,7 +212,7 @@ class Transfer:
         return _transfer_mat(_Restriction(self), *sides, comm)
 
     def interpolation_mat(self, comm):
-        """Make the Mat (fine x coarse) of a `_Prolongation`. Collective."""
+        """Make a `_Prolongation`'s Mat (fine x coarse). Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 

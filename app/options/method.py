@@ -60,7 +60,7 @@ def _option(kind, default, meaning, strategies=_STRATEGIES, only_nested=False):
 # fmt: off
 @dataclass(frozen=True)
 class Settings:
-    """Values of the options ``-lcp_NAME``, and texts of all options."""
+    """Values of options ``-lcp_NAME``, and texts of all options."""
 
     type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
     nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
@@ -231,7 +231,7 @@ def _find_replaceable(files, typed):
 
 
 def _note_ignored(names, replaceable):
-    """Return warnings on method files whose options have no effect."""
+    """Return warnings on method files whose options are ineffective."""
     files = dict.fromkeys(filter(None, (replaceable[name] for name in names)))
     listed = {file: ", ".join(f"-{name}" for name in names if replaceable[name] == file) for file in files}
     text = "later options leave these without effect"
@@ -239,7 +239,7 @@ def _note_ignored(names, replaceable):
 
 
 def drop_unused(settings, unused, known):
-    """Return settings without the replaceable options that were not used.
+    """Return settings without the unused replaceable options.
 
     `unused` are the names that no solver has read. Raises InputError if one of them is not replaceable; the message may
     suggest names in `known`, too.

@@ -190,7 +190,7 @@ def _to_text(value):
 
 
 def format_options(texts):
-    """Format options as on a command line, sorted by name.
+    """Format options as on command lines, sorted by name.
 
     Examples
     --------
@@ -380,7 +380,7 @@ def choice(*names):
 
 
 def subset(*names):
-    """Return a parser of words from `names`, separated by commas."""
+    """Return a parser of comma-separated words from `names`."""
 
     def parse(text):
         chosen = tuple(text.split(","))

@@ -67,7 +67,7 @@ class SolverOptions:
 
     @contextmanager
     def inserted(self):
-        """Insert the options into PETSc's database for a ``with`` block.
+        """Insert options into PETSc's database for a ``with`` block.
 
         After the block, `used` also contains the options that PETSc has read in the block.
         """
