@@ -17,6 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from app.halfspace.grid import Grid
+from app.halfspace.material import Material
 from app.io.table import format_markdown, write_table
 from app.problems.random_surfaces import SelfAffineSurface
 from benchmarks import loads, periodic, replay
@@ -219,7 +220,7 @@ def padded_product(result):
     """Return the plain product of the free patch of a result."""
     facts = result.attributes
     grid = Grid(*result.pressure.shape[::-1], *(float(axis[1] - axis[0]) for axis in (result.x, result.y)))
-    return PlainProduct(grid, (1 - facts["poisson_ratio"]) / (np.pi * facts["shear_modulus"]))
+    return PlainProduct(grid, Material.combined(facts["shear_modulus"], facts["poisson_ratio"]).kernel)
 
 
 def load_sweep(sizes, ranks, options, output):

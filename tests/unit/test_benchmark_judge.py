@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from app import ContactProblem, Grid, Material, Sphere, read_result, solve
 from app.reference import full_contact_pressure
-from benchmarks import periodic
+from benchmarks import bench, periodic
 from benchmarks.plain import PlainPeriodicProduct, check_periodic
 
 N = 64
@@ -73,3 +74,13 @@ def test_hardness_bounds_are_checked():
     assert found(1.5 * p, e)["tension"] == pytest.approx(1 / 3)
     full = np.full_like(p, 2.0)
     assert max(found(full, -np.abs(wave)).values()) < 1e-12
+
+
+def test_padded_product_of_a_result_gives_its_displacement(tmp_path):
+    grid = Grid.from_domain(24, 16, (-3, 3, -2, 2))
+    solve(ContactProblem(grid, Material.combined(82000, 0.28), Sphere(50)), approach=0.02).save(
+        tmp_path / "r.h5"
+    )
+    result = read_result(tmp_path / "r.h5")
+    product = bench.padded_product(result)
+    np.testing.assert_allclose(product(result.pressure), result.displacement, rtol=1e-10)
