@@ -157,6 +157,11 @@ class PeriodicCase(Files):
         self.stem = folder / f"{name.replace(' ', '-').replace('.', '_')}-{size}"
         self.product = PlainPeriodicProduct(self.grid, self.material.contact_modulus)
 
+    def rename(self, name, kind, problems):
+        """Take a name of `problems`; files are called by the kind and the place of the name."""
+        self.name = name
+        self.stem = self.stem.with_name(f"{kind}-{list(problems).index(name)}-{self.size}")
+
     def learn(self, pressure):
         """Know the approach by our answer to the load."""
         self.approach = float(np.mean((self.gap + self.product(pressure))[pressure > 0]))
@@ -193,8 +198,7 @@ class HardnessCase(PeriodicCase):
     def __init__(self, name, size, folder):
         load, share = HARDNESS_PROBLEMS[name]
         super().__init__(load, size, folder)
-        self.stem = self.stem.with_name(f"hardness-{list(HARDNESS_PROBLEMS).index(name)}-{size}")
-        self.name = name
+        self.rename(name, "hardness", HARDNESS_PROBLEMS)
         if "mean pressure" in name:
             self.hardness = self.load / periodic.SIDE**2 / share
         else:
@@ -219,8 +223,8 @@ class LayerCase(PeriodicCase):
     def __init__(self, name, size, folder):
         load, cells, poisson = LAYER_PROBLEMS[name]
         super().__init__(load, size, folder)
-        self.stem = self.stem.with_name(f"layer-{list(LAYER_PROBLEMS).index(name)}-{size}")
-        self.name, self.thickness = name, cells * periodic.SIDE / size
+        self.rename(name, "layer", LAYER_PROBLEMS)
+        self.thickness = cells * periodic.SIDE / size
         young = self.material.contact_modulus * (1 - poisson**2)
         self.material = Material.pair((young, math.inf), (poisson, 0.0))
         self.product = PlainPeriodicProduct(self.grid, self.material.contact_modulus, self.thickness, poisson)
