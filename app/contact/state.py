@@ -229,7 +229,7 @@ class ContactState:
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
     def forget_exchanges(self):
-        """Reset the numbers of changed cells, before iterating anew."""
+        """Reset the numbers of changed cells, before another iteration."""
         self._fewest_changed, self._stagnating, self._has_released = np.inf, 0, False
 
     # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
