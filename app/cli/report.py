@@ -208,9 +208,6 @@ def stress_section(result, poisson_ratio=None, body=None):
     if poisson_ratio is None and unknown:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
-    if result.grid.one_way and find_layer(facts, body) is not None:
-        text = "Stresses of a coated body are not computed on a patch that is periodic in one direction."
-        return Section("stress", "Below the surface", [text])
     if not np.isfinite(result.pressure).all():
         text = "Pressures of this run are not finite, so there are no stresses."
         return Section("stress", "Below the surface", [text])

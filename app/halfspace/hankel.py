@@ -1,4 +1,4 @@
-"""Hankel transforms of smooth functions at many distances.
+"""Hankel, cosine and sine transforms of smooth functions at many distances.
 
 The functions of the wave number q are smooth, and decay like exp(-q) or faster. Up to a distance of ten, the integrals
 are Gauss sums over fixed wave numbers. At larger distances r they are sums over y = q r. There a smooth window cuts off
@@ -19,7 +19,7 @@ _POINTS = 16  # Gauss points of a panel
 
 
 class HankelRule:
-    """Points and weights of Hankel transforms, at increasing `distances` from 0 on.
+    """Points and weights of transforms, at increasing `distances` from 0 on.
 
     The attributes `near` and `far` are the wave numbers at which a function is needed. `far` has a row for each
     distance above ten.
@@ -33,19 +33,23 @@ class HankelRule:
         self.near, weights = _panels(_PANEL, _Q_MAX)
         over_distance = j1(self.near * near) / np.maximum(near, np.finfo(float).tiny)
         over_distance = np.where(near > 0, over_distance, self.near / 2)
-        self._near = weights * j0(self.near * near), weights * over_distance
+        cosine, sine = np.cos(self.near * near), np.sinc(self.near * near / np.pi)
+        self._near = [weights * wave for wave in (j0(self.near * near), over_distance, cosine, sine)]
         y, weights = _panels(_Y_PANEL, _Y_MIDDLE + 5 * _Y_WIDTH)
         weights *= erfc((y - _Y_MIDDLE) / _Y_WIDTH) / 2
-        self._far, self.far = (weights * j0(y), weights * j1(y)), y / self._distances[:, None]
+        self._far = [weights * wave for wave in (j0(y), j1(y), np.cos(y), np.sin(y) / y)]
+        self.far = y / self._distances[:, None]
 
-    def transform(self, near, far, order):
+    def transform(self, near, far, kind):
         """Return the transform of a function f at each distance r.
 
-        The transform is the integral of f(q) J0(q r) dq if `order` is 0, and of f(q) J1(q r) / r dq if it is 1. The
-        arguments `near` and `far` are the values of f at the wave numbers in the attributes `near` and `far`.
+        The transform is the integral of f(q) w dq with w = J0(q r) if `kind` is "J0", J1(q r) / r if it is "J1",
+        cos(q r) if it is "cos", and sin(q r) / (q r) if it is "sin". The arguments `near` and `far` are the values of f
+        at the wave numbers in the attributes `near` and `far`.
         """
-        beyond = far @ self._far[order] / self._distances ** (1 + order)
-        return np.concatenate([self._near[order] @ near, beyond])
+        k = ("J0", "J1", "cos", "sin").index(kind)
+        beyond = far @ self._far[k] / self._distances ** (2 if kind == "J1" else 1)
+        return np.concatenate([self._near[k] @ near, beyond])
 
 
 def _panels(step, end):

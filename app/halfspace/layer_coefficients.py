@@ -52,8 +52,8 @@ class LayerTables:
         image = np.sqrt(r * r + 4)
         rule = HankelRule(r)
         near, far = ratio(rule.near) - 1, ratio(rule.far) - 1
-        g = rule.transform(near, far, 0)
-        integral = r * r * rule.transform(near / rule.near, far / rule.far, 1)  # of g r dr from 0
+        g = rule.transform(near, far, "J0")
+        integral = r * r * rule.transform(near / rule.near, far / rule.far, "J1")  # of g r dr from 0
         rest = g - self._excess / image
         self._tail = rest[-1] * self._radius**3  # rest = tail / r^3 beyond the table
         even = (1, 0.0), "not-a-knot"

@@ -88,13 +88,12 @@ def _describe(stress, depth):
 def draw_section_stress(axes, result, along, row, column, ends):
     """Draw the von Mises stress below a row or column of cells.
 
-    The section is shown between `ends` [mm]. Return False if the pressure is zero or not finite, or if the stress is
-    unknown: without Poisson's ratio, and below a coating on a patch that is periodic in one direction.
+    The section is shown between `ends` [mm]. Return False if the pressure is zero or not finite, or if Poisson's ratio
+    is unknown.
     """
     poisson_ratio, layer = find_poisson_ratio(result.attributes), find_layer(result.attributes)
     pressure, grid = result.pressure, result.grid
-    unknown = poisson_ratio is None if layer is None else grid.one_way
-    if unknown or not np.isfinite(pressure).all() or not pressure.any():
+    if (poisson_ratio is None and layer is None) or not np.isfinite(pressure).all() or not pressure.any():
         return False
     place = {"y": result.y[row]} if along == "x" else {"x": result.x[column]}
     while grid.n > _MAX_CELLS and (coarse := coarsen(pressure, grid)):

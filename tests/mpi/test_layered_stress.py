@@ -9,7 +9,7 @@ from app import ContactProblem, Grid, Material, Sphere, solve, stress
 
 @pytest.mark.mpi(1, 2, 3)
 def test_stresses_do_not_depend_on_the_number_of_ranks(comm):
-    for periodic in (False, True):
+    for periodic in (False, "y", True):
         compare_ranks(comm, periodic)
 
 

@@ -1,4 +1,4 @@
-"""Stress of cells on a layer, by tables in the distance.
+"""Stress of cells and strips on a layer, by tables in the distance.
 
 Lengths are in thicknesses t of the layer. With the stress function a(q) of `app.halfspace.layer_waves` at a depth, the
 stress below a pressure on cells follows from radial functions,
@@ -12,13 +12,19 @@ function of a half-space of the layer's material, which has a closed form, is su
 smooth, over lengths of the *scale*: the depth in the base, and 2 - depth, the distance of the image of the surface, in
 the layer.
 
+An endless strip of pressure has the stresses of plane strain. They are the differences, between its two edges, of
+
+    1 / pi int a''(q) sin(q x) / q dq,    -1 / pi int a(q) sin(q x) / q dq,    -1 / pi int a'(q) cos(q x) / q dq
+
+for sigma_xx, sigma_zz and sigma_xz, at the distance x from an edge across the strip.
+
 Cubic splines in asinh(r) interpolate the functions. The error of a stress is below 1e-8 of the largest pressure, or of
 the largest stress if the layer is much stiffer than its base.
 """
 
 from dataclasses import replace
 from functools import lru_cache
-from math import asinh, ceil, log2, sqrt
+from math import asinh, ceil, hypot, log2, sqrt
 
 import numpy as np
 
@@ -50,15 +56,43 @@ def _table(layer, depth, radius):
     The functions of the distance r are g, h and v of the module, each multiplied by r^2 + scale^2. The depth is in
     thicknesses.
     """
-    from scipy.interpolate import CubicSpline
-
     v, rule, waves = _waves(layer, radius)
     near, far = (wave.functions(depth, reflected=True) for wave in waves)
-    g, slope, h = (rule.transform(near[k], far[k], order) for k, order in enumerate((1, 0, 1)))
-    scale = 2 - depth if depth <= 1 else depth
-    functions = np.stack([g, h, -slope]) / (2 * np.pi) * (np.sinh(v) ** 2 + scale**2)
-    splines = CubicSpline(v, functions, axis=1, bc_type=("clamped", "not-a-knot"))
+    g, slope, h = (rule.transform(near[k], far[k], kind) for k, kind in enumerate(("J1", "J0", "J1")))
+    scale = _scale(depth)
+    splines = _splines(v, np.stack([g, h, -slope]) / (2 * np.pi) * (np.sinh(v) ** 2 + scale**2))
     return np.ascontiguousarray(splines.c.transpose(1, 2, 0)), scale
+
+
+@lru_cache(maxsize=256)
+def _strip_table(layer, depth, radius):
+    """Return splines of the functions of a strip's edge, and the scale.
+
+    The first two functions of the distance x are divided by x, and all are multiplied by sqrt(x^2 + scale^2).
+    """
+    v, rule, waves = _waves(layer, radius)
+    near, far = (wave.functions(depth, reflected=True) for wave in waves)
+    xx, zz = (rule.transform(near[k], far[k], "sin") for k in (2, 0))
+    xz = rule.transform(near[1] / rule.near, far[1] / rule.far, "cos")
+    scale = _scale(depth)
+    return _splines(v, np.stack([xx, -zz, -xz]) / np.pi * np.hypot(np.sinh(v), scale)), scale
+
+
+def _scale(depth):
+    return 2 - depth if depth <= 1 else depth
+
+
+def _splines(v, functions):
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(v, functions, axis=1, bc_type=("clamped", "not-a-knot"))
+
+
+def _in_thicknesses(layer, depth, farthest):
+    """Return a depth and the radius of tables up to a distance, in thicknesses."""
+    t = layer.thickness
+    radius = 2.0 ** ceil(log2(max(1.01 * farthest / t, _MIN_RADIUS)))
+    return 1.0 if depth == t else depth / t, radius
 
 
 def add_layer_corners(layer, x, y, depth, out):
@@ -67,14 +101,26 @@ def add_layer_corners(layer, x, y, depth, out):
     The sum over the four corners of a cell, with alternating signs, is the stress of the cell. `x` and `y` are offsets
     of a point from the corners [mm], monotonic arrays. The depth is in mm. `out` has the shape (6, y.size, x.size).
     """
-    t = layer.thickness
-    x, y, depth = x / t, y / t, 1.0 if depth == t else depth / t
-    farthest = sqrt(np.abs(x).max() ** 2 + np.abs(y).max() ** 2)
-    radius = 2.0 ** ceil(log2(max(1.01 * farthest, _MIN_RADIUS)))
+    depth, radius = _in_thicknesses(layer, depth, hypot(np.abs(x).max(), np.abs(y).max()))
+    x, y = x / layer.thickness, y / layer.thickness
     coefficients, scale = _table(layer, depth, radius)
     spacing = asinh(radius) / len(coefficients)
     nu = layer.poisson[int(depth > 1)]
     _add_corners(x, y, coefficients, spacing, scale, nu, _NODES, _WEIGHTS, np.zeros((3, x.size)), out)
+
+
+def strip_edges(layer, x, depth):
+    """Return stresses xx, zz and xz due to the edges of strips, (3, x.size).
+
+    The difference between the two edges of a strip is its stress. `x` are offsets of a point from the edges [mm]. The
+    depth is in mm. In the layer the stresses of a half-space of its material must be added.
+    """
+    depth, radius = _in_thicknesses(layer, depth, np.abs(x).max())
+    x = x / layer.thickness
+    splines, scale = _strip_table(layer, depth, radius)
+    edges = splines(np.arcsinh(np.abs(x))) / np.hypot(x, scale)
+    edges[:2] *= x
+    return edges
 
 
 @njit()

@@ -57,13 +57,12 @@ class LayeredStress(SubsurfaceStress):
         self._set_pressure(pressure, grid)
 
     def _make_sums(self, pressure, grid):
-        if grid.one_way:
-            raise InputError(
-                f"periodic in {grid.one_way}: a coated body has stresses on free patches, or if both directions repeat"
-            )
-        from app.halfspace.stress.layer_sums import LayeredFreeStress, LayeredPeriodicStress
+        from app.halfspace.stress import layer_sums
 
-        return (LayeredPeriodicStress if grid.symbol else LayeredFreeStress)(pressure, grid, self.layer)
+        if grid.one_way:
+            return layer_sums.LayeredOneWayStress(pressure, grid, self.layer)
+        kind = layer_sums.LayeredPeriodicStress if grid.symbol else layer_sums.LayeredFreeStress
+        return kind(pressure, grid, self.layer)
 
     def describe(self, nu="nu"):
         """Describe the materials of the body; `nu` is written for Poisson's ratio."""

@@ -172,18 +172,25 @@ class OneWayStress:
         padded = np.zeros(shape)
         padded[: grid.ny, : grid.nx] = pressure - np.expand_dims(self._mean, self._along)
         wide = replace(grid, ny=shape[0], nx=shape[1], periodic="spectral")
-        self._waves = PeriodicStress(padded, wide, nu)
+        self._waves = self._make_waves(padded, wide)
+
+    def _make_waves(self, pressure, grid):
+        return PeriodicStress(pressure, grid, self.nu)
+
+    def _strip_edges(self, x, depth):
+        """Return stresses xx, zz and xz of line forces from 0 to x, and Poisson's ratio."""
+        return _strip_edge(x, depth), self.nu
 
     def _of_strips(self, depth, at=None):
         """Return the stress by strips of uniform pressure, everywhere or at `at`."""
         grid, n = self.grid, self._mean.size
         size, centres = (grid.dx, grid.x()) if self._along == 0 else (grid.dy, grid.y())
         offsets = size * np.arange(1 - n, n) if at is None else at - centres
-        low, high = (_strip_edge(offsets + side * size / 2, depth) for side in (-1, 1))
+        (low, nu), (high, _) = (self._strip_edges(offsets + side * size / 2, depth) for side in (-1, 1))
         inside = slice(n - 1, 2 * n - 1)
         parts = (np.convolve(self._mean, k)[inside] if at is None else k @ self._mean for k in high - low)
         across, zz, shear = parts
-        along, none = self.nu * (across + zz), 0 * across
+        along, none = nu * (across + zz), 0 * across
         if self._along == 0:
             return np.stack([across, along, zz, none, shear, none])
         return np.stack([along, across, zz, none, none, shear])

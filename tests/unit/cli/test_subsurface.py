@@ -115,8 +115,9 @@ def test_stresses_of_a_coated_body_have_both_sides_of_the_interface(made, tmp_pa
         assert file.attrs["max_interface_shear_depth"] == 1.5
 
 
-def test_pictures_of_a_coated_body_have_a_line_at_the_interface(made):
-    result = coated(made, "one")
+@pytest.mark.parametrize("periodic", ["", "y"])
+def test_pictures_of_a_coated_body_have_a_line_at_the_interface(made, periodic):
+    result = with_attributes(coated(made, "one"), periodic=periodic)
     figure = subsurface.draw(result, survey(stress(result), depths=9))
     assert "layer of 1.5 mm, ν = 0.25, on ν = 0.3" in figure._suptitle.get_text()
     panels = [axes for axes in figure.axes if axes.get_ylabel().startswith("depth")]
