@@ -9,6 +9,7 @@ from app import Grid, Material
 from app.base.petsc import restricts_by_transpose
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
 from app.parallel.slabs import Slabs
 
@@ -56,14 +57,15 @@ def matrix_of(grid):
 
 
 BOXED = Grid(230, 190, 0.2, 0.25)  # large enough for a product in a box
+BOXED_ONE_WAY = Grid(230, 190, 0.2, 0.25, periodic="y")
 
 
 def make_convolution(comm, grid, block=1, dtype=np.float64):
     layout = Layout(slabs_of(comm, grid, block), comm, dtype)
     if grid.symbol:
         return PeriodicProduct(partial(STEEL.eigenvalues, grid), grid.shape, layout)
-    if grid == BOXED:
-        return BoxProduct(grid, STEEL, layout)
+    if grid in (BOXED, BOXED_ONE_WAY):
+        return BoxProduct(grid, patch_kernel(STEEL, grid), layout)
     return Convolution(partial(influence_quadrant, grid, STEEL), grid.shape, layout, grid.repeats)
 
 

@@ -202,8 +202,7 @@ class InfluenceOperator(MatMethods):
         dtype = np.dtype(dtype)
         if self.grid.symbol:
             return PeriodicProduct
-        boxed = not self.kernel.encloses_images and BoxProduct.suits(self.grid, dtype)
-        return BoxProduct if boxed else Convolution
+        return BoxProduct if BoxProduct.suits(self.grid, self.kernel, dtype) else Convolution
 
     def _convolution(self, dtype):
         grid, kernel, kind, layout = self.grid, self.kernel, self._kind(dtype), self.layout(dtype)

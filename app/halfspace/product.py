@@ -5,7 +5,7 @@ has the Fourier transforms.
 
 ``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution: p is padded by
 zeros to an ``Ny x Nx`` grid, ``N >= 2 n - 1``, and multiplied in Fourier space. In a direction in which the patch
-repeats no padding is needed. On large free grids, padding by a quarter in each direction is enough: in this periodic
+repeats no padding is needed. On large grids, padding by a quarter in each free direction is enough: in this periodic
 box the images of the patch have a smooth influence, which `app.halfspace.images` subtracts.
 """
 
@@ -66,12 +66,18 @@ class BoxProduct(EvenMultiplier):
     @staticmethod
     def periods_of(grid):
         """Return the cells of a grid's box in y and x."""
-        return tuple(fast_length(n + ceil(_BOX_MARGIN * n)) for n in grid.shape)
+        cells = zip(grid.shape, grid.repeats, strict=True)
+        return tuple(n if whole else fast_length(n + ceil(_BOX_MARGIN * n)) for n, whole in cells)
 
     @classmethod
-    def suits(cls, grid, dtype):
-        """Return whether box products are faster than a `Convolution`."""
-        sides = [n * d for n, d in zip(cls.periods_of(grid), (grid.dy, grid.dx), strict=True)]
+    def suits(cls, grid, kernel, dtype):
+        """Return whether box products are possible, and faster than a `Convolution`."""
+        if grid.one_way == "x":
+            return False  # Padding in y costs little, because zero rows are not transformed in x.
+        periods, copies = cls.periods_of(grid), kernel.period_cells(grid)
+        if any(0 < copy < period for copy, period in zip(copies, periods, strict=True)):
+            return False  # The copies of a part of the period are nearer than its images.
+        sides = [n * d for n, d in zip(periods, (grid.dy, grid.dx), strict=True)]
         return min(grid.shape) >= _MIN_BOX_CELLS[dtype] and max(sides) <= _MAX_BOX_ASPECT * min(sides)
 
     def _kernel(self, rows):
@@ -81,8 +87,8 @@ class BoxProduct(EvenMultiplier):
 
     def _correct_images(self):
         grid, (width, per_gap) = self._box.grid, _NODES[self.dtype]
-        gap = [period - n for period, n in zip(self.periods, grid.shape, strict=True)]
-        step = min(gap[0] * grid.dy, gap[1] * grid.dx) / per_gap
+        around = zip(self.periods, grid.shape, (grid.dy, grid.dx), grid.repeats, strict=True)
+        step = min((period - n) * d for period, n, d, whole in around if not whole) / per_gap
         steps, kernel = [max(1, int(step / d)) for d in (grid.dy, grid.dx)], (self._box, self._compliance)
         self.image_correction = ImageCorrection(*kernel, steps, width, self.slabs, self.comm, self.dtype)
 

@@ -41,6 +41,13 @@ def add_row(a, scale, b):
         a[i] += scale * b[i]
 
 
+@njit(fastmath={"contract"})
+def add_two_rows(a, scale, b, other_scale, c):
+    """Compute a += scale b and then a += other_scale c, for rows."""
+    for i in range(a.size):
+        a[i] = a[i] + scale * b[i] + other_scale * c[i]
+
+
 @njit_reassoc
 def copy_row(row, out):
     """Copy a row to `out`, which may have another floating-point type."""
@@ -115,15 +122,20 @@ def nonzero_span(row):
 
 
 @njit()
+def _count_nonzero(row):
+    count = 0
+    for i in range(row.size):
+        count += row[i] != 0
+    return count
+
+
+@njit()
 def any_nonzero(block):
     """Return whether any entry of an array is nonzero."""
-    for j in range(block.shape[0]):
-        nonzero = False
-        for i in range(block.shape[1]):
-            nonzero |= block[j, i] != 0
-        if nonzero:
-            return True
-    return False
+    j = 0
+    while j < block.shape[0] and not _count_nonzero(block[j]):
+        j += 1
+    return j < block.shape[0]
 
 
 def sum_over(comm, values):

@@ -8,8 +8,9 @@ from operators import GRIDS, PERIODIC, STEEL, matrix_of, random_field
 
 from app import Material
 from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant
+from app.halfspace.influence import influence_quadrant, quadrant_rows
 from app.halfspace.kernel import UNIT
+from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct
 
@@ -56,15 +57,59 @@ def test_box_product_of_layers_equals_padded_product(young, thickness):
         assert np.abs(u - expected).max() <= 1e-9 * np.abs(expected).max()  # the coefficients' accuracy
 
 
+def assert_box_product_is_padded_product(grid, kernel, double, single):
+    kernel = patch_kernel(kernel, grid)
+    padded, box = (
+        Convolution(quadrant_rows(grid, kernel), grid.shape, repeats=grid.repeats),
+        BoxProduct(grid, kernel),
+    )
+    for p in fields(grid.shape, np.random.default_rng(0)):
+        expected = np.empty(grid.shape)
+        padded.apply(p, expected)
+        for dtype, limit in ((np.float64, double), (np.float32, single)):
+            u = np.empty(grid.shape, dtype)
+            box.in_precision(dtype).apply(p.astype(dtype), u)
+            assert np.abs(u - expected).max() <= limit * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        Grid(170, 180, 1.0, 1.2, periodic="y"),
+        Grid(205, 171, 1.0, 0.8, periodic="y"),
+        Grid(180, 201, 1.0, 1.5, periodic="x"),
+    ],
+)
+def test_box_product_of_patches_periodic_in_one_direction_equals_padded_product(grid):
+    assert_box_product_is_padded_product(grid, STEEL, ROUNDING[np.float64], ROUNDING[np.float32])
+    for young in ((1.0, 10.0), (10.0, 1.0)):
+        kernel = Material.coated(young, (0.3, 0.3), 5.0).kernel
+        assert_box_product_is_padded_product(grid, kernel, 1e-9, 1e-4)
+
+
+def test_box_product_of_a_part_of_the_period_equals_padded_product():
+    whole, part = Grid(180, 300, 1.0, 1.0, periodic="y"), Grid(180, 200, 1.0, 1.0)
+    kernel = patch_kernel(STEEL, whole)
+    assert_box_product_is_padded_product(part, kernel, ROUNDING[np.float64], ROUNDING[np.float32])
+
+
 def test_box_product_is_used_on_large_grids_of_moderate_aspect():
     single, double = (np.dtype(kind) for kind in (np.float32, np.float64))
-    assert not BoxProduct.suits(Grid(300, 300, 1.0, 1.0), single)
-    assert BoxProduct.suits(Grid(400, 400, 1.0, 1.0), single)
-    assert not BoxProduct.suits(Grid(400, 400, 1.0, 1.0), double)
-    assert not BoxProduct.suits(Grid(400, 400, 1.0, 4.0), single)
+    assert not BoxProduct.suits(Grid(300, 300, 1.0, 1.0), UNIT, single)
+    assert BoxProduct.suits(Grid(400, 400, 1.0, 1.0), UNIT, single)
+    assert not BoxProduct.suits(Grid(400, 400, 1.0, 1.0), UNIT, double)
+    assert not BoxProduct.suits(Grid(400, 400, 1.0, 4.0), UNIT, single)
     operator = InfluenceOperator(Grid(660, 650, 1.0, 1.0), STEEL, dtype=np.float32)
     operator.prepare("exact_product", "product")
     assert isinstance(operator.exact_product, BoxProduct)
+
+
+def test_box_product_pads_the_free_direction_only():
+    single, grid = np.dtype(np.float32), Grid(400, 401, 1.0, 1.0, periodic="y")
+    kernel, part = patch_kernel(UNIT, grid), Grid(400, 360, 1.0, 1.0)
+    assert BoxProduct.suits(grid, kernel, single) and BoxProduct.periods_of(grid)[0] == 401
+    assert not BoxProduct.suits(part, kernel, single)  # its copies are nearer than the images of the box
+    assert not BoxProduct.suits(Grid(400, 400, 1.0, 1.0, periodic="x"), kernel, single)
 
 
 each_periodic_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys())
