@@ -25,6 +25,7 @@ from app.multigrid.transfer import Transfer
 
 MIN_MARGIN = 4  # smallest margin around contact, in cells of the coarser grid
 SIZE_STEP = 16  # sizes of small windows are multiples of this number of cells, and at least two steps
+MIN_WHOLE_PERIOD = 0.8  # share of a period from which a window with the whole period is faster
 MAX_WINDOW_FRACTION = (
     0.85  # largest share of the cells: a larger window costs more for its spectra than it saves
 )
@@ -226,7 +227,7 @@ def _round_up_size(first, last, lowest, highest, period=0):
     """Round up an interval to a cached size or fast FFT length.
 
     The interval stays within `lowest` and `highest`; an empty interval stays empty. If the patch repeats after `period`
-    cells, an interval of half the period or more becomes the whole period, which needs no padding.
+    cells, an interval of at least `MIN_WHOLE_PERIOD` of the period becomes the whole period, which needs no padding.
     """
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
@@ -234,6 +235,7 @@ def _round_up_size(first, last, lowest, highest, period=0):
     length = max(-(-(last - first) // SIZE_STEP), 2) * SIZE_STEP
     if length > 4 * SIZE_STEP:
         length = next_fast_len(last - first, real=True)
-    length = highest - lowest if highest - lowest == period <= 2 * length else min(length, highest - lowest)
+    whole = highest - lowest == period and length >= MIN_WHOLE_PERIOD * period
+    length = highest - lowest if whole else min(length, highest - lowest)
     first = max(lowest, min(first - (length - (last - first)) // 2, highest - length))
     return first, first + length
