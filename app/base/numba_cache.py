@@ -17,9 +17,9 @@ from types import FunctionType
 
 import numba
 import numpy as np
-from llvmlite.binding import set_option
+from llvmlite.binding import parse_assembly, set_option
 from numba.core import types
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
 
@@ -55,25 +55,41 @@ def njit(makes_arrays=False, **options):
     if hasattr(DefaultOptions, "no_cfunc_wrapper"):  # only functions called by address need this wrapper
         options["no_cfunc_wrapper"] = True
 
-    def compiled(function, **more):
-        try:
-            dispatcher = numba.njit(cache=True, **options, **more)(function)
-        except RuntimeError:  # numba finds no folder for its cache
-            numba.config.CACHE_DIR = str(_private_cache_folder())
-            dispatcher = numba.njit(cache=True, **options, **more)(function)
-        dispatcher._cache = LockedCache(function)
-        dispatcher.compile = release_lock_after(dispatcher.compile, dispatcher._cache)
+    def compiled(function, cache_class, **more):
+        dispatcher = numba.njit(**options, **more)(function)
+        dispatcher.compile = _with_cache(dispatcher, cache_class)
         return dispatcher
 
     def decorate(function):
-        dispatcher = compiled(function)
-        if hasattr(DefaultOptions, "no_cpython_wrapper"):
-            inner = cache(lambda: compiled(_renamed(function, "inner"), no_cpython_wrapper=True))
-            dispatcher.get_call_template = lambda args, kws: inner().get_call_template(*unliteral(args, kws))
-            dispatcher.get_overload = lambda signature: inner().get_overload(signature)
+        if not hasattr(DefaultOptions, "no_cpython_wrapper"):
+            return compiled(function, LockedCache)
+        dispatcher = compiled(function, MachineCodeCache)
+        inner = cache(lambda: compiled(_renamed(function, "inner"), LockedCache, no_cpython_wrapper=True))
+        dispatcher.get_call_template = lambda args, kws: inner().get_call_template(*unliteral(args, kws))
+        dispatcher.get_overload = lambda signature: inner().get_overload(signature)
         return dispatcher
 
     return decorate
+
+
+def _with_cache(dispatcher, cache_class):
+    """Return a function that compiles with the cache, always unlocking it."""
+    compile_, function = dispatcher.compile, dispatcher.py_func
+
+    @wraps(compile_)
+    def load_or_compile(signature):
+        if not isinstance(dispatcher._cache, cache_class):  # the first time: most loops are never called
+            try:
+                dispatcher._cache = cache_class(function)
+            except RuntimeError:  # numba finds no folder for its cache
+                numba.config.CACHE_DIR = str(_private_cache_folder())
+                dispatcher._cache = cache_class(function)
+        try:
+            return compile_(signature)
+        finally:
+            dispatcher._cache.unlock()
+
+    return load_or_compile
 
 
 def unliteral(args, kws):
@@ -154,17 +170,23 @@ class LockedCache(FunctionCache):
             self._locked = None
 
 
-def release_lock_after(compile_, cache):
-    """Return a function that compiles, always unlocking the cache."""
+class MachineCodeCache(LockedCache):
+    """Cache of a function that is called from Python only. It has no code for other functions to link.
 
-    @wraps(compile_)
-    def compile_and_unlock(signature):
-        try:
-            return compile_(signature)
-        finally:
-            cache.unlock()
+    Parsing this code would take most of the time to load a function.
+    """
 
-    return compile_and_unlock
+    class _impl_class(CompileResultCacheImpl):
+        def reduce(self, result):
+            """Return what is saved."""
+            match super().reduce(result):
+                case ((name, "object", (machine_code, _)), description, *others, tuple(environments)):
+                    symbol = description.llvm_cpython_wrapper_name
+                    stub = parse_assembly(f'define void @"{symbol}"() {{ ret void }}').as_bitcode()
+                    used = tuple(e for e in environments if e.consts)  # each imports a module of numba
+                    return (name, "object", (machine_code, stub)), description, *others, used
+                case everything:  # of another release of numba
+                    return everything
 
 
 def check_compiler():

@@ -2,11 +2,13 @@
 
 import fcntl
 import importlib
+import pickle
 import sys
 
 import numba
 import numpy as np
 import pytest
+from llvmlite.binding import parse_bitcode
 from numba.core import event
 from processes import TESTS, run
 
@@ -103,14 +105,31 @@ def import_loops(folder, content, monkeypatch):
     return importlib.import_module("loops_of_a_test")
 
 
-def test_a_cached_loop_makes_arrays_in_a_process_that_compiles_nothing(tmp_path):
+def test_a_cached_loop_makes_arrays_in_a_process_that_compiles_and_imports_nothing(tmp_path):
     (tmp_path / "loops_of_a_test.py").write_text(ARRAYS)
     program = (
-        "import loops_of_a_test as loops\nprint(loops.total(5), *loops.total.stats.cache_hits.values())\n"
+        "import sys, loops_of_a_test as loops\n"
+        "before = len(sys.modules)\n"
+        "print(loops.total(5), len(sys.modules) > before, *loops.total.stats.cache_hits.values())\n"
     )
-    for hits in ([], ["1"]):
+    for expected in (["10.0", "True"], ["10.0", "False", "1"]):
         done = run("-c", program, env={"PYTHONPATH": f"{tmp_path}:{TESTS.parent}"})
-        assert done.stdout.split() == ["10.0", *hits]
+        assert done.stdout.split() == expected
+
+
+def test_the_cache_has_code_to_link_only_of_loops_that_others_call(tmp_path, monkeypatch):
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
+    assert (loops.twice(1.5), loops.four_times(1.5)) == (3, 6)
+    functions = {}
+    for file in (tmp_path / "__pycache__").glob("*.nbc"):
+        (_, _, (_, bitcode)), *_ = pickle.loads(file.read_bytes())
+        functions[file.name.split("-")[0]] = [f.name for f in parse_bitcode(bitcode).functions]
+    names = {name: any("cpython" not in f for f in found) for name, found in functions.items()}
+    assert names == {
+        "loops_of_a_test.twice": False,
+        "loops_of_a_test.four_times": False,
+        "loops_of_a_test.twice_inner": True,
+    }
 
 
 def test_a_cached_loop_can_be_called_by_another(tmp_path, monkeypatch):
