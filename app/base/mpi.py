@@ -19,6 +19,9 @@ _OF_RANKS = (
     "OMPI_COMM_WORLD_", "OMPI_MCA_ess", "OMPI_MCA_orte_", "OMPI_MCA_pmix", "OMPI_UNIVERSE_SIZE", "PMIX_", "PMI_",
 )  # fmt: skip
 
+# Variables of the number of ranks -> those of the rank, of Open MPI and of MPICH and its relatives.
+_SIZES = {"OMPI_COMM_WORLD_SIZE": "OMPI_COMM_WORLD_RANK", "PMI_SIZE": "PMI_RANK"}
+
 # What Open MPI 4 sets in a process without mpiexec. A program that inherits it cannot be mpiexec.
 _OF_SINGLE_RANK = ("OMPI_MCA_ess", "OMPI_MCA_pmix")
 
@@ -62,6 +65,17 @@ def single_rank_variables(environment):
     """Return environment changes (None: remove) for a child that is no rank."""
     changes = {name: None for name in environment if name.startswith(_OF_RANKS)}
     return changes | SINGLE_RANK | {"OMP_NUM_THREADS": environment.get("OMP_NUM_THREADS", "1")}
+
+
+def launched_rank(environment):
+    """Return the rank and the number of ranks that mpiexec has started, without starting MPI.
+
+    The result is (0, 1) without mpiexec.
+    """
+    for size, rank in _SIZES.items():
+        if environment.get(size, "").isdecimal():
+            return int(environment.get(rank, 0)), int(environment[size])
+    return 0, 1
 
 
 @contextmanager

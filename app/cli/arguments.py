@@ -5,12 +5,16 @@ import os
 import re
 import shutil
 import signal
+import time
 from functools import wraps
 
 from app import __version__
 from app.base.errors import InputError, format_message, shorten
+from app.base.mpi import launched_rank
 from app.cli import streams
 from app.options import option_table
+
+_ROOT_SECONDS = 2.0  # Time for rank 0 to print its error; then mpiexec ends the other ranks.
 
 
 class Parser(argparse.ArgumentParser):
@@ -50,6 +54,17 @@ def check_ranks(ranks):
         raise InputError(f"--ranks {ranks}: there is no mpiexec on PATH")
 
 
+def _refuse_ranks():
+    """Raise InputError on one of several ranks of mpiexec, on rank 0 first.
+
+    Otherwise each rank would do the whole work, and write the same files.
+    """
+    rank, size = launched_rank(os.environ)
+    if size > 1:
+        time.sleep(_ROOT_SECONDS * (rank > 0))
+        raise InputError(f"mpiexec -n {size}: this command runs on one rank; start it without mpiexec")
+
+
 def check_folder(folder):
     """Raise InputError unless the folder -o can be made or written to."""
     if folder.exists() and not folder.is_dir():
@@ -78,8 +93,8 @@ def command(main):
     """Decorate the ``main(argv)`` of a command.
 
     If the user makes an error, the decorated function prints one line and returns the status 2. SIGTERM acts like
-    Ctrl-C: the status is 130 after either. Exceptions other than InputError, OSError and MemoryError are bugs, and
-    propagate.
+    Ctrl-C: the status is 130 after either. On several ranks of mpiexec the command is refused. Exceptions other than
+    InputError, OSError and MemoryError are bugs, and propagate.
     """
 
     @wraps(main)
@@ -87,6 +102,7 @@ def command(main):
         streams.reopen_closed()
         previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
+            _refuse_ranks()
             return main(argv)
         except (InputError, OSError, MemoryError) as error:
             streams.print_error(f"error: {format_message(error)}")

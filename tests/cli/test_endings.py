@@ -58,6 +58,11 @@ def test_nonsense_in_petsc_options_is_refused(solve, words, message, ranks):
     assert_ended(solve(*HERTZ, ranks=ranks, PETSC_OPTIONS=words), message)
 
 
+def test_commands_of_one_rank_refuse_mpiexec():
+    done = run("-m", "app.report", "nowhere.h5", ranks=2)
+    assert_ended(done, "mpiexec -n 2: this command runs on one rank; start it without mpiexec")
+
+
 def test_nonsense_in_petscrc_is_refused(solve, tmp_path):
     (tmp_path / ".petscrc").write_text("grid 8\n")
     assert_ended(solve(*HERTZ, ranks=2), ".petscrc line 1: grid")

@@ -33,3 +33,18 @@ def test_commands_have_the_same_exit_statuses(name, error, status, line, monkeyp
     assert main([]) == status
     assert capsys.readouterr().err == line
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize("launcher", ["OMPI_COMM_WORLD", "PMI"])
+@pytest.mark.parametrize(("rank", "size"), [(0, 2), (1, 2), (0, 1)])
+def test_commands_start_on_one_rank_only(launcher, rank, size, monkeypatch, capsys):
+    main = import_module("app.report").main
+    parser, wait = mock.Mock(side_effect=InputError("parsed")), mock.Mock()
+    monkeypatch.setattr(import_module("app.cli.report"), "Parser", parser)
+    monkeypatch.setattr("time.sleep", wait)
+    monkeypatch.setenv(f"{launcher}_SIZE", str(size))
+    monkeypatch.setenv(f"{launcher}_RANK", str(rank))
+    assert main([]) == 2
+    refusal = f"mpiexec -n {size}: this command runs on one rank; start it without mpiexec"
+    assert capsys.readouterr().err == f"error: {refusal if size > 1 else 'parsed'}\n"
+    assert parser.called == (size == 1)
