@@ -1,7 +1,6 @@
 """Refinement of the grid until the discretisation error is small enough."""
 
 from dataclasses import replace
-from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,14 @@ from app.api.solution import Solution
 from app.api.solver import ContactSolver
 from app.api.summary import format_grids
 from app.base import views
-from app.base.errors import InputError, call_collectively, check_equal_on_ranks, check_type, format_exact
+from app.base.errors import (
+    InputError,
+    call_collectively,
+    check_equal_on_ranks,
+    check_type,
+    format_exact,
+    is_number,
+)
 from app.base.petsc import check_cells, mpi_comm
 from app.base.progress_bar import progress_bar
 from app.base.quantities import ESTIMATED
@@ -172,9 +178,9 @@ def _has_room(solver, grid):
 def check(problem, until, most_cells, quantities, loading):
     """Raise InputError if a problem cannot be refined, or limits are wrong."""
     check_type("problem", problem, Problem, "a ContactProblem")
-    if not (isinstance(until, Real) and 0 < until < 1):
+    if not (is_number(until) and 0 < until < 1):
         raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")
-    if not (isinstance(most_cells, Real) and most_cells > 0):
+    if not (is_number(most_cells) and most_cells > 0):
         raise InputError(f"refine most_cells {most_cells!r}: must be a positive number")
     if isinstance(quantities, str) or not quantities or not set(quantities) <= set(ESTIMATED):
         raise InputError(f"quantities= (-refine_for) {quantities!r}: must be among {', '.join(ESTIMATED)}")

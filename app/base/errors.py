@@ -4,6 +4,7 @@ import re
 import socket
 import sys
 import warnings
+from numbers import Real
 
 _LONG_WORD = re.compile(r"\S{72,}")
 MAX_WORD, MAX_PATH, MAX_MESSAGE = 60, 255, 4000  # characters
@@ -60,6 +61,18 @@ def check_type(name, value, kind, what):
     """Raise InputError unless argument `name` has the type `kind`."""
     if not isinstance(value, kind):
         raise InputError(f"{name}: is {type(value).__name__}; must be {what}")
+
+
+def is_number(value):
+    """Return whether a value is a real number; true and false are none."""
+    return isinstance(value, float) or (isinstance(value, Real) and not isinstance(value, bool))
+
+
+def to_float(value):
+    """Convert a number or its text to a float; raise TypeError for true and false."""
+    if type(value).__name__ in ("bool", "bool_"):
+        raise TypeError(f"{value} is no number")
+    return float(value)
 
 
 def format_exact(number):

@@ -1,11 +1,10 @@
 """Construction of loadings from numbers of the user, and checks of these."""
 
 from math import ulp
-from numbers import Real
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, is_number
 from app.contact.full_plasticity import LOAD_ROUNDING
 from app.contact.loading import PrescribedApproach, PrescribedMeanGap
 from app.contact.prescribed_load import PrescribedLoad
@@ -90,7 +89,7 @@ def validate_number(kind, number):
     """
     if isinstance(number, np.ndarray) and not number.shape:
         number = number[()]
-    if isinstance(number, bool) or not isinstance(number, Real):
+    if not is_number(number):
         name = type(number).__name__
         is_sequence = hasattr(number, "__len__") and getattr(number, "shape", None) != ()  # () if masked
         if is_sequence and not isinstance(number, str | bytes):

@@ -21,7 +21,7 @@ from operator import index
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, to_float
 from app.base.usage import usage
 
 SYMBOLS = ("spectral", "love")  # names of the influence matrices of a patch periodic in x and y
@@ -81,7 +81,7 @@ class Grid:
     def __post_init__(self):
         checked = dict(zip(("nx", "ny"), _cells(self.nx, self.ny), strict=True))
         try:
-            checked |= {name: float(getattr(self, name)) for name in ("dx", "dy", "x0", "y0")}
+            checked |= {name: to_float(getattr(self, name)) for name in ("dx", "dy", "x0", "y0")}
         except (TypeError, ValueError):
             checked["dx"] = np.nan
         numbers = list(checked.values())[2:]
@@ -103,7 +103,7 @@ class Grid:
         """
         nx, ny = _cells(nx, ny)
         try:
-            x0, x1, y0, y1 = map(float, domain)
+            x0, x1, y0, y1 = map(to_float, domain)
         except (TypeError, ValueError):
             raise InputError(f"domain {domain!r}: must be four numbers (x0, x1, y0, y1) [mm]") from None
         if not (np.isfinite([x0, x1, y0, y1]).all() and x1 > x0 and y1 > y0):

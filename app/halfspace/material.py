@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, to_float
 from app.base.usage import usage
 from app.halfspace.kernel import HalfSpaceKernel
 from app.halfspace.layer import Layer
@@ -107,7 +107,7 @@ class Material:
         3369
         """
         try:
-            young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
+            young, poisson = (tuple(map(to_float, pair)) for pair in (young, poisson))
         except (TypeError, ValueError):
             wanted = "must be two Young's moduli and two Poisson's ratios, (E1, E2), (nu1, nu2)"
             raise InputError(f"pair: {wanted}") from None
@@ -233,7 +233,7 @@ class Material:
             if values is None:
                 continue
             try:
-                pair = np.broadcast_to(np.asarray(values, dtype=float), 2)
+                pair = np.broadcast_to([*map(to_float, np.atleast_1d(values))], 2)
             except (TypeError, ValueError):
                 pair = np.full(2, np.nan)
             # A resistivity is the reciprocal of a conductivity.
@@ -291,7 +291,7 @@ class Material:
 
 def _real(name, value):
     try:
-        return float(value)
+        return to_float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} {value!r}: must be a number") from None
 
@@ -299,7 +299,7 @@ def _real(name, value):
 def _pair_of_reals(first, second, what):
     """Return both pairs of numbers as tuples of floats."""
     try:
-        pairs = tuple(tuple(map(float, pair)) for pair in (first, second))
+        pairs = tuple(tuple(map(to_float, pair)) for pair in (first, second))
     except (TypeError, ValueError):
         pairs = ()
     if [len(pair) for pair in pairs] != [2, 2]:

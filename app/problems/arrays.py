@@ -9,11 +9,12 @@ from app.options.option_table import LARGEST
 def real_numbers(label, values, needed="an array of real numbers, or a function of x and y"):
     """Return a float64 copy of an array, with NaN for masked entries.
 
-    Raises InputError for anything not real, also for texts, complex numbers and None, which numpy would convert.
+    Raises InputError for anything not real, also for texts, complex numbers, booleans and None, which numpy would
+    convert.
     """
     try:
         array = np.asanyarray(values)
-        if array.dtype.kind in "biufO" and values is not None:
+        if array.dtype.kind in "iufO" and values is not None:
             return np.asarray(np.ma.filled(array.astype(float), np.nan))
     except (TypeError, ValueError):
         pass

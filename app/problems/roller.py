@@ -1,11 +1,10 @@
 """Rollers of finite length with a crown."""
 
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, is_number
 from app.problems.arrays import real_numbers
 from app.problems.shapes import Shape, check_length
 from app.reference.base import require_positive
@@ -59,7 +58,7 @@ class Roller(Shape):
 
     def __post_init__(self):
         require_positive(radius=self.radius, length=self.length)
-        if not (isinstance(self.end_chamfer, Real) and 0 <= 2 * self.end_chamfer < self.length):
+        if not (is_number(self.end_chamfer) and 0 <= 2 * self.end_chamfer < self.length):
             raise InputError(
                 f"chamfer of the roller {self.end_chamfer!r}: must be from 0 to less than half its length, "
                 f"{format_exact(self.length / 2)} mm"

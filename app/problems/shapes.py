@@ -6,12 +6,11 @@ method `check_grid`, which raises InputError for a grid that does not fit.
 
 import math
 from dataclasses import dataclass, fields
-from numbers import Real
 
 import numpy as np
 
 from app import reference
-from app.base.errors import InputError, format_distinct, format_exact
+from app.base.errors import InputError, format_distinct, format_exact, is_number
 from app.base.usage import usage
 from app.reference.base import require_positive
 
@@ -95,13 +94,13 @@ class Paraboloid(Shape):
         d1 and d2 are the differences of the two curvatures of body 1 and body 2. The x axis of the patch is the
         principal direction of k nearest to the first axis of body 1.
         """
-        radii1, radii2 = ((r, r) if isinstance(r, Real) else r for r in (radii1, radii2))
+        radii1, radii2 = ((r, r) if is_number(r) else r for r in (radii1, radii2))
         for body, radii in ((1, radii1), (2, radii2)):
-            if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):
+            if np.shape(radii) != (2,) or not all(is_number(r) and abs(r) > 0 for r in radii):
                 raise InputError(
                     f"radii of body {body}: must be two numbers, not 0, or one; inf: straight; negative: concave"
                 )
-        if not (isinstance(angle, Real) and math.isfinite(angle)):
+        if not (is_number(angle) and math.isfinite(angle)):
             raise InputError(f"angle {angle!r} between the bodies: must be a finite number [degree]")
         k1, k2 = (tuple(1 / radius for radius in radii) for radii in (radii1, radii2))
         total, d1, d2 = sum(k1) + sum(k2), k1[0] - k1[1], k2[0] - k2[1]
@@ -193,7 +192,7 @@ class Cone(Shape):
     name = "cone"
 
     def __post_init__(self):
-        if not (isinstance(self.angle, Real) and 0 < self.angle < 90):
+        if not (is_number(self.angle) and 0 < self.angle < 90):
             raise InputError(f"angle of the cone {self.angle!r}: must be between 0 and 90 degrees")
 
     @property

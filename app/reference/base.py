@@ -3,18 +3,17 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace
-from numbers import Real
 from typing import ClassVar
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, is_number
 
 
 def require_numbers(**values):
     """Raise InputError unless all values are numbers."""
     for name, value in values.items():
-        if not isinstance(value, float | Real):  # Real alone is slow
+        if not is_number(value):
             raise InputError(f"{name} {value!r}: must be a number")
 
 

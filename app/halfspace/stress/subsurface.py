@@ -9,12 +9,11 @@ a few rows of these arrays.
 """
 
 from dataclasses import dataclass, replace
-from numbers import Real
 
 import numpy as np
 
 from app.base import views
-from app.base.errors import InputError
+from app.base.errors import InputError, is_number
 from app.base.units import format_quantity
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -97,7 +96,7 @@ class SubsurfaceStress:
     interface = None  # depth [mm]
 
     def __init__(self, pressure, grid, poisson_ratio):
-        if not (isinstance(poisson_ratio, Real) and 0 <= poisson_ratio <= 0.5):
+        if not (is_number(poisson_ratio) and 0 <= poisson_ratio <= 0.5):
             raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
         self.nu = float(poisson_ratio)
         self._set_pressure(pressure, grid)
@@ -230,14 +229,14 @@ class SubsurfaceStress:
 
 
 def _checked(depth):
-    if not (isinstance(depth, Real) and 0 <= depth < np.inf):
+    if not (is_number(depth) and 0 <= depth < np.inf):
         raise InputError(f"depth {depth!r}: must be 0 or more, and finite")
     return float(depth)
 
 
 def _check_places(**places):
     for name, place in places.items():
-        if not (isinstance(place, Real) and np.isfinite(place)):
+        if not (is_number(place) and np.isfinite(place)):
             raise InputError(f"{name} {place!r}: must be a finite number")
 
 

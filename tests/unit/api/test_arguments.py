@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cases import hertz
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material, Sphere, solve
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, Paraboloid, Sphere, refine, solve
 from app.base.errors import InputError
 from app.problems.problem import Problem
 
@@ -96,4 +96,28 @@ def test_wrong_listeners_are_refused_before_any_work(listeners):
 def test_wrong_arguments_are_refused_in_one_line(message, call):
     with pytest.raises(InputError, match=message) as refused:
         call()
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("true", [True, np.True_])
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda true: ContactProblem(GRID, STEEL, Paraboloid(9, 9), hardness=true),
+        lambda true: ContactProblem(GRID, STEEL, Paraboloid(9, true)),
+        lambda true: ContactProblem(GRID, STEEL, np.full(GRID.shape, true)),
+        lambda true: Paraboloid.between(true, 9),
+        lambda true: Grid.from_domain(8, 8, (0, true, 0, 1)),
+        lambda true: Grid(8, 8, true, 1.0),
+        lambda true: Material.isotropic(true, 0.3),
+        lambda true: Material.pair((true, 1e5), (0.3, 0.3)),
+        lambda true: Material.coated((true, 1e5), (0.3, 0.3), 1.0),
+        lambda true: STEEL.conducting(resistivity=true),
+        lambda true: solve(BALL, load=true),
+        lambda true: refine(BALL, load=1.0, until=true),
+    ],
+)
+def test_true_is_no_number(use, true):
+    with pytest.raises(InputError, match="must be") as refused:
+        use(true)
     assert "\n" not in str(refused.value)

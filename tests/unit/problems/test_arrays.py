@@ -16,10 +16,10 @@ def test_numbers_are_copied_as_float64_and_masked_ones_are_nan():
     assert values[0] == 1.0
     masked = real_numbers("h", np.ma.masked_equal([[1, 2], [3, 2]], 2))
     np.testing.assert_array_equal(masked, [[1.0, np.nan], [3.0, np.nan]])
-    np.testing.assert_array_equal(real_numbers("h", [True, Fraction(1, 2)]), [1.0, 0.5])
+    np.testing.assert_array_equal(real_numbers("h", [1, Fraction(1, 2)]), [1.0, 0.5])
 
 
-@pytest.mark.parametrize("values", [None, "1", ["a"], [1j], [[1, 2], [3]], [None, "x"]])
+@pytest.mark.parametrize("values", [None, "1", ["a"], [1j], True, [True, False], [[1, 2], [3]], [None, "x"]])
 def test_other_values_are_refused(values):
     with pytest.raises(InputError, match=r"^h: must be heights$"):
         real_numbers("h", values, "heights")
