@@ -53,22 +53,17 @@ def _create_periodic_inverse(grid, kernel, layout):
     return inverse
 
 
-def has_stiff_layer(operator):
-    """Return whether a free patch has a stiff layer on a soft substrate."""
-    grid = operator.grid
-    return not grid.periodic and operator.kernel.contrast(grid) > MIN_STIFF_CONTRAST
-
-
-def circulant_inverse(operator, apart=False):
+def circulant_inverse(operator, apart=False, padded=False):
     """Return B, the inverse of A's periodic continuation.
 
     Collective over the ranks of the `operator`. B is created on first use. On a periodic patch B is exact. If `apart`
-    is true, there is a gap between the copies of a free patch, as in `create_circulant_inverse`.
+    is true, there is a gap between the copies of a free patch, as in `create_circulant_inverse`. If `padded` is true,
+    too, fields are continued past the boundary of a free patch, as in `PaddedInverse`.
     """
     if not operator.active:
         return operator.product
     periodic = operator.grid.symbol
-    if apart and has_stiff_layer(operator):
+    if padded:
         return get_or_create(operator, "apart", PaddedInverse)
     create = _create_periodic_inverse if periodic else partial(create_circulant_inverse, apart=apart)
     return get_or_create(operator, "apart" if apart and not periodic else "adjoining", create)
@@ -110,23 +105,22 @@ class Circulant:
         if operator is self.operator:
             return
         self.operator = operator
-        blocks, periodic = self.blocks, bool(operator.grid.symbol)
-        self.multiplier = circulant_inverse(operator, apart=True)
+        grid, kernel = operator.grid, operator.kernel
+        blocks, periodic, contrast = self.blocks, bool(grid.symbol), kernel.contrast(grid)
+        has_stiff_layer = not grid.periodic and contrast > MIN_STIFF_CONTRAST
+        self.multiplier = circulant_inverse(operator, apart=True, padded=has_stiff_layer)
         shared = operator.slabs, operator.comm
-        steps = self.steps * (STIFF_LAYER_STEPS if has_stiff_layer(operator) else 1)
-        self.extension = EdgeExtension(operator.local_shape, *shared, steps, operator.grid.periodic)
-        far_reaching = operator.kernel.far_reaching
-        stencil = self.multiplier.centre if periodic else centre(operator.grid, operator.kernel)
-        if has_stiff_layer(operator) and stencil.sum() < (1 - MAX_NEIGHBOUR_SHARE) * stencil[1, 1]:
+        steps = self.steps * (STIFF_LAYER_STEPS if has_stiff_layer else 1)
+        self.extension = EdgeExtension(operator.local_shape, *shared, steps, grid.periodic)
+        stencil = self.multiplier.centre if periodic else centre(grid, kernel)
+        if has_stiff_layer and stencil.sum() < (1 - MAX_NEIGHBOUR_SHARE) * stencil[1, 1]:
             stencil = _scale_neighbours(stencil, MAX_NEIGHBOUR_SHARE)
         self.average = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
-        if blocks and far_reaching and min(operator.grid.shape) >= MIN_BLOCKS * blocks:
-            self.average = BlockAverage(
-                operator.grid.shape, *shared, blocks, operator.kernel.contrast(operator.grid)
-            )
-        sides = operator.grid.dx, operator.grid.dy
+        if blocks and kernel.far_reaching and min(grid.shape) >= MIN_BLOCKS * blocks:
+            self.average = BlockAverage(grid.shape, *shared, blocks, contrast)
+        sides = grid.dx, grid.dy
         # Without block means neighbours may cancel, as on 2 x 2 periodic cells.
         scaled = self.average and max(sides) <= MAX_SCALED_ASPECT * min(sides)
         self._stencils = stencil, _scale_neighbours(stencil, 1.0) if scaled else stencil
