@@ -211,11 +211,12 @@ class Circulant:
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             ny, nx = self.multiplier.periods
-            steps = self.extension.steps
+            in_y, in_x = self.operator.grid.repeats
+            sides = " and ".join(["x"] * (not in_x) + ["y"] * (not in_y))
+            matrix = f"A continued periodically in {sides}" if sides else "the periodic A"
             begin = ", from means over blocks" if self.average else ""
-            viewer.printfASCII(
-                f"  inverse of A continued periodically, periods {nx} x {ny}, extended by {steps} cells{begin}\n"
-            )
+            extended = f"residual extended by {self.extension.steps} cells{begin}"
+            viewer.printfASCII(f"  inverse of {matrix}, periods {nx} x {ny}; {extended}\n")
 
 
 def _scale_neighbours(stencil, share):

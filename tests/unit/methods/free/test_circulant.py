@@ -11,6 +11,7 @@ from app.base.petsc import unwrap_errors
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
+from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.circulant import Circulant, circulant_inverse
 from app.methods.free.tracking_cg import TrackingCG
@@ -197,6 +198,30 @@ def test_contact_at_opposite_edges_is_separated(n):
         values = np.linalg.eigvals(columns.reshape(grid.n, grid.n) @ dense).real
         conditions.append(values.max() / values.min())
     assert conditions[1] < 0.6 * conditions[0]
+
+
+@pytest.mark.parametrize(
+    ("periodic", "matrix", "periods"),
+    [
+        (True, "the periodic A", "16 x 12"),
+        ("x", "A continued periodically in y", "16 x "),
+        ("y", "A continued periodically in x", " x 12"),
+        (False, "A continued periodically in x and y", ""),
+    ],
+)
+def test_view_names_the_sides_of_the_continuation(periodic, matrix, periods, tmp_path):
+    grid = Grid.from_domain(16, 12, (-1, 1, -1, 1), periodic)
+    mat = InfluenceOperator(grid, patch_kernel(UNIT, grid)).mat(PETSc.COMM_SELF)
+    pc = PETSc.PC().createPython(Circulant(), PETSc.COMM_SELF)
+    pc.setOperators(mat)
+    pc.setUp()
+    viewer = PETSc.Viewer().createASCII(str(tmp_path / "view"), comm=PETSc.COMM_SELF)
+    pc.view(viewer)
+    for part in (viewer, pc, mat):
+        part.destroy()
+    text = (tmp_path / "view").read_text()
+    assert f"  inverse of {matrix}, periods " in text
+    assert periods in text
 
 
 def test_extension_of_a_thin_stiff_layer_decays():
