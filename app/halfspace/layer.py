@@ -55,6 +55,11 @@ class Layer:
         return (young1 / (1 + nu1)) / (young2 / (1 + nu2))
 
     @property
+    def long_wave_ratio(self):
+        """S(0), the limit of `ratio` for long waves; 0 on a rigid base."""
+        return self.modulus_ratio * (1 - self.poisson[1]) / (1 - self.poisson[0])
+
+    @property
     def plane_compliance(self):
         """(1 - nu1) / (2 pi G1) of the layer [mm2/N]."""
         return (1 - self.poisson[0] ** 2) / (np.pi * self.young[0])

@@ -22,6 +22,21 @@ _MAX_GAUSS_CELL = 0.25  # largest cell of which Gauss points suffice everywhere
 _NEAR = 8  # longer sides of a cell within which larger cells need Phi
 _FAR = 64  # longer sides of a cell beyond which two points in a direction suffice
 _ANGLES = 32  # Gauss points of an angle
+MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
+
+
+def layered_coefficients(layer, cell, rows, columns, love):
+    """Return influence coefficients of a layered body [mm].
+
+    They are divided by the compliance of the layer's material; `love` has the coefficients of a half-space of this
+    material. `cell` is the size (dx, dy) of a cell [mm]; `rows` and `columns` are arrays of offsets in y and x.
+    """
+    cell = cell[0] / layer.thickness, cell[1] / layer.thickness
+    own = love + layer.thickness * layer_tables(layer).integrals(cell, rows, columns)
+    if layer.on_rigid_base:
+        x, y = cell[0] * np.maximum(columns - 0.5, 0), cell[1] * np.maximum(rows - 0.5, 0)
+        own[np.hypot(x, y[:, None]) > MAX_REACH] = 0.0  # below rounding
+    return own
 
 
 def layer_tables(layer):
@@ -46,8 +61,8 @@ class LayerTables:
     def __init__(self, ratio, limit, radius):
         from scipy.interpolate import CubicSpline
 
-        self._excess, self._radius = float(limit) - 1.0, radius
-        v = np.linspace(0.0, np.arcsinh(self._radius), _TABLE)
+        self._excess, self.radius = float(limit) - 1.0, radius
+        v = np.linspace(0.0, np.arcsinh(self.radius), _TABLE)
         r = np.sinh(v)
         image = np.sqrt(r * r + 4)
         rule = HankelRule(r)
@@ -55,15 +70,29 @@ class LayerTables:
         g = rule.transform(near, far, "J0")
         integral = r * r * rule.transform(near / rule.near, far / rule.far, "J1")  # of g r dr from 0
         rest = g - self._excess / image
-        self._tail = rest[-1] * self._radius**3  # rest = tail / r^3 beyond the table
         even = (1, 0.0), "not-a-knot"
         self._rest_table = CubicSpline(v, rest * image**3, bc_type=even)
+        # Beyond the table the rest is a / r^3 + b / r^5.
+        half, whole = self.rest(np.array([radius / 2, radius])) * np.array([radius / 2, radius]) ** 3
+        self._tail = whole - (half - whole) / 3, (half - whole) / 3 * radius**2
         self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
+
+    @property
+    def far_excess(self):
+        """Coefficients of 1/r^3 and 1/r^5 in the influence of the layered body.
+
+        From about `radius` on, the influence is S(0) / r plus these two terms.
+        """
+        return self._tail[0] - 2 * self._excess, self._tail[1] + 6 * self._excess
 
     def rest(self, r):
         """Return the short-range part of `influence`, at distances r."""
-        inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
-        return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
+        values = self._rest_table(np.arcsinh(np.minimum(r, self.radius))) / np.sqrt(r * r + 4) ** 3
+        beyond = r > self.radius
+        if beyond.any():
+            a, b = self._tail
+            values[beyond] = (a + b / r[beyond] ** 2) / r[beyond] ** 3
+        return values
 
     def influence(self, r):
         """Return the layer's displacement by a point force at distances r."""
@@ -71,8 +100,9 @@ class LayerTables:
 
     def _phi(self, r):
         """Return the integral of `rest`(s) s ds from 0 to r."""
-        inside = self._phi_table(np.arcsinh(np.minimum(r, self._radius)))
-        return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
+        (a, b), beyond = self._tail, 1 / np.maximum(r, self.radius)
+        inside = self._phi_table(np.arcsinh(np.minimum(r, self.radius)))
+        return inside + a * (1 / self.radius - beyond) + b / 3 * (1 / self.radius**3 - beyond**3)
 
     def integrals(self, cell, rows, columns):
         """Return the layer's part of influence coefficients, in thicknesses.

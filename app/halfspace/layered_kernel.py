@@ -10,14 +10,13 @@ import numpy as np
 
 from app.halfspace.grid import row_blocks
 from app.halfspace.kernel import HalfSpaceKernel
-from app.halfspace.layer_coefficients import layer_tables
+from app.halfspace.layer_coefficients import MAX_REACH, layer_tables, layered_coefficients
 from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import wave_numbers
 
 _SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue are sought
 _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
 _NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
-_MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
 _MAX_ALIASES = 6  # in each direction, for eigenvalues that need not be exact
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 
@@ -97,11 +96,7 @@ class LayeredKernel(HalfSpaceKernel):
         love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
         total = self.other * love
         for layer in self.layers:
-            cell = grid.dx / layer.thickness, grid.dy / layer.thickness
-            own = love + layer.thickness * layer_tables(layer).integrals(cell, rows, columns)
-            if layer.on_rigid_base:
-                x, y = cell[0] * np.maximum(columns - 0.5, 0), cell[1] * np.maximum(rows - 0.5, 0)
-                own[np.hypot(x, y[:, None]) > _MAX_REACH] = 0.0  # below rounding
+            own = layered_coefficients(layer, (grid.dx, grid.dy), rows, columns, love)
             total += layer.plane_compliance * own
         return total / self.compliance
 
@@ -115,7 +110,7 @@ class LayeredKernel(HalfSpaceKernel):
             r = distances / layer.thickness
             own = layer_tables(layer).influence(r)
             if layer.on_rigid_base:
-                own = np.where(r > _MAX_REACH, -1 / np.maximum(r, _MAX_REACH), own)
+                own = np.where(r > MAX_REACH, -1 / np.maximum(r, MAX_REACH), own)
             total = total + layer.plane_compliance / layer.thickness * own
         return total / self.compliance
 
@@ -142,7 +137,7 @@ class LayeredKernel(HalfSpaceKernel):
                 longest = 2 * np.pi * layer.plane_compliance * float(layer.ratio(q)[0]) / q[0]
                 rigid += max(longest, layer.uniform_compliance)
             else:
-                softest = max(1.0, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]))
+                softest = max(1.0, layer.long_wave_ratio)
                 compliance += layer.plane_compliance * softest
         return rigid, compliance
 

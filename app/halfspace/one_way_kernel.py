@@ -27,6 +27,11 @@ A layer of thickness t multiplies the compliance of waves by S(q t) (`app.halfsp
 
 with the factor 2 for k = 0, and 4 otherwise. For k = 0 the limit of S - 1 at long waves is multiplied by the image of
 the line of force at the depth 2 t, ln(D / sqrt(x^2 + 4 t^2)), whose transform is exp(-2 p t) / p.
+
+Thin layers have too many waves. Far from a force, a layered body is displaced by S(0)/r + a t^2/r^3 + b t^4/r^5, with
+numbers a and b of the layer. So for thin layers we add S(0) times the sum for half-spaces, the difference between the
+layered body and S(0) times the half-space for the copies with |m| <= M, and an integral of the two other terms over all
+further copies.
 """
 
 from functools import lru_cache
@@ -35,8 +40,9 @@ from math import comb
 
 import numpy as np
 
-from app.base.errors import InputError, format_distinct
+from app.base.errors import InputError
 from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.layer_coefficients import MAX_REACH, layer_tables, layered_coefficients
 from app.halfspace.love import love_coefficients
 
 _DATUM_SIDES = 2.0  # D over the longer side of the patch, or over the depth 2 t of images if this is more
@@ -47,7 +53,7 @@ _NEGLIGIBLE = 40.0  # q |x| from which K0 is below rounding
 _WAVES = int(_NEGLIGIBLE / (2 * np.pi * _NEAR)) + 1
 _GAUSS = np.polynomial.legendre.leggauss(16)  # exact for the powers of the smooth rest
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1 is below rounding
-_MIN_THICKNESS = 1 / 256  # of a layer, over the longer side of the patch: thinner ones have too many waves
+_THIN = 1 / 512  # thickness over D below which a layer is summed over copies instead of waves
 _MAX_PHASE = 8.0  # p x over an interval of integration
 _BLOCK = 1024  # wave numbers p that are summed together
 
@@ -122,14 +128,21 @@ class OneWayKernel(HalfSpaceKernel):
             if width > period:
                 outside = _log_integral(self.datum, width / 2) - _log_integral(self.datum, inner / 2)
                 total[:, near] += 2 * length / period * 2 * outside
+        half_space = total.copy() if self.base.layers else total
         for layer in self.base.layers:
+            share = layer.plane_compliance / self.compliance
+            if layer.thickness < _THIN * self.datum:
+                total += share * (
+                    _sum_thin_layer(layer, n, length, width, folded, across, half_space) - half_space
+                )
+                continue
             own = _layer_integrals(
                 layer, width, period, self.datum, max(count, int(across.max(initial=0)) + 1)
             )
             k = np.arange(len(own))
             waves = np.where(k > 0, 4, 2) * length / period * np.sinc(k / n)
             own = np.cos(2 * np.pi / n * (np.outer(folded, k) % n)) * waves @ own[:, across]
-            total += layer.plane_compliance / self.compliance * own
+            total += share * own
         return total[index]
 
     def _near_integrals(self, n, length, width, along, across):
@@ -170,21 +183,14 @@ def patch_kernel(kernel, grid):
     """Return the same bodies' kernel on a patch.
 
     The `kernel` is the kernel of a free patch, ``Material.kernel``, or already the kernel of this patch. Raises
-    InputError for a layer that is too thin for a patch that is periodic in one direction.
+    InputError for bodies that are neither half-spaces nor layered.
     """
     if not grid.one_way or kernel.encloses_images:
         return kernel
     axis = "yx".index(grid.one_way)
-    sides = grid.ny * grid.dy, grid.nx * grid.dx
-    thinnest, layers = _MIN_THICKNESS * max(sides), kernel.layers
+    sides, layers = (grid.ny * grid.dy, grid.nx * grid.dx), kernel.layers
     if not (kernel.scale_free or layers):
         raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a {type(kernel).__name__}")
-    for layer in layers:
-        if layer.thickness < thinnest:
-            raise InputError(
-                f"coating thickness {format_distinct(layer.thickness, thinnest)} mm: must be at least "
-                f"{format_distinct(thinnest, layer.thickness)} mm on this patch, which is periodic in {grid.one_way}"
-            )
     longest = max(*sides, *(2 * layer.thickness for layer in layers))
     return OneWayKernel(kernel, axis, sides[axis], _DATUM_SIDES * longest)
 
@@ -268,7 +274,7 @@ def _layer_integrals(layer, width, period, datum, count):
     The part is the layer's integral in the module docstring, without the factor (2 or 4) / L. The shape is (waves,
     cells): waves from k = 0 on, cells at offsets from 0 to `count` - 1.
     """
-    t, excess = layer.thickness, layer.modulus_ratio * (1 - layer.poisson[1]) / (1 - layer.poisson[0]) - 1
+    t, excess = layer.thickness, layer.long_wave_ratio - 1
     x, highest = width * np.arange(count), _MAX_DECAY / layer.thickness
     along = 2 * np.pi / period * np.arange(int(highest * period / (2 * np.pi)) + 1)
     table = np.zeros((along.size, count))
@@ -291,6 +297,36 @@ def _layer_integrals(layer, width, period, datum, count):
         )
         table[0] += excess * (high - low)
     return table
+
+
+def _sum_thin_layer(layer, n, length, width, along, across, half_space):
+    """Return integrals of the displacement of a body with a thin layer over cells.
+
+    The displacement is by a point force, for compliance 1 of the layer's material; `half_space` are the same integrals
+    for a half-space. The other arguments are as in `_integrals`, with `n` cells in a period.
+    """
+    t, period, limit, tables = layer.thickness, n * length, layer.long_wave_ratio, layer_tables(layer)
+    reach = MAX_REACH if layer.on_rigid_base else 0.75 * tables.radius
+    copies = max(_COPIES, int(np.ceil(reach * t / period)))
+    total = limit * half_space
+    for m in range(-copies, copies + 1):
+        rows = np.abs(along + m * n)
+        love = love_coefficients((width, length), 1.0, rows, int(across.max()) + 1)[:, across]
+        total += layered_coefficients(layer, (width, length), rows, across, love) - limit * love
+    if layer.on_rigid_base:
+        return total
+    a, b = (number * t**power for number, power in zip(tables.far_excess, (2, 4), strict=True))
+    x, edges = width * across, width * np.stack([across - 0.5, across + 0.5])
+    for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
+        y = length * (along[:, None] + node / 2)
+        for s in ((copies + 0.5) * period - y, (copies + 0.5) * period + y):
+            r, r_edges, s_edges = np.hypot(s, x), np.hypot(s[:, None], edges), s[:, None]
+            # Integrals over x of 1/r^3 summed over the copies, by Euler and Maclaurin
+            cubes = edges / (s_edges * period * (r_edges + s_edges))
+            cubes -= period / 24 * edges / s_edges * (1 / r_edges**2 + 2 / s_edges**2) / r_edges
+            fifths = width / period * (2 + s / r) / (3 * (r * (r + s)) ** 2)
+            total += weight / 2 * length * (a * (cubes[:, 1] - cubes[:, 0]) + b * fifths)
+    return total
 
 
 def _across(first, step, highest):

@@ -120,7 +120,7 @@ def test_random_layers_equal_dense_solutions(seed):
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, *rng.integers(3, 15, 2), "xy"[seed % 2])
     side, substrate = max(problem.grid.shape) * 0.1, [0.1, 10.0, np.inf][seed % 3]
-    material = Material.coated((1.0, substrate), (0.4, 0.3), side * 10 ** rng.uniform(-1, 1))
+    material = Material.coated((1.0, substrate), (0.4, 0.3), side * 10 ** rng.uniform(-4, 1))
     problem = ContactProblem(problem.grid, material, problem.gap)
     approach = np.nanmin(problem.gap) + rng.uniform(0.2, 1.0) * np.nanmean(problem.gap)
     dense = DenseProblem(problem)
@@ -238,8 +238,5 @@ def test_what_needs_both_directions_is_refused():
         ContactSolver(problem).solve(mean_gap=1.0)
     with pytest.raises(InputError, match="-lcp_type primal: works on patches periodic in x and y"):
         ContactSolver(problem, "primal")
-    coated = ContactProblem(problem.grid, Material.coated((1.0, 2.0), (0.3, 0.3), 1e-3), problem.gap)
-    with pytest.raises(InputError, match="coating thickness"):
-        ContactSolver(coated)
     with pytest.raises(InputError, match="one cell wide"):
         ContactProblem(Grid(8, 1, 0.1, 0.1), problem.material, Cylinder(RADIUS), periodic="x")

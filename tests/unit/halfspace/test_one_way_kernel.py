@@ -156,10 +156,35 @@ def test_equal_materials_are_a_half_space():
     )
 
 
-def test_thin_layers_are_refused():
-    thin = Material.coated((1.0, 2.0), (0.3, 0.3), 1e-3)
-    with pytest.raises(InputError, match=r"coating thickness 0.001 mm: must be at least .* periodic in y"):
-        patch_kernel(thin.kernel, GRIDS[0])
+@pytest.mark.parametrize("grid", [GRIDS[0], GRIDS[2], Grid(9, 1, 1 / 9, 0.2, periodic="y"), GRIDS[5]])
+@pytest.mark.parametrize(
+    ("young", "poisson"),
+    [
+        ((1.0, 2.0), (0.3, 0.3)),
+        ((1.0, 10.0), (0.5, 0.2)),
+        ((10.0, 1.0), (0.3, 0.3)),
+        ((1.0, np.inf), (0.3, 0.3)),
+    ],
+)
+def test_sums_over_copies_of_thin_layers_are_sums_over_waves(grid, young, poisson, monkeypatch):
+    kernel = patch_kernel(Material.coated(young, poisson, 1 / 150).kernel, grid)
+    waves = kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
+    monkeypatch.setattr(one_way_kernel, "_THIN", 1.0)
+    copies = kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
+    np.testing.assert_allclose(copies, waves, rtol=0, atol=1e-9 * waves.max())
+
+
+@each_grid
+def test_vanishing_layers_leave_their_bases(grid):
+    thickness = 1e-9 * min(grid.dx, grid.dy)
+    coated = Material.coated((10.0, 1.0), (0.3, 0.4), thickness)
+    substrate = influence_quadrant(grid, Material.pair((1.0, np.inf), (0.4, 0.0)).kernel)
+    np.testing.assert_allclose(
+        influence_quadrant(grid, coated.kernel), substrate, rtol=0, atol=1e-8 * substrate.max()
+    )
+    spring = influence_quadrant(grid, Material.layer(1.0, 0.3, thickness).kernel)
+    assert spring[0, 0] == pytest.approx(thickness * 1.3 * 0.4 / 0.7, rel=1e-4)
+    assert abs(spring).ravel()[1:].max(initial=0) < 1e-4 * spring[0, 0]
 
 
 def test_other_kinds_of_bodies_are_refused():
