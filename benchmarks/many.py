@@ -19,7 +19,7 @@ MATERIAL = Material.combined(80000.0, 0.3)
 
 def rough_surfaces(grid, count):
     """Return heights of `count` surfaces of 1 mm x 1 mm; their shortest waves are four cells [mm]."""
-    side = grid.nx * grid.dx
+    side = grid.sides[0]
     surfaces = (
         SelfAffineSurface(0.8, side / 8, 4 * grid.dx, (side, side), seed, rms_slope=0.1)
         for seed in range(count)

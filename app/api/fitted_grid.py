@@ -53,7 +53,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, 
     >>> from app import Material
     >>> steel = Material.isotropic(210e3, 0.3)
     >>> grid = fit_grid(lambda x, y: (x - 3) ** 2 / 20 + y**2 / 900, steel, load=100)
-    >>> [round(float(end), 1) for end in (grid.x().mean(), grid.nx * grid.dx, grid.ny * grid.dy)]
+    >>> [round(float(end), 1) for end in (grid.x().mean(), *grid.sides)]
     [3.0, 0.3, 3.3]
     """
     if (approach is None) == (load is None):

@@ -67,7 +67,7 @@ def notes_on(state, problem, contact, roughness):
             f"{format_lengths(inside)} between other cells: {what} is not periodic, and touches at these steps"
         )
     notes += [note for coating in material.coatings for note in note_thin_layer(coating, grid)]
-    side = max(grid.nx * grid.dx, grid.ny * grid.dy)
+    side = max(grid.sides)
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"

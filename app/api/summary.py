@@ -147,7 +147,7 @@ def _describe_stiffness(facts, grid):
         lines = [f"{text}, by one more linear solve"]
     else:
         lines = [f"{text}, unloading {facts['unloading_stiffness']:.8g} N/mm, by two more linear solves"]
-    width, area = facts.get("conductance_width", 0.0), grid.nx * grid.dx * grid.ny * grid.dy
+    width, area = facts.get("conductance_width", 0.0), grid.area
     if not width > 0:
         return lines
     text = f"conductance of a circular contact of diameter {width:.6g} mm"

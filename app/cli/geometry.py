@@ -267,7 +267,7 @@ def _make_random_surfaces(options, name, grid, measured):
         wavy, self_affine = name == "punch", name == "rough"
     origin = x0, y0 = grid.x0, grid.y0
     extent = options["domain"] if options.given("domain") and options["domain"] != AUTO else None
-    extent = (extent[1] - x0, extent[3] - y0) if extent else (grid.nx * grid.dx, grid.ny * grid.dy)
+    extent = (extent[1] - x0, extent[3] - y0) if extent else grid.sides
     surfaces = []
     if wavy:
         parameters = [options[f"surface_{name}"] for name in ("modes", "decay", "sigma", "seed")]

@@ -162,8 +162,8 @@ def request_section(result):
     values = result.attributes
     ny, nx = result.pressure.shape
     grid = result.grid
-    unit = choose_length_unit(max(nx * grid.dx, ny * grid.dy))
-    size = " × ".join(f"{n * d * unit.per_mm:.6g}" for n, d in ((nx, grid.dx), (ny, grid.dy)))
+    unit = choose_length_unit(max(grid.sides))
+    size = " × ".join(f"{side * unit.per_mm:.6g}" for side in grid.sides)
     cell = choose_length_unit(max(grid.dx, grid.dy))
     kind = "periodic" if grid.periodic else "free"
     kind += f" in {grid.one_way}" if grid.one_way else ""

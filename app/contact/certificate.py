@@ -203,7 +203,7 @@ def _lift_penetrations(state, most, energy, penetrates):
     grid, diagonal = state.distance.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # No row of A sums to more than the displacement in the middle of twice the patch under unit pressure.
-    norm = state.operator.kernel.middle_displacement((2 * grid.ny * grid.dy, 2 * grid.nx * grid.dx))
+    norm = state.operator.kernel.middle_displacement([2 * side for side in grid.sides[::-1]])
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
 
 

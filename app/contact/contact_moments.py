@@ -38,7 +38,7 @@ def measure_moments(state):
     if grid.symbol:
         return _NOWHERE
     # Relative to the middle of the patch, which may be far from the origin.
-    x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
+    x, y = grid.x0 + grid.sides[0] / 2, grid.y0 + grid.sides[1] / 2
     sums = np.zeros(9)
     _moments(state.p, state.in_contact(), grid.x() - x, grid.y(rows) - y, sums)
     sums = state.sum(sums).tolist()

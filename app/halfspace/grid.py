@@ -141,6 +141,17 @@ class Grid:
         """Area of a cell [mm2]."""
         return self.dx * self.dy
 
+    @cached_property
+    def sides(self):
+        """Lengths of the patch in x and in y [mm]."""
+        return self.nx * self.dx, self.ny * self.dy
+
+    @property
+    def domain(self):
+        """The patch as x0, x1, y0, y1 [mm]."""
+        width, height = self.sides
+        return self.x0, self.x0 + width, self.y0, self.y0 + height
+
     @property
     def area(self):
         """Area of the patch [mm2]."""

@@ -114,7 +114,7 @@ class HalfSpaceKernel:
 
     def largest_eigenvalue(self, grid):
         """Return a periodic patch's largest eigenvalue of A [mm / (N/mm2)]."""
-        return self.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)
+        return self.compliance * max(grid.sides)
 
     def softest_parts(self, length):
         """Return upper bounds of a displacement and a compliance.

@@ -161,7 +161,7 @@ class LayeredKernel(HalfSpaceKernel):
 
     def _spectrum(self, grid):
         """Return samples of the eigenvalues of A, from long to short waves."""
-        longest = max(grid.nx * grid.dx, grid.ny * grid.dy) * (1 if grid.symbol else 2)
+        longest = max(grid.sides) * (1 if grid.symbol else 2)
         q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
         return 2 * np.pi * self.wave_compliance(q) / q
 
@@ -177,7 +177,7 @@ class LayeredKernel(HalfSpaceKernel):
 
     def contrast(self, grid):
         """Return the ratio of compliances; see `HalfSpaceKernel.contrast`."""
-        longest, shortest = max(grid.nx * grid.dx, grid.ny * grid.dy), 2 * min(grid.dx, grid.dy)
+        longest, shortest = max(grid.sides), 2 * min(grid.dx, grid.dy)
         return max(1.0, self.compliance_at(longest) / self.compliance_at(shortest))
 
     def compliance_at(self, length):

@@ -188,7 +188,7 @@ def patch_kernel(kernel, grid):
     if not grid.one_way or kernel.encloses_images:
         return kernel
     axis = "yx".index(grid.one_way)
-    sides, layers = (grid.ny * grid.dy, grid.nx * grid.dx), kernel.layers
+    sides, layers = grid.sides[::-1], kernel.layers
     if not (kernel.scale_free or layers):
         raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a {type(kernel).__name__}")
     longest = max(*sides, *(2 * layer.thickness for layer in layers))

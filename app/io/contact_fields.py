@@ -204,8 +204,8 @@ class ContactFields:
             sizes * grid.cell_area,
             total(pressure) * grid.cell_area,
             -minimum_over(self.comm, -highest),
-            centre(self.x[i], grid.x0, grid.nx * grid.dx, grid.repeats[1]),
-            centre(self.y[j], grid.y0, grid.ny * grid.dy, grid.repeats[0]),
+            centre(self.x[i], grid.x0, grid.sides[0], grid.repeats[1]),
+            centre(self.y[j], grid.y0, grid.sides[1], grid.repeats[0]),
             grid,
         )
 

@@ -148,7 +148,7 @@ def draw_spectrum(axes, surface, grid, label):
     than three points, draw nothing and return None.
     """
     spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.symbol)
-    unit = choose_length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
+    unit = choose_length_unit(max(grid.sides))
     q, density = spectrum.wave_number / unit.per_mm, spectrum.density
     known = density > 1e-14 * density.max(initial=0.0)  # the rest is rounding error
     if np.count_nonzero(known) < 3:

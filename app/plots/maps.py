@@ -51,10 +51,8 @@ class Canvas:
             x0=whole.x0 + columns.start * whole.dx,
             y0=whole.y0 + rows.start * whole.dy,
         )
-        width, height = grid.nx * grid.dx, grid.ny * grid.dy
-        self.unit = choose_length_unit(max(width, height))
-        ends = grid.x0, grid.x0 + width, grid.y0, grid.y0 + height
-        self.extent = x0, x1, y0, y1 = tuple(end * self.unit.per_mm for end in ends)
+        self.unit = choose_length_unit(max(grid.sides))
+        self.extent = x0, x1, y0, y1 = tuple(end * self.unit.per_mm for end in grid.domain)
         shape = (y1 - y0) / (x1 - x0)
         self.lies = lie and shape > MAX_UPRIGHT
         if self.lies:
@@ -81,8 +79,7 @@ class Canvas:
         whole = self.result.grid
         if self.grid.n == whole.n:
             return
-        ends = whole.x0, whole.x0 + whole.nx * whole.dx, whole.y0, whole.y0 + whole.ny * whole.dy
-        patch = tuple(end * self.unit.per_mm for end in ends)
+        patch = tuple(end * self.unit.per_mm for end in whole.domain)
         contact, view = self.result.contact[self.view] == 1, self.extent
         if self.lies:
             contact, patch, view = contact.T, patch[2:] + patch[:2], view[2:] + view[:2]
@@ -273,7 +270,7 @@ def cell_edges(grid, along):
 def estimate_rounding(result):
     """Estimate the rounding error of a result's gaps [mm]."""
     values, grid = result.attributes, result.grid
-    size, modulus = max(grid.nx * grid.dx, grid.ny * grid.dy), values.get("contact_modulus") or np.inf
+    size, modulus = max(grid.sides), values.get("contact_modulus") or np.inf
     displacement = finite_pressure(result.pressure).max() / modulus * size
     lengths = np.append(result.undeformed_distance, [values["approach"], displacement])
     return _ROUNDING * float(np.abs(lengths[np.isfinite(lengths)]).max())

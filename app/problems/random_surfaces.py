@@ -386,8 +386,7 @@ class SelfAffineSurface(_Function):
 def check_cut_off(grid, shortest):
     """Raise InputError if the shortest wave is shorter than two cells."""
     if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
-        sides = (grid.nx * grid.dx, grid.ny * grid.dy)
-        nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
+        nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in grid.sides)
         raise InputError(
             f"surface cut-off {format_exact(shortest)}: cells of {format_exact(grid.dx)} x {format_exact(grid.dy)} mm "
             f"cannot carry waves that short; must be at least {nx},{ny} cells (-grid), two per wave"

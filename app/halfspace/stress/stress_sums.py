@@ -40,7 +40,7 @@ class PeriodicStress:
 
     def __init__(self, pressure, grid, nu):
         self.grid, self.nu, self.pressure = grid, nu, pressure
-        self.extent = grid.nx * grid.dx, grid.ny * grid.dy
+        self.extent = grid.sides
         self._transform = scipy.fft.rfft2(pressure, norm="forward")
         qx, qy = wave_numbers(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
         self._q = np.hypot(qx, qy[:, None])
@@ -162,10 +162,10 @@ class OneWayStress:
 
     def __init__(self, pressure, grid, nu):
         self.grid, self.nu, self.pressure = grid, nu, pressure
-        self.extent = grid.nx * grid.dx, grid.ny * grid.dy
+        self.extent = grid.sides
         self._along = "yx".index(grid.one_way)  # axis of the period
         self._mean = pressure.mean(axis=self._along)
-        size, length = (grid.dx, grid.ny * grid.dy) if self._along == 0 else (grid.dy, grid.nx * grid.dx)
+        size, length = (grid.dx, grid.sides[1]) if self._along == 0 else (grid.dy, grid.sides[0])
         gap = int(np.ceil(_GAP_PERIODS * length / size))
         count = scipy.fft.next_fast_len(self._mean.size + gap, real=True)
         shape = (grid.ny, count) if self._along == 0 else (count, grid.nx)

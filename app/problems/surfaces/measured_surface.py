@@ -187,7 +187,7 @@ class Surface:
         filtered = "".join(f", {name}-filtered at {format_lengths(size)}" for name, size in filters if size)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {format_lengths(*self.cell(grid))}, patch of "
-            f"{format_lengths(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "
+            f"{format_lengths(*grid.sides)}{holes}{filtered}; {self._about}: rms height "
             f"{format_lengths(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
             f"at the smallest y{turned}"
         )
@@ -207,8 +207,7 @@ class Surface:
         if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
             raise InputError(
                 f"surface file {self.file}: says that its patch is {grid.nx * self.spacing[0]:.7g} x "
-                f"{grid.ny * self.spacing[1]:.7g} mm; "
-                f"the domain is {grid.nx * grid.dx:.7g} x {grid.ny * grid.dy:.7g} mm"
+                f"{grid.ny * self.spacing[1]:.7g} mm; the domain is {grid.sides[0]:.7g} x {grid.sides[1]:.7g} mm"
             )
         other = grid.repeats != repeats_in(self.periodic)
         if other and (self.periodic or self._filtered is not None):

@@ -49,12 +49,11 @@ class ResampledSurface:
 
     def own_grid(self, grid):
         """Return the grid of the cells of the file."""
-        extent = grid.x0, grid.x0 + grid.nx * grid.dx, grid.y0, grid.y0 + grid.ny * grid.dy
-        return self.surface.grid(None if self.spacing else extent, grid.periodic)
+        return self.surface.grid(None if self.spacing else grid.domain, grid.periodic)
 
     def check_grid(self, grid):
         """Raise if a patch is larger than the surface."""
-        sides, own = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, self.own_grid(grid)))
+        sides, own = (np.array(g.sides) for g in (grid, self.own_grid(grid)))
         if np.any(sides > own * (1 + ROUNDING)):
             raise InputError(
                 f"surface file {self.file}: is {own[0]:.10g} x {own[1]:.10g} mm, the domain {sides[0]:.10g} x "
@@ -116,7 +115,7 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
     """
     own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
     if domain is None:
-        lx, ly = min(grid.nx * grid.dx for grid in own), min(grid.ny * grid.dy for grid in own)
+        lx, ly = np.min([grid.sides for grid in own], axis=0)
         domain = -lx / 2, lx / 2, -ly / 2, ly / 2
     x0, x1, y0, y1 = domain
     if cells is None:

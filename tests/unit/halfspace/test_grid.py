@@ -20,6 +20,15 @@ def test_coarse_periodic_cells_are_centred_on_their_children(nx, ny):
         assert abs(of - children).max() <= 0.5 * d * (n % 2) + 1e-12 * n * d
 
 
+@pytest.mark.parametrize(("nx", "ny"), [(7, 3), (1, 5)])
+def test_cells_fill_the_domain(nx, ny):
+    domain = -0.3, 1.9, 4.0, 4.7
+    grid = Grid.from_domain(nx, ny, domain)
+    assert grid.domain == pytest.approx(domain, rel=1e-14)
+    assert grid.sides == pytest.approx((2.2, 0.7), rel=1e-14)
+    assert grid.area == pytest.approx(2.2 * 0.7, rel=1e-14)
+
+
 @pytest.mark.parametrize(
     ("message", "call"),
     [

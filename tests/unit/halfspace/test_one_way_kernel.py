@@ -29,7 +29,7 @@ each_grid = pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.nx}x
 
 def sum_of_copies(grid):
     """Coefficients for unit compliance: Love's of 4001 copies, and the rest by Euler and Maclaurin."""
-    period, datum = grid.ny * grid.dy, patch_kernel(UNIT, grid).datum
+    period, datum = grid.sides[1], patch_kernel(UNIT, grid).datum
     rows, total = np.arange(grid.ny), np.zeros(grid.shape)
     for copy in range(-COPIES, COPIES + 1):
         distances = np.abs(rows + copy * grid.ny)
@@ -72,7 +72,7 @@ def test_matrix_is_positive_and_its_bounds_hold(grid):
     kernel, matrix = patch_kernel(UNIT, grid), dense_matrix(grid, UNIT)
     assert matrix.min() > 0 and kernel.is_positive(grid)
     assert np.linalg.eigvalsh(matrix).min() >= kernel.smallest_eigenvalue(grid)
-    sides = grid.ny * grid.dy, grid.nx * grid.dx
+    sides = grid.sides[::-1]
     assert matrix.sum(axis=1).max() <= kernel.middle_displacement([2 * side for side in sides])
     strip = kernel.middle_displacement(sides)
     if grid.nx % 2:
