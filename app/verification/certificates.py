@@ -8,7 +8,7 @@ from app.contact.periodic_state import contact_state
 from app.halfspace.operator import InfluenceOperator
 from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem
-from app.verification.solving import approach_at, patches, random_problem, solved
+from app.verification.solving import approach_at, patch_name, patches, random_problem, solved
 
 _DEPTHS = 0.2, 0.7, 0.95  # Approaches between first touch and the mean gap, as shares of this way.
 _TOLERANCES = 1e-2, 1e-4, 1e-6, 1e-9, 1e-12, 1e-15
@@ -37,7 +37,7 @@ def errors_of_answers(quick):
                         if size := dense.energy(found.pressure):
                             error = dense.energy(found.pressure - exact) / size
                             pairs[rtol].append((error, found.error_bound))
-        yield periodic or "free", {rtol: np.array(of).T for rtol, of in pairs.items()}
+        yield patch_name(periodic), {rtol: np.array(of).T for rtol, of in pairs.items()}
 
 
 def of_answers(quick):
@@ -82,7 +82,7 @@ def of_anything(quick):
                 state.compute_displacement()
                 bounds.append(certify(state).error_bound)
                 true.append(dense.energy(state.p - dense.at(approach)) / dense.energy(state.p))
-        figures += _ratios(periodic or "free", "pressures", np.array(true), np.array(bounds), large=0.1)
+        figures += _ratios(patch_name(periodic), "pressures", np.array(true), np.array(bounds), large=0.1)
     return figures
 
 

@@ -14,10 +14,12 @@ from petsc4py import PETSc
 
 from app import __version__
 from app.base.mpi import MPI
+from app.halfspace.grid import SYMBOLS
 from app.io.table import format_markdown
 from app.plots.style import GREY, SERIES, new_figure, new_panels, set_log_axes, with_style
 from app.verification import analytic, certificates, invariances, oracles, ranks
 from app.verification.check import Check, Figure
+from app.verification.solving import PATCHES, patch_name
 
 SECTIONS = {
     "Analytic solutions": analytic.CHECKS,
@@ -170,12 +172,12 @@ def draw_sharpness(results):
         return None
     figure = new_figure(7.2, 6.2)
     panel = figure.subplots()
-    for k, kind in enumerate(("free", "spectral", "love")):
+    for k, kind in enumerate(map(patch_name, PATCHES)):
         colour, marker, _ = SERIES[k]
         points = [f.points for f in shown if f.what.split(", ")[1] == kind]
         if points:
             true, bounds = (np.hstack([np.maximum(p[i], 1e-17) for p in points]) for i in (0, 1))
-            label = "free patch" if kind == "free" else f"periodic patch, {kind}"
+            label = f"periodic patch, {kind}" if kind in SYMBOLS else f"patch {kind}"
             panel.loglog(bounds, true, marker, color=colour, ms=4, alpha=0.5, mew=0, label=label)
     ends = panel.get_xlim()
     panel.plot(ends, ends, color=GREY, lw=1.5, zorder=0)

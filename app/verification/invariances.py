@@ -8,7 +8,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.problems.contact_problem import ContactProblem
 from app.verification.check import Check, Figure
-from app.verification.solving import UNIT, difference, patches, solved
+from app.verification.solving import UNIT, difference, patch_name, patches, solved
 
 _GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
 _APPROACH = 0.05
@@ -46,7 +46,7 @@ def _each(change):
                     after = solved(other, method, options=options, **loading)
                     off += not (before.converged and after.converged)
                     worst = max(worst, difference(after.pressure, expected))
-                kind = f"{periodic or 'free'}, {method or 'default'}"
+                kind = f"{patch_name(periodic)}, {method or 'default'}"
                 worst = np.nan if off else worst
                 figures.append(Figure(f"difference of pressures, {kind}", worst, most=_MAX_DIFFERENCE))
         return figures
@@ -67,16 +67,17 @@ def mirror(problem, before):
 def transposition(problem, before):
     """Exchange x and y: pressures are transposed."""
     grid = problem.grid
-    turned = Grid(grid.ny, grid.nx, grid.dy, grid.dx)
-    yield replace(problem, grid=turned, gap=problem.gap.T.copy()), _at(), before.pressure.T
+    periodic = {"x": "y", "y": "x"}.get(grid.periodic, grid.periodic)
+    turned = Grid(grid.ny, grid.nx, grid.dy, grid.dx, periodic=periodic)
+    yield ContactProblem(turned, problem.material, problem.gap.T.copy()), _at(), before.pressure.T
 
 
 def translation(problem, before):
     """Shift the origin, or the heights of a periodic patch: pressures shift."""
     elsewhere = replace(problem.grid, x0=100.0, y0=-7.0)
     yield replace(problem, grid=elsewhere), _at(), before.pressure
-    if problem.grid.symbol:
-        shift = (5, 7), (0, 1)
+    if problem.grid.periodic:
+        shift = [step * repeats for step, repeats in zip((5, 7), problem.grid.repeats, strict=True)], (0, 1)
         yield replace(problem, gap=np.roll(problem.gap, *shift)), _at(), np.roll(before.pressure, *shift)
 
 

@@ -7,18 +7,24 @@ import numpy as np
 
 from app.api.solver import ContactSolver
 from app.base.errors import NoteWarning
-from app.halfspace.grid import Grid
+from app.halfspace.grid import ONE_WAY, SYMBOLS, Grid
 from app.halfspace.material import Material
 from app.options.method import list_methods
 from app.problems.contact_problem import ContactProblem
 
 UNIT = Material.combined(1 / np.pi, 0.0)  # material with compliance 1
-PATCHES = "", "spectral", "love"  # kinds of patches: free, and periodic with either symbol
+# Kinds of patches: free, periodic with either symbol, and periodic in one direction.
+PATCHES = "", "spectral", "love", "y"
 
 
 def patches(quick):
     """Return the kinds of patches to check."""
-    return PATCHES[: 2 if quick else 3]
+    return ("", "spectral", "y") if quick else PATCHES
+
+
+def patch_name(periodic):
+    """Return the name of a kind of patch in figures."""
+    return f"periodic in {periodic}" if periodic in ONE_WAY else periodic or "free"
 
 
 def approach_at(problem, share):
@@ -41,7 +47,7 @@ def solved(problem, method=None, comm=None, start=None, options=None, **loading)
 
 def methods(periodic):
     """Return the names of the method files that work on a kind of patch."""
-    return [name for name in list_methods() if name != ("fast" if periodic else "primal")]
+    return [name for name in list_methods() if name != ("fast" if periodic in SYMBOLS else "primal")]
 
 
 def random_problem(rng, nx, ny, periodic="", holes=True):

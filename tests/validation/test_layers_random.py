@@ -120,7 +120,7 @@ def test_random_layers_equal_dense_solutions(seed, monkeypatch):
     if capped and uniform:
         del values["approach"]
     loading = rng.choice(list(values))
-    every = [None, *methods(bool(grid.periodic))]
+    every = [None, *methods(grid.periodic)]
     method = every[rng.integers(len(every))] if rng.random() < 0.3 else None
     options = {"lcp_rtol": 1e-8, "lcp_precision": "double"}
     try:

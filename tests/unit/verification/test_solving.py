@@ -7,7 +7,7 @@ from app.options.method import list_methods
 from app.verification.solving import difference, methods, random_problem, solved
 
 
-@pytest.mark.parametrize("periodic", ["", "spectral"])
+@pytest.mark.parametrize("periodic", ["", "spectral", "y"])
 def test_random_problems_are_reproducible_and_touch_at_zero(periodic):
     one, same = (random_problem(np.random.default_rng(5), 9, 7, periodic) for _ in range(2))
     np.testing.assert_array_equal(one.gap, same.gap)
@@ -16,7 +16,7 @@ def test_random_problems_are_reproducible_and_touch_at_zero(periodic):
 
 
 def test_each_kind_of_patch_has_all_methods_but_the_default_of_the_other():
-    assert set(list_methods()) - set(methods("")) == {"primal"}
+    assert set(list_methods()) - set(methods("")) == set(list_methods()) - set(methods("y")) == {"primal"}
     assert set(list_methods()) - set(methods("spectral")) == {"fast"}
 
 
