@@ -5,6 +5,7 @@ traceback, then a line with the error, and the rank if ranks differ). In each ca
 """
 
 import ctypes
+import gc
 import os
 import platform
 import re
@@ -99,6 +100,20 @@ def start(argv):
     return parsed
 
 
+@contextmanager
+def imports_uncollected():
+    """Exclude objects that a ``with`` block creates from garbage collection.
+
+    Collections of all imported objects would take as long as a small solve.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
 def keep_freed_pages(environment):
     """Make malloc keep freed pages, which saves time in later solves.
 
@@ -188,7 +203,8 @@ def run(main, argv=None):
     status, message, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
-        parsed = start(argv)
+        with imports_uncollected():
+            parsed = start(argv)
         status = main(parsed) or 0
         write_logs(parsed.petsc_options)
     except InputError as error:

@@ -15,7 +15,6 @@ def main(parsed):
     Collective. Return the exit status.
     """
     # The session starts MPI and PETSc first.
-    import gc
     import shlex
     import time
     import warnings
@@ -23,15 +22,16 @@ def main(parsed):
 
     from petsc4py import PETSc
 
-    from app.api.refinement import refine
-    from app.api.solver import ContactSolver
-    from app.api.summary import refinement_table, summary
-    from app.base.mpi import MPI
-    from app.cli import monitor
-    from app.cli.load_path import load_path_summary, run_path
-    from app.cli.problem_options import Request, format_help, suggest_names
-    from app.contact.history import Monitor
-    from app.options.option_table import format_options
+    with session.imports_uncollected():
+        from app.api.refinement import refine
+        from app.api.solver import ContactSolver
+        from app.api.summary import refinement_table, summary
+        from app.base.mpi import MPI
+        from app.cli import monitor
+        from app.cli.load_path import load_path_summary, run_path
+        from app.cli.problem_options import Request, format_help, suggest_names
+        from app.contact.history import Monitor
+        from app.options.option_table import format_options
 
     Monitor.say = staticmethod(session.print_output)
     if "help" in parsed.petsc_options:
@@ -53,7 +53,6 @@ def main(parsed):
             )
             facts["setup_seconds"] = time.perf_counter() - started
     facts |= {"title": request.title} if request.title else {}
-    gc.freeze()  # garbage collection of all imported objects would take as long as a small solve
 
     def save(solution, file, steps=None):
         with PETSc.Log.Stage("Output"):

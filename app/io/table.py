@@ -8,7 +8,6 @@ import io
 from numbers import Integral, Real
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from app.base.errors import InputError
@@ -94,6 +93,8 @@ def _tabulate(kind, rows, columns, formats, escapes=None):
 def _to_array(values):
     present = [value for value in values if value is not None]
     if not all(isinstance(value, Real) and not isinstance(value, bool | np.bool_) for value in present):
+        import h5py  # loads slowly
+
         return np.array(["" if value is None else str(value) for value in values], h5py.string_dtype())
     if len(present) == len(values) and all(isinstance(value, Integral) for value in present):
         return np.array(values, np.int64)

@@ -1,5 +1,6 @@
 """Start of parallel commands."""
 
+import gc
 import os
 import platform
 import subprocess
@@ -41,3 +42,14 @@ def test_every_command_prints_its_version(name, capsys):
         else:
             import_module(f"app.{name}").main(["--version"])
     assert (ended.value.code, capsys.readouterr().out) == (0, f"{__version__}\n")
+
+
+def test_garbage_collection_continues_after_failed_imports_and_skips_their_objects():
+    before = gc.get_freeze_count()
+    try:
+        with pytest.raises(ImportError), session.imports_uncollected():
+            assert not gc.isenabled()
+            raise ImportError
+        assert gc.isenabled() and gc.get_freeze_count() > before
+    finally:
+        gc.unfreeze()

@@ -156,6 +156,12 @@ def test_reading_a_result_imports_no_solver():
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
 
 
+def test_a_solve_that_saves_nothing_imports_no_h5py():
+    """Its import takes as long as a small solve."""
+    program = "import sys; import app.api.solver, app.api.refinement, app.cli.load_path; print('h5py' in sys.modules)"
+    assert run("-c", program).stdout.strip() == "False"
+
+
 def test_load_path_is_read_from_a_result(path):
     with h5py.File(path, "r+") as file:
         file["path/load"] = [3.0, 4.0]
