@@ -35,6 +35,7 @@ _ERRORS = {
     "contact_fraction": ("contact_fraction", "contact_area_error"),
     "mean_pressure": ("mean_pressure", "load_error"),
 }
+_FORCES = "load", "mean_pressure"
 
 
 class Path(NamedTuple):
@@ -119,12 +120,22 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
         axes.plot(*values, **series_style(number), label=path.name or "computed")
         for name in x, y:
             _draw_band(axes, path, (x, y), name, scale(path), number)
+        _mark_unloading(axes, *values, values[0 if x in _FORCES else 1], number)
     if not axes.lines:
         missing = [name for name in (x, y) if all(path.select(name, above=above) is None for path in paths)]
         annotate_empty(axes, f"no {(*missing, y)[0].replace('_', ' ')}")
         return False
     set_log_axes(axes, [name for name, log in zip("xy", logs, strict=True) if log])
     return True
+
+
+def _mark_unloading(axes, x, y, force, number):
+    """Draw open markers at the steps of a curve to which the `force` has fallen."""
+    falls = np.diff(force, prepend=force[0]) < 0
+    if falls.any():
+        label = None if any(line.get_label() == "unloading" for line in axes.lines) else "unloading"
+        style = series_style(number) | {"markerfacecolor": "white", "linestyle": "none", "label": label}
+        axes.plot(x[falls], y[falls], **style)
 
 
 def _draw_band(axes, path, names, name, scale, number):
@@ -191,6 +202,7 @@ def _draw_shares(axes, paths, value):
             one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
         names = "mean_pressure", "contact_fraction"
         _draw_band(axes, path, names, names[1], (path.relative, one), number)
+        _mark_unloading(axes, x, value(x, fraction), p, number)
     label, cross = "corrected for the stepped boundary", {"color": "0.4", "marker": "x", "linestyle": "none"}
     for path in paths:
         corrected = path.select("mean_pressure", "contact_fraction_corrected")

@@ -125,6 +125,31 @@ def test_loading_and_unloading_have_bands_of_their_own():
     assert [band.get_label() for band in axes.collections].count("estimated error") == 1
 
 
+def test_steps_of_unloading_have_open_markers():
+    load = np.array([1.0, 2, 3, 2, 1, 0, 1])
+    p = {"load": load, "mean_pressure": load}
+    smooth = p | {
+        "approach": np.arange(1.0, 8),
+        "max_pressure": 9 * load,
+        "contact_area": load,
+        "stiffness": load,
+    }
+    rough = p | {"contact_fraction": 1e-2 * load, "mean_gap": 5 - load, "stiffness": load}
+    for path in load_curves.Path(smooth), load_curves.Path(rough, scale=1e2):
+        figure = load_curves.path_figure([path, path])
+        for axes in figure.axes:
+            curves = [line for line in axes.lines if line.get_label() == "computed"]
+            marks = [line for line in axes.lines if line.get_markerfacecolor() == "white"]
+            assert [mark.get_label() for mark in marks].count("unloading") == 1
+            for curve, mark in zip(curves, marks, strict=True):
+                falling = slice(3, 5 + (curve.get_xdata().size == load.size))  # no load 0 on logarithmic axes
+                np.testing.assert_array_equal(mark.get_xydata(), curve.get_xydata()[falling])
+        legends = [axes.get_legend() for axes in figure.axes if axes.get_legend()]
+        assert [
+            [text.get_text() for text in legend.get_texts()].count("unloading") for legend in legends
+        ] == [1]
+
+
 def test_smooth_paths_are_drawn_with_their_analytic_solution():
     """Where it is known, in the units of its panel."""
     d = np.geomspace(1e-3, 0.1, 5)
