@@ -6,7 +6,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.halfspace.stress.layered import LayeredStress
-from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, von_mises
+from app.halfspace.stress.subsurface import StressMaximum, SubsurfaceStress, is_largest, von_mises
 from app.io.result import find_layer, find_poisson_ratio
 
 _SECTION_DEPTH = 4.0  # of a section, over the depth of the largest stress
@@ -99,8 +99,8 @@ def survey(below, depths=64, at=None, deepest=None):
     line = below.line(depths, x, y)
     largest = hottest
     if at is not None:
-        k = int(np.argmax(von_mises(line)))
-        largest = StressMaximum(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
+        k = int(np.argmax(is_largest(mises := von_mises(line))))
+        largest = StressMaximum(float(mises[k]), x, y, float(depths[k]), line[:, k])
     return SimpleNamespace(
         hottest=hottest,
         sheared=sheared,

@@ -5,7 +5,7 @@ from matplotlib import rcParams
 
 from app.base.units import choose_length_unit
 from app.halfspace.stress.layered import LayeredStress
-from app.halfspace.stress.subsurface import SubsurfaceStress, coarsen, max_shear, von_mises
+from app.halfspace.stress.subsurface import SubsurfaceStress, coarsen, is_largest, max_shear, von_mises
 from app.io.result import find_layer, find_poisson_ratio
 from app.plots.maps import cell_edges, format_number
 from app.plots.style import (
@@ -109,7 +109,7 @@ def draw_section_stress(axes, result, along, row, column, ends):
     remark = f"   {below.describe('ν')}" if layer is None else "   (coated body)"
     shown = grid, ends, depths, mises, highest, PANEL_SHAPE, below.interface
     unit, z_unit = _draw_mises(axes, along, *shown, remark)
-    k, cell = np.unravel_index(mises.argmax(), mises.shape)
+    k, cell = np.unravel_index(is_largest(mises).argmax(), mises.shape)
     if grid.n == result.grid.n and np.ptp(mises) > MIN_STRESS_VARIATION * largest:
         centres = grid.x() if along == "x" else grid.y()
         depth = _peak(depths, mises[:, cell], k)

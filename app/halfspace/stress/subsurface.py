@@ -19,6 +19,7 @@ from app.base.units import format_quantity
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _REFINED_PEAKS = 3  # cells below which the depth is refined
 _MAX_CELLS_DEEP = 16  # cells: beyond this depth the search uses larger cells
+_ROUNDING = 1e-12  # relative rounding error of stresses
 _FIRST_DEPTH = 0.25  # first depth of the search below the surface, in cells
 
 
@@ -248,15 +249,27 @@ def check_depths(depths):
     return depths
 
 
+def is_largest(values):
+    """Return where values are the largest up to rounding.
+
+    Where the stress is uniform along a direction, rounding alone would choose the place of the largest one.
+    """
+    largest = values.max()
+    return values >= largest - _ROUNDING * abs(largest)
+
+
 def _find_peaks(field):
-    """Return the cells of a field's largest values, without their neighbours."""
-    count = min(field.size, 50 * _REFINED_PEAKS)
-    largest = np.argpartition(field, -count, axis=None)[-count:]
-    peaks, largest = [], largest[np.argsort(field.ravel()[largest])[::-1]]
-    for cell in zip(*np.unravel_index(largest, field.shape), strict=True):
-        if all(max(abs(cell[0] - j), abs(cell[1] - i)) > 1 for j, i in peaks):
-            peaks.append(cell)
-    return peaks[:_REFINED_PEAKS]
+    """Return the cells of a field's largest values, without their neighbours.
+
+    Of cells with the same value up to rounding, only the first counts.
+    """
+    rest, peaks = field.copy(), []
+    while len(peaks) < _REFINED_PEAKS and rest.max() > -np.inf:
+        same = is_largest(rest)
+        j, i = np.unravel_index(same.argmax(), rest.shape)
+        peaks.append((j, i))
+        rest[same] = rest[max(j - 1, 0) : j + 2, max(i - 1, 0) : i + 2] = -np.inf
+    return peaks
 
 
 def coarsen(pressure, grid):

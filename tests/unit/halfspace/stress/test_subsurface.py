@@ -22,6 +22,18 @@ def test_plane_section_and_line_agree(nx, ny):
     assert below.plane(0.0)[2] == pytest.approx(-pressure, abs=1e-12)  # the surface carries the pressure
 
 
+@pytest.mark.parametrize("periodic", ["spectral", "y"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_largest_of_equal_stresses_is_the_first(periodic, seed):
+    """The load is uniform along y, up to rounding, which machines and numbers of ranks change."""
+    grid = Grid(16, 24, 0.3, 0.2, periodic=periodic)
+    rounding = 1 + 1e-15 * np.random.default_rng(seed).integers(-2, 3, grid.shape)
+    pressure = np.maximum(np.cos(grid.x() - 2.4), 0) ** 0.5 * rounding
+    for maximum in SubsurfaceStress(pressure, grid, 0.3).maxima():
+        assert (maximum.x, maximum.y) == (grid.x()[7], grid.y()[0])
+        assert maximum.depth > 0
+
+
 @pytest.mark.parametrize(
     "change, message",
     [
