@@ -12,7 +12,7 @@ filter takes the weighted mean of the known heights (order zero).
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, is_number
 from app.base.memory import check_fits
 from app.base.units import format_lengths
 from app.halfspace.grid import repeats_in
@@ -28,7 +28,7 @@ def check_order(s_filter, l_filter):
     `s_filter` must be below `l_filter`.
     """
     for name, index in (("s", s_filter), ("l", l_filter)):
-        if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
+        if index is not None and not (is_number(index) and 0 < index < np.inf):
             raise InputError(f"surface {name}_filter {index!r}: must be a positive wavelength [mm]")
     if s_filter and l_filter and s_filter >= l_filter:
         raise InputError(

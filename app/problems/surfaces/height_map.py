@@ -6,7 +6,7 @@ from operator import index
 
 import numpy as np
 
-from app.base.errors import InputError
+from app.base.errors import InputError, to_float
 from app.base.memory import check_fits
 from app.base.units import ALLOWED, UNITS, find_unit
 from app.problems.arrays import real_numbers
@@ -229,7 +229,7 @@ def _read_stated(where, content):
 
 def _positive_pair(values):
     try:
-        one, other = map(float, values)
+        one, other = map(to_float, values)
     except (TypeError, ValueError):
         return None
     return (one, other) if 0 < one < np.inf and 0 < other < np.inf else None

@@ -5,11 +5,11 @@ points from all heights, in the same order, so that both are the same on any num
 """
 
 from dataclasses import replace
-from numbers import Integral, Real
+from numbers import Integral
 
 import numpy as np
 
-from app.base.errors import InputError, warn_notes
+from app.base.errors import InputError, is_number, warn_notes
 from app.base.units import UNITS, find_unit, format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import validate_periodic
@@ -128,7 +128,7 @@ def read_surface(
         source = open_heights(path, skip, orient, channel, coordinates=crop is not None)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    if isinstance(spacing, Real):
+    if is_number(spacing):
         spacing = spacing, spacing
     if spacing_unit:
         if spacing is None:

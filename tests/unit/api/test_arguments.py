@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 from cases import hertz
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material, Paraboloid, Sphere, refine, solve
+from app import (
+    ContactProblem,
+    ContactSolver,
+    Grid,
+    Listener,
+    Material,
+    Paraboloid,
+    Sphere,
+    read_surface,
+    refine,
+    solve,
+)
 from app.base.errors import InputError
 from app.problems.problem import Problem
 
@@ -113,6 +124,8 @@ def test_wrong_arguments_are_refused_in_one_line(message, call):
         lambda true: Material.pair((true, 1e5), (0.3, 0.3)),
         lambda true: Material.coated((true, 1e5), (0.3, 0.3), 1.0),
         lambda true: STEEL.conducting(resistivity=true),
+        lambda true: read_surface(HEIGHTS, "um", spacing=true),
+        lambda true: read_surface(HEIGHTS, "um", spacing=(0.1, 0.1), s_filter=true),
         lambda true: solve(BALL, load=true),
         lambda true: refine(BALL, load=1.0, until=true),
     ],
