@@ -139,11 +139,10 @@ def solution_html(solution):
     """Return HTML with a solution's numbers, notes and pressure."""
     grid = solution.grid
     names = (*_ROWS, *_PERIODIC_ROWS) if grid.symbol else _ROWS
-    whole = solution.pressure.shape == grid.shape
     return _as_html(
         f"{type(solution).__name__}, {grid.nx} x {grid.ny} cells",
         _quantities_table(solution, names),
-        figures.pressure_figure(as_result(solution)) if whole else None,
+        _pressure_picture(solution),
         solution.notes,
     )
 

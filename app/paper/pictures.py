@@ -204,11 +204,11 @@ def _surface(decay=0.8):
     return WavySurface((12, 10), decay, 0.1, 7, extent=(x1 - x0, y1 - y0), origin=(x0, y0))
 
 
-def _height_map(axes, n, surface, limit):
+def _height_map(axes, n, surface):
     grid = Grid.from_domain(n, n, PUNCH_DOMAIN)
     height = surface.height(grid.x(), grid.y())
     x0, x1, y0, y1 = PUNCH_DOMAIN
-    scale = {"cmap": LENGTH_MAP, "vmin": -limit, "vmax": limit}
+    scale = {"cmap": LENGTH_MAP, "vmin": -0.3, "vmax": 0.3}
     image = axes.imshow(height, origin="lower", extent=(x0, x1, y0, y1), **scale)
     axes.set(xlabel="x  [mm]", ylabel="y  [mm]")
     return height, image
@@ -219,7 +219,7 @@ def _figure10(outcomes):
     figure = new_figure(10.0, 7.6)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, n in zip(panels.ravel(), (16, 32, 64, 128), strict=True):
-        _, image = _height_map(axes, n, _surface(), 0.3)
+        _, image = _height_map(axes, n, _surface())
         axes.label_outer()
     figure.colorbar(image, ax=panels, shrink=0.8, extend="both").set_label("height z  [mm]")
     _letter(panels, {letter: f"{n} × {n} cells" for letter, n in zip("abcd", (16, 32, 64, 128), strict=True)})
@@ -232,7 +232,7 @@ def _figure12(outcomes):
     panels = figure.subplots(2, 2)
     heights = {}
     for axes, decay in zip(panels.ravel(), (0.5, 0.8, 0.95), strict=False):
-        heights[decay], image = _height_map(axes, 64, _surface(decay), 0.3)
+        heights[decay], image = _height_map(axes, 64, _surface(decay))
     figure.colorbar(image, ax=panels, shrink=0.8, extend="both").set_label("height z of a, b, c  [mm]")
     plot = normal_plot(heights[0.8])
     axes = panels[1, 1]

@@ -132,15 +132,12 @@ def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
     return SweepHistory(tuple(sweeps), errors, coefficients)
 
 
-def compare_grids(contact=None):
+def compare_grids():
     """Return `PAPER_MODES` of Gauss-Seidel as pairs on two grids (Fig. 7).
 
-    The default contact is the paper's. The coarse grid has half as many cells. Raises ValueError for an odd number of
-    cells.
+    The coarse grid has half as many cells.
     """
-    contact = contact or LineContact()
-    if contact.cells % 2:
-        raise ValueError(f"line contact of {contact.cells} cells: need an even number to halve")
+    contact = LineContact()
     half = replace(contact, cells=contact.cells // 2)
     fine, coarse = (modes(gauss_seidel(c.matrix())) for c in (contact, half))
     pairs = []
