@@ -13,7 +13,8 @@ import numpy as np
 from app.base.errors import InputError
 from app.base.quantities import unit_of
 from app.io.files import atomic_file, check_output_path, report_write_errors
-from app.io.result import FIELDS, PLASTIC_FIELDS, UNITS
+from app.io.frames import UNITS
+from app.io.result import FIELDS, PLASTIC_FIELDS
 from app.io.write import create_axes, create_field, reserve
 
 _TYPES = FIELDS | PLASTIC_FIELDS

@@ -6,7 +6,13 @@ import numpy as np
 
 from app.base.quantities import QUANTITIES, unit_of
 
-_FIELD_UNITS = {"pressure": "N/mm2", "contact": "1", "plastic": "1"}  # all other fields are in mm
+UNITS = {
+    **dict.fromkeys(("gap", "displacement", "undeformed_distance", "plastic_depth", "x", "y"), "mm"),
+    "pressure": "N/mm2",
+    "hardness": "N/mm2",
+    "contact": "1",
+    "plastic": "1",
+}
 _LONG_NAMES = {
     "pressure": "pressure p",
     "gap": "gap e",
@@ -44,15 +50,12 @@ def to_xarray(result):
     xarray = _import("xarray", "to_xarray()")
     fields = {name: field for name in _LONG_NAMES if (field := getattr(result, name)) is not None}
     fields |= {name: field for name, field in getattr(result, "extra", {}).items() if np.ndim(field) == 2}
-    variables = {
-        name: (
-            ("y", "x"),
-            field,
-            {"units": _FIELD_UNITS.get(name, "mm"), "long_name": _LONG_NAMES.get(name, name)},
-        )
-        for name, field in fields.items()
-    }
-    axes = {name: (name, getattr(result, name), {"units": "mm"}) for name in "xy"}
+    units = UNITS | getattr(result, "units", {})
+    attributes = {name: {"long_name": _LONG_NAMES.get(name, name)} for name in fields}
+    for name in fields.keys() & units.keys():
+        attributes[name]["units"] = units[name]
+    variables = {name: (("y", "x"), field, attributes[name]) for name, field in fields.items()}
+    axes = {name: (name, getattr(result, name), {"units": units[name]}) for name in "xy"}
     facts = result.attributes
     facts = facts | {name: int(value) for name, value in facts.items() if isinstance(value, bool)}
     return xarray.Dataset(variables, axes, facts)

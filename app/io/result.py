@@ -29,8 +29,6 @@ FIELDS = {
 }
 PLASTIC_FIELDS = {"plastic": np.uint8, "plastic_depth": np.float64}  # only with a hardness
 AXES = {"x": np.float64, "y": np.float64}
-UNITS = dict.fromkeys((*FIELDS, *PLASTIC_FIELDS, *AXES), "mm")
-UNITS |= {"pressure": "N/mm2", "hardness": "N/mm2", "contact": "1", "plastic": "1"}
 HISTORY = {
     "level": np.int64,
     "contact_cells": np.int64,

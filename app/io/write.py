@@ -10,7 +10,8 @@ from app.base.errors import InputError, call_collectively, check_type, format_me
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, make_temporary_name, publish, remove
-from app.io.result import AXES, FIELDS, HISTORY, PLASTIC_FIELDS, UNITS
+from app.io.frames import UNITS
+from app.io.result import AXES, FIELDS, HISTORY, PLASTIC_FIELDS
 
 _CELLS_PER_WRITE = 1 << 20
 _METADATA_BYTES = 1 << 16  # more than HDF5 needs for a few dozen datasets

@@ -19,14 +19,18 @@ def test_fields_have_axes_and_units_and_numbers_are_attributes():
     fields = {name: np.full((2, 3), float(k)) for k, name in enumerate(names)}
     result = SimpleNamespace(
         **fields, plastic=None, plastic_depth=None, x=np.arange(3.0), y=np.arange(2.0),
-        attributes={"converged": True, "load": 5.0}, extra={"wear": np.ones((2, 3)), "profile": np.ones(3)},
+        attributes={"converged": True, "load": 5.0}, units={"wear": "um"},
+        extra={name: np.ones((2, 3)) for name in ("wear", "hardness", "other")} | {"profile": np.ones(3)},
     )  # fmt: skip
     data = to_xarray(result)
     assert data.sizes == {"y": 2, "x": 3}
-    assert {name: data[name].units for name in data} == {name: "mm" for name in (*names, "wear")} | {
+    units = dict.fromkeys(names, "mm") | {
         "pressure": "N/mm2",
         "contact": "1",
+        "wear": "um",
+        "hardness": "N/mm2",
     }
+    assert {name: data[name].attrs.get("units") for name in data} == units | {"other": None}
     assert data.attrs == {"converged": 1, "load": 5.0}
     depth = np.full((2, 3), 1e-3)
     result.plastic, result.plastic_depth = depth > 0, depth
