@@ -13,6 +13,7 @@ from app.api.summary import summary
 from app.base.errors import InputError, check_type
 from app.base.quantities import label_of, unit_of
 from app.base.units import format_lengths, format_quantity
+from app.io.contact_fields import PATCH_UNITS
 from app.io.result import FIELDS, PLASTIC_FIELDS, Result
 from app.plots import figures, heights, load_curves, pictures, style
 from app.plots.stress import stress_figure
@@ -202,11 +203,8 @@ def surface_html(surface):
 def patches_html(patches):
     """Return HTML with contact spots: table and map."""
     columns = {"spot": [*range(1, len(patches.cells) + 1)], "cells": patches.cells}
-    names = "area", "load", "max_pressure", "centre_x", "centre_y"
-    units = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}
-    columns |= {
-        f"{name.replace('_', ' ')} [{units[name]}]": _four_digits(getattr(patches, name)) for name in names
-    }
+    for name, unit in PATCH_UNITS.items():
+        columns[f"{name.replace('_', ' ')} [{unit}]"] = _four_digits(getattr(patches, name))
     whole = patches.grid is not None and patches.labels.shape == patches.grid.shape
     figure = pictures.spots_figure(patches) if whole else None
     count = len(patches.cells)

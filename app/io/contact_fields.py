@@ -17,6 +17,7 @@ from app.options.option_table import find_similar_name
 
 # Name in a Solution -> name of the attribute in a file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
+PATCH_UNITS = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}
 _SHOWN = {
     "converged",
     "notes",
@@ -72,15 +73,14 @@ class Patches(NamedTuple):
 
         The units are in its ``attrs["units"]``.
         """
-        units = dict(zip(self._fields[2:7], ("mm2", "N", "N/mm2", "mm", "mm"), strict=True))
-        columns = {name: getattr(self, name) for name in self._fields[1:7]}
+        columns = {name: getattr(self, name) for name in ("cells", *PATCH_UNITS)}
         labels = {"label": np.arange(1, len(self.cells) + 1)}
-        return to_dataframe(labels | columns, "label", units)
+        return to_dataframe(labels | columns, "label", PATCH_UNITS)
 
     def __repr__(self):
         from tabulate import tabulate  # loads slowly
 
-        names = self._fields[1:7]
+        names = "cells", *PATCH_UNITS
         columns = zip(*(getattr(self, name)[:_MAX_SHOWN].tolist() for name in names), strict=True)
         rows = [dict(zip(names, values, strict=True)) for values in columns]
         count = len(self.cells)
