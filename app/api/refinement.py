@@ -202,7 +202,7 @@ def _row(solution, errors):
     return {
         "nx": grid.nx,
         "ny": grid.ny,
-        **{name: getattr(solution, name) for name in ("load", "approach", "max_pressure", "contact_area")},
+        **{name: getattr(solution, name) for name in ESTIMATED},
         **errors._asdict(),
         "solve_seconds": solution.solve_seconds,
         "converged": solution.converged,

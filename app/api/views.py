@@ -11,14 +11,14 @@ from tabulate import tabulate
 from app.api.subsurface import survey
 from app.api.summary import summary
 from app.base.errors import InputError, check_type
-from app.base.quantities import label_of, unit_of
+from app.base.quantities import ESTIMATED, label_of, unit_of
 from app.base.units import format_lengths, format_quantity
 from app.io.contact_fields import PATCH_UNITS
 from app.io.result import FIELDS, PLASTIC_FIELDS, Result
 from app.plots import figures, heights, load_curves, pictures, style
 from app.plots.stress import stress_figure
 
-_ROWS = "load", "approach", "max_pressure", "contact_area", "contact_fraction"
+_ROWS = *ESTIMATED, "contact_fraction"
 _PERIODIC_ROWS = "mean_pressure", "mean_gap"
 _DPI = 60  # of pictures in tables
 _MAX_ROWS = 12  # of a table
@@ -160,8 +160,7 @@ def path_html(path):
 
 def many_html(many):
     """Return HTML with the table of many problems."""
-    names = "load", "approach", "max_pressure", "contact_area"
-    table = {"problem": many["problem"]} | _format_columns(many.table, names)
+    table = {"problem": many["problem"]} | _format_columns(many.table, ESTIMATED)
     return _as_html(f"{len(many)} solutions", _rows_table(table | {"converged": many["converged"]}))
 
 
@@ -169,10 +168,9 @@ def refinement_html(refined):
     """Return HTML with the grids of a refinement and the finest pressure."""
     solution = refined.solution
     columns = {name: [row[name] for row in refined.rows] for name in refined.rows[0]}
-    names = "load", "approach", "max_pressure", "contact_area"
     table = {"cells": [f"{nx}\u00a0x\u00a0{ny}" for nx, ny in zip(columns["nx"], columns["ny"], strict=True)]}
-    table |= _format_columns(columns, names)
-    largest = [max(row[f"{name}_error"] for name in names) for row in refined.rows]
+    table |= _format_columns(columns, ESTIMATED)
+    largest = [max(row[f"{name}_error"] for name in ESTIMATED) for row in refined.rows]
     table["largest error"] = [f"{100 * error:.2g}%" for error in largest]
     state = "reached" if refined.reached else "NOT reached"
     return _as_html(

@@ -9,6 +9,7 @@ import time
 from functools import wraps
 
 from app import __version__
+from app.base import units
 from app.base.errors import InputError, format_message, shorten
 from app.base.mpi import launched_rank
 from app.cli import streams
@@ -46,6 +47,8 @@ def argument_type(kind):
 
 
 count, positive = argument_type(option_table.count), argument_type(option_table.positive)
+length_unit = argument_type(units.unit)
+cell_size = argument_type(option_table.pair_of_reals("DX,DY, two positive numbers [mm]", above=0))
 
 
 def check_ranks(ranks):

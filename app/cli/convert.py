@@ -15,14 +15,13 @@ from pathlib import Path
 from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
-from app.cli.arguments import Parser, argument_type, command
-from app.options.option_table import cells, integer, pair_of_reals, subset
+from app.cli.arguments import Parser, argument_type, cell_size, command, length_unit
+from app.options.option_table import cells, integer, subset
 from app.problems.surfaces.array_file import UnknownFormat
 from app.problems.surfaces.formats import ARRAYS, TEXTS, detect_format, split_suffix
 from app.problems.surfaces.height_map import TURNS, HeightMap, open_heights
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # variable with the path of a Python that has SurfaceTopography
-_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _line_count = integer(0, "a whole number from 0")
 _NAMES = "--unit", "--height-unit", "--spacing", "--override"
 
@@ -41,19 +40,19 @@ def find_instruments_python():
 def main(argv):
     """Run the command and return its exit status."""
     parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
-    add, a_unit, elsewhere = parser.add_argument, argument_type(units.unit), "where the file does not say"
+    add, elsewhere = parser.add_argument, "where the file does not say"
     add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
     add("--channel", default="", help="name or number, from 0, of a channel, where there are several")
-    add("--unit", type=a_unit, help=f"{units.ALLOWED}: {elsewhere}")
-    add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
+    add("--unit", type=length_unit, help=f"{units.ALLOWED}: {elsewhere}")
+    add("--height-unit", type=length_unit, help="of the heights alone, where points x, y have another one")
     how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
     lines = "lines at the head of a text to leave out"
     part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"
     add("--skip", type=argument_type(_line_count), default=0, metavar="N", help=lines)
     add("--orient", type=argument_type(subset(*TURNS)), default=(), metavar="HOW", help=how)
     add("--crop", type=argument_type(cells), metavar="I0,I1,J0,J1", help=part)
-    add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--spacing", type=cell_size, metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)

@@ -14,19 +14,20 @@ from app.cli.arguments import (
     Parser,
     add_picture_options,
     argument_type,
+    cell_size,
     check_folder,
     command,
+    length_unit,
     picture_kinds,
 )
 from app.io.files import report_write_errors
 from app.io.result import has_heights, read_result
-from app.options.option_table import integer, pair_of_reals
+from app.options.option_table import integer
 from app.plots import heights, load_curves, style, sweeps
 from app.plots.pictures import PICTURES, pictures_of
 from app.problems.arrays import is_measured
 
 _dots = integer(20, "a whole number from 20 to 1200", 1200)
-_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is one if --unit is given
 
 
@@ -95,11 +96,7 @@ def _get_path(data, name):
 
 def _arguments(argv):
     parser = Parser(prog="python -m app.plot", description="Draw pictures of result files, tables, surfaces.")
-    add, a_unit, elsewhere = (
-        parser.add_argument,
-        argument_type(units.unit),
-        "of a surface whose file does not say",
-    )
+    add, elsewhere = parser.add_argument, "of a surface whose file does not say"
     files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
     against = (
         "column of a table to draw against; default: the option with the most values, of a path the load"
@@ -115,8 +112,8 @@ def _arguments(argv):
     add("--only", action="append", choices=PICTURES, metavar="NAME", help=only)
     add("--x", metavar="NAME", help=against)
     add("--y", action="append", default=[], metavar="NAME", help=column)
-    add("--unit", type=a_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
-    add("--spacing", type=argument_type(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--unit", type=length_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
+    add("--spacing", type=cell_size, metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     add_picture_options(add)
     add("--dpi", type=argument_type(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
