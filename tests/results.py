@@ -38,7 +38,7 @@ def made_up_result(nx=128, ny=96, punch_radius=None):
         pressure[outside] = 0.0
         shape[outside] = np.nan
     gap = np.where(pressure > 0, 0.0, np.maximum(0.0, shape - 0.1091 + displacement))
-    contact = (pressure > 0).astype(np.uint8)
+    contact = pressure > 0
     levels = [0, 0, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3]
     steps = [levels[: k + 1].count(l) for k, l in enumerate(levels)]
     history = {

@@ -218,7 +218,7 @@ class ContactFields:
         """Return the cells' labels, and the sizes of contact spots. Collective."""
         from app.halfspace.connected_sets import label_connected_sets
 
-        return label_connected_sets(self.contact == 1, self.grid.periodic, self.slabs, self.comm)
+        return label_connected_sets(self.contact, self.grid.periodic, self.slabs, self.comm)
 
     def count_patches(self):
         """Return number and largest area of contact spots, a dict. Collective."""

@@ -63,7 +63,7 @@ class Result(ContactFields):
     Attributes
     ----------
     pressure, gap, displacement, undeformed_distance : ndarray of float64, shape (ny, nx)
-    contact : ndarray of uint8, shape (ny, nx)
+    contact : ndarray of bool, shape (ny, nx)
     x, y : ndarray of float64, shapes (nx,) and (ny,)
     attributes : dict
         Root attributes as Python bool, int, float, str or ndarray.
@@ -74,7 +74,7 @@ class Result(ContactFields):
         Unit of each dataset that has one.
     path : dict of str to ndarray, shape (steps,)
         Table of a load path; empty for a single loading.
-    plastic, plastic_depth : ndarray of uint8 and of float64, shape (ny, nx), or None
+    plastic, plastic_depth : ndarray of bool and of float64, shape (ny, nx), or None
         Cells at the hardness, and permanent indentation; None without a hardness.
     """
 
@@ -155,8 +155,10 @@ def read_result(path):
         for name in types:
             if data[name].shape != shape:
                 raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
-        if data["contact"].max() > 1:
-            raise InputError("dataset contact: has other values than 0 and 1")
+        for name in (name for name, dtype in types.items() if dtype is np.uint8):
+            if data[name].max() > 1:
+                raise InputError(f"dataset {name}: has other values than 0 and 1")
+            data[name] = data[name].view(bool)
         history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
         history |= _read_columns(file, "history", history)
         others = {name: item for name, item in file.items() if name not in data}
@@ -166,6 +168,8 @@ def read_result(path):
         attributes, path = read_attributes(file), _read_columns(file, "path")
         if path and not np.size(path.get("load", ())):
             raise InputError("path: has no loads")
+        if "converged" in path:
+            path["converged"] = path["converged"] != 0
         return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=path)
 
 

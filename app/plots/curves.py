@@ -34,7 +34,7 @@ def distribution_figure(result):
     figure, (pressure, gap, *several) = new_panels([(4.85, 4.6)] * count, count, make_title(result))
     p = finite_pressure(result.pressure)
     _draw_density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
-    gaps = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
+    gaps = result.gap[~result.contact & (result.gap > 0) & np.isfinite(result.gap)]
     unit = choose_length_unit(float(gaps.max(initial=0.0)))
     _draw_density(gap, gaps * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
     for axes in several:

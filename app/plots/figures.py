@@ -172,7 +172,7 @@ def draw_section(axes, result, along, row, column, reference):
         line, across = row, f"y = {result.y[row] * unit.per_mm:.3g}"
     else:
         line, across = (slice(None), column), f"x = {result.x[column] * unit.per_mm:.3g}"
-    values, gap = result.pressure[line], np.where(result.contact[line] == 1, 0.0, result.gap[line])
+    values, gap = result.pressure[line], np.where(result.contact[line], 0.0, result.gap[line])
     sides = cell_edges(result.grid, along) * unit.per_mm
     axes.stairs(values, sides, fill=True, color=PALE)
     axes.stairs(values, sides, color=BLUE, linewidth=1.4, label="computed", baseline=None)

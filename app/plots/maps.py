@@ -80,7 +80,7 @@ class Canvas:
         if self.grid.n == whole.n:
             return
         patch = tuple(end * self.unit.per_mm for end in whole.domain)
-        contact, view = self.result.contact[self.view] == 1, self.extent
+        contact, view = self.result.contact[self.view], self.extent
         if self.lies:
             contact, patch, view = contact.T, patch[2:] + patch[:2], view[2:] + view[:2]
         draw_inset(axes, (self.width, self.height), contact, patch, view)
@@ -156,7 +156,7 @@ class Canvas:
             entries = self._draw_spots(axes)
         else:
             entries = self._draw_elastic_and_plastic(axes, possible)
-        if np.count_nonzero(result.contact == 1) < possible:
+        if np.count_nonzero(result.contact) < possible:
             entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")
         if has_outside:
             entries["no contact possible"] = Patch(color=GREY)
@@ -169,8 +169,8 @@ class Canvas:
 
         `possible` is the number of admissible cells.
         """
-        plastic = self.result.plastic == 1
-        masks = (self.result.contact == 1) & ~plastic, plastic
+        plastic = self.result.plastic
+        masks = self.result.contact & ~plastic, plastic
         shown = (mask[self.view].astype(float) for mask in masks)
         (elastic, b), (overlapping, _) = (block_mean(part, MAX_PIXELS) for part in shown)
         total = elastic + overlapping
@@ -252,7 +252,7 @@ class Canvas:
 
     def draw_gap(self, axes):
         """Draw the gap e, white in contact."""
-        gap = np.where(self.result.contact == 1, np.nan, self.result.gap)
+        gap = np.where(self.result.contact, np.nan, self.result.gap)
         self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]  (white: contact)")
 
 

@@ -16,7 +16,7 @@ def find_view(result):
 
     The map shows the part around the contact; the whole patch if the contact is not small, or the patch is periodic.
     """
-    contact = np.asarray(result.contact) == 1
+    contact = np.asarray(result.contact)
     whole = slice(0, contact.shape[0]), slice(0, contact.shape[1])
     if not contact.any() or result.grid.periodic:
         return whole

@@ -171,7 +171,7 @@ def test_unsolved_step_gives_status_3(cli_here, tmp_path):
     failed = cli_here(*HERTZ, *options, "-approach_path", "0.1,-1", "-output", tmp_path / "a.h5")
     assert failed.returncode == 3
     assert "step 1 NOT CONVERGED" in failed.stdout
-    assert list(read_result(tmp_path / "a.h5").path["converged"]) == [0, 1]
+    assert list(read_result(tmp_path / "a.h5").path["converged"]) == [False, True]
 
 
 def test_resume_and_step_files_need_an_output(cli_here):

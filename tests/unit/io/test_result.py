@@ -60,6 +60,21 @@ def test_round_trip_is_exact(result, tmp_path):
     assert_same(found, odd)
 
 
+def test_contact_selects_cells_like_that_of_a_solution(tmp_path):
+    from app import ContactProblem, Grid, Material, Sphere, solve
+
+    grid = Grid.from_domain(16, 12, (-0.1, 0.1, -0.1, 0.1))
+    solution = solve(
+        ContactProblem(grid, Material.isotropic(210e3, 0.3), Sphere(1.0), hardness=5e3), load=50.0
+    )
+    solution.save(tmp_path / "a.h5")
+    found = read_result(tmp_path / "a.h5")
+    for name in ("contact", "plastic"):
+        cells, same = getattr(solution, name), getattr(found, name)
+        assert same.dtype == cells.dtype == bool
+        assert np.array_equal(found.pressure[same], solution.pressure[cells])
+
+
 def test_names_types_and_units_are_those_of_the_interface(path):
     with h5py.File(path) as file:
         assert sorted(file) == sorted([*DATASETS, "history"])

@@ -26,9 +26,7 @@ def test_distributions_integrate_to_one():
     rng = np.random.default_rng(2)
     made = made_up_result(64, 48)
     pressure = np.where(rng.random((48, 64)) < 0.5, rng.exponential(100.0, (48, 64)), 0.0)
-    figure = curves.distribution_figure(
-        replace(made, pressure=pressure, contact=(pressure > 0).astype(np.uint8))
-    )
+    figure = curves.distribution_figure(replace(made, pressure=pressure, contact=pressure > 0))
     p, density = figure.axes[0].lines[0].get_data()
     assert np.sum((density[1:] + density[:-1]) / 2 * np.diff(p)) == pytest.approx(1, abs=0.03)
     assert np.median(density[p < 20]) == pytest.approx(1 / 100, rel=0.3)  # exponential: level at small values

@@ -134,7 +134,7 @@ def test_contact_map_has_three_colours_with_a_hardness(result, monkeypatch, pixe
     monkeypatch.setattr(maps, "MAX_PIXELS", pixels)
     plastic = (result.contact == 1) & (result.pressure > np.median(result.pressure[result.contact == 1]))
     depth = np.where(plastic, 1e-4, 0.0)
-    capped = replace(result, plastic=plastic.astype(np.uint8), plastic_depth=depth)
+    capped = replace(result, plastic=plastic, plastic_depth=depth)
     figure = figures.contact_figure(capped)
     axes = figure.axes[0]
     elastic, plastic_text, *others = [text.get_text() for text in axes.get_legend().get_texts()]

@@ -13,7 +13,7 @@ from app.plots.zoom import find_view
 @pytest.fixture
 def small_contact():
     result = made_up_result(60, 40)
-    contact = np.zeros((40, 60), np.uint8)
+    contact = np.zeros((40, 60), bool)
     contact[10:18, 30:42] = 1
     pressure = np.where(contact, 5.0 + np.arange(60), 0.0)
     distance = np.ones((40, 60))
@@ -33,7 +33,7 @@ def test_view_ends_with_the_patch(small_contact):
 
 @pytest.mark.parametrize("share", [0.0, 0.8])
 def test_whole_patch_is_shown_without_contact_or_with_a_large_one(small_contact, share):
-    contact = np.zeros((40, 60), np.uint8)
+    contact = np.zeros((40, 60), bool)
     contact[: int(40 * share)] = 1
     assert find_view(replace(small_contact, contact=contact)) == (slice(0, 40), slice(0, 60))
 
