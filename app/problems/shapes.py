@@ -180,7 +180,10 @@ class Cylinder(Shape):
 
     def check_grid(self, grid):
         """Raise if a grid is unsuitable, see `check_length`."""
-        check_length(grid, "cylinder", self.length, self.length / 2)
+        if self.length == math.inf:
+            check_strip(grid)
+        else:
+            check_length(grid, "cylinder", self.length, self.length / 2)
 
 
 @dataclass(frozen=True)
@@ -242,12 +245,20 @@ class FlatPunch(Shape):
 def check_length(grid, name, length, half_length):
     """Raise InputError for a grid that is unsuitable for a body along y.
 
-    A grid must not be one cell wide, unless periodic, and must have cells under the body.
+    A grid must not be one cell wide, unless periodic, and must have cells under the body. A period in y must contain
+    the whole body.
     """
     check_strip(grid)
     if not (np.abs(grid.y()) <= half_length).any():
         raise InputError(
             f"length of the {name} {format_exact(length)}: no cell centre of the patch lies under it"
+        )
+    low, high = grid.domain[2:]
+    if grid.repeats[0] and max(low + length / 2, length / 2 - high) > grid.dy / 2:
+        raise InputError(
+            f"length of the {name} {format_exact(length)}: must lie in a patch that repeats in y, from y = "
+            f"{format_exact(-length / 2)} to {format_exact(length / 2)} mm; the patch ends at {format_exact(low)} and "
+            f"{format_exact(high)} mm"
         )
 
 

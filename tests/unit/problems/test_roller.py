@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem, EllipticHertz, Grid, InputError, Material, Roller, solve
+from app import ContactProblem, Cylinder, EllipticHertz, Grid, InputError, Material, Roller, solve
 from app.problems.default_patch import default_patch
 from app.problems.roller import read_profile
 from app.reference.line import LineContact
@@ -65,6 +65,17 @@ def test_ends_are_edges_of_cells_of_the_default_patch():
     grid = Grid.from_domain(64, 64, default_patch(Roller(10, 18, end_chamfer=1), 1e5, load=100))
     assert ((8 - grid.y0) / grid.dy) % 1 == pytest.approx(0, abs=1e-9)
     assert np.count_nonzero(np.abs(grid.y()) <= 8) * grid.dy == pytest.approx(16, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [Roller(10, 4), Cylinder(10, 4)])
+@pytest.mark.parametrize("periodic", ["y", True])
+def test_a_period_contains_the_whole_body(shape, periodic):
+    for low, high in ((-2, 2), (-2.5, 3)):
+        grid = Grid.from_domain(8, 16, (-1, 1, low, high), periodic)
+        assert ContactProblem(grid, STEEL, shape).grid.periodic
+    for low, high in ((0, 4), (-2.5, 1.5), (-1, 1)):
+        with pytest.raises(InputError, match=r"length .* 4: must lie in a patch that repeats in y"):
+            ContactProblem(Grid.from_domain(8, 16, (-1, 1, low, high), periodic), STEEL, shape)
 
 
 @pytest.mark.parametrize(
