@@ -42,9 +42,10 @@ _SHAPES = """These options are for `-problem hertz`, `sphere`, `cylinder`, `roll
 _ROUGH = """Any base shape can carry several rough surfaces: see [rough surfaces](surfaces.md#rough-surfaces). A punch
 has the paper's waves unless another surface is given. Other shapes have these waves if `-surface_sigma`,
 `-surface_decay` or `-surface_modes` is given. A self-affine surface is periodic on the patch, and its mean is zero.
-Give exactly one of its rms slope and rms height.
+Give exactly one of the rms slope and the rms height.
 """
-_LOADING = "Give one number, or a load path of many numbers: see [load curves](load-paths.md)."
+_LOADING = """Give exactly one of `-approach`, `-load`, `-mean_pressure` and `-mean_gap`, or exactly one
+load path of many numbers (`-approach_path` and so on; see [load curves](load-paths.md))."""
 _OUTPUT = "The page [results](results.md) describes the result file."
 _METHOD = """The table has the default of each option, and the values that the default methods set: `fast.opts` on free
 patches, `primal.opts` on periodic patches. The page [methods](methods.md) describes the methods. With `primal`,
@@ -60,6 +61,11 @@ _LINEAR = """
 `-ksp_*`, `-pc_*`, `-mg_levels_*` and `-mg_coarse_*` are PETSc's options of the linear solver, which is called once per
 active set iteration. `-ksp_view`, `-ksp_monitor`, `-log_view` and `-options_file` are PETSc's options, too. The page
 methods lists [useful options](methods.md#petscs-options).
+"""
+_COMMANDS = """
+## Other commands
+
+The page [commands](commands.md) describes the commands. Each command also has `--help` and `--version`.
 """
 
 
@@ -142,7 +148,8 @@ def parser_of(module):
 
 def commands():
     """Modules of app/ that read words in the style of the shell."""
-    return sorted(f"app.{path.stem}" for path in (ROOT / "app").glob("*.py") if "Parser(" in path.read_text())
+    entries = (path for path in (ROOT / "app").glob("*.py") if "import main\n" in path.read_text())
+    return sorted(f"app.{path.stem}" for path in entries if path.stem != "solve")
 
 
 def command_table(parser):
@@ -166,7 +173,7 @@ def page():
     parts.append(f"\n## Method\n\n{_METHOD.strip()}\n\n{options_table(METHOD_OPTIONS, DEFAULT_METHODS)}")
     parts.append(f"\n## Parts\n\n{_PARTS.strip()}\n\n{options_table(PART_OPTIONS, DEFAULT_METHODS)}")
     parts.append(_LINEAR)
-    parts.append("\n## Other commands\n\n[Commands](commands.md) says what they are for.\n")
+    parts.append(_COMMANDS)
     for module in commands():
         parser = parser_of(module)
         parts.append(f"\n### {parser.prog}\n\n{parser.description}\n\n{command_table(parser)}")

@@ -39,21 +39,21 @@ def find_instruments_python():
 @command
 def main(argv):
     """Run the command and return its exit status."""
-    parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
-    add, elsewhere = parser.add_argument, "where the file does not say"
-    add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
+    parser = Parser(prog="python -m app.convert", description="Convert a measured surface to HDF5.")
+    add, elsewhere = parser.add_argument, "if not stated in the file"
+    add("file", type=Path, metavar="FILE", help="instrument's file, .npy, .npz, .h5 or text")
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
-    add("--channel", default="", help="name or number, from 0, of a channel, where there are several")
-    add("--unit", type=length_unit, help=f"{units.ALLOWED}: {elsewhere}")
-    add("--height-unit", type=length_unit, help="of the heights alone, where points x, y have another one")
-    how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
-    lines = "lines at the head of a text to leave out"
+    add("--channel", default="", help="channel to read, if there are several: name or number from 0")
+    add("--unit", type=length_unit, help=f"{units.ALLOWED}: unit of the heights, {elsewhere}")
+    add("--height-unit", type=length_unit, help="unit of the heights, if that of x and y is another one")
+    how = "turns of the map: transpose, flip_x, flip_y, or several with commas between"
+    lines = "lines to skip at the head of a text file"
     part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"
     add("--skip", type=argument_type(_line_count), default=0, metavar="N", help=lines)
     add("--orient", type=argument_type(subset(*TURNS)), default=(), metavar="HOW", help=how)
     add("--crop", type=argument_type(cells), metavar="I0,I1,J0,J1", help=part)
     add("--spacing", type=cell_size, metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
-    replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
+    replaced = "--unit, --height-unit and --spacing replace the values stated in the file"
     add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
     from app.io.files import check_output_path, hash_file, report_write_errors

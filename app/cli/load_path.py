@@ -14,15 +14,20 @@ from app.io.files import check_output_path, hash_file, remove
 from app.options.option_table import Option, flag, format_options, series, word
 from app.parameter_study.journal import Journal
 
-KINDS = {"load": "N", "mean_pressure": "N/mm2", "approach": "mm", "mean_gap": "mm of a periodic patch"}
+KINDS = {
+    "load": "[N]",
+    "mean_pressure": "[N/mm2]",
+    "approach": "[mm]",
+    "mean_gap": "[mm], periodic patches only",
+}
 OPTIONS = [
     *(
-        Option(f"{kind}_path", series, None, f"first:last:n[:log], numbers, or several of both, a,b,c [{unit}]")
+        Option(f"{kind}_path", series, None, f"first:last:n[:log], numbers, or several of both, a,b,c {unit}")
         for kind, unit in KINDS.items()
     ),
     Option("path_csv", word, None, "path: table of the steps (default: next to -output)"),
     Option("path_fields", flag, False, "path: a result file for every step, next to -output"),
-    Option("resume", flag, False, "path: go on after the steps that an interrupted run has finished"),
+    Option("resume", flag, False, "path: continue an interrupted run after its finished steps"),
 ]  # fmt: skip
 _OUTPUT_OPTIONS = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # do not change rows
 _NUMBER = re.compile(r"(?<![\w./-])-?\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)")  # not in names of files

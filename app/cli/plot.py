@@ -95,8 +95,8 @@ def _get_path(data, name):
 
 
 def _arguments(argv):
-    parser = Parser(prog="python -m app.plot", description="Draw pictures of result files, tables, surfaces.")
-    add, elsewhere = parser.add_argument, "of a surface whose file does not say"
+    parser = Parser(prog="python -m app.plot", description="Draw results, tables and measured surfaces.")
+    add, elsewhere = parser.add_argument, "of a surface, if not stated in the file"
     files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
     against = (
         "column of a table to draw against; default: the option with the most values, of a path the load"
@@ -105,15 +105,15 @@ def _arguments(argv):
         "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
     )
     folder = "folder to write to; default: next to the file, with its name"
-    only = "this picture of results; may be repeated"
+    only = "draw only this picture of a result; may be repeated"
     dots = "pixels per inch, 20 to 1200; default: 200"
     add("files", type=Path, nargs="+", metavar="FILE", help=files)
     add("-o", "--output", type=Path, metavar="DIR", help=folder)
     add("--only", action="append", choices=PICTURES, metavar="NAME", help=only)
     add("--x", metavar="NAME", help=against)
     add("--y", action="append", default=[], metavar="NAME", help=column)
-    add("--unit", type=length_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
-    add("--spacing", type=cell_size, metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--unit", type=length_unit, help=f"{units.ALLOWED}: unit of the heights {elsewhere}")
+    add("--spacing", type=cell_size, metavar="DX,DY", help=f"size of a cell [mm] {elsewhere}")
     add_picture_options(add)
     add("--dpi", type=argument_type(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)

@@ -267,12 +267,14 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
 @command
 def main(argv):
     """Run the command and return its exit status."""
-    parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
+    parser = Parser(prog="python -m app.report", description="Write a result as one web page.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
     subsurface.add_body(parser.add_argument)
     parser.add_argument("--title", metavar="TEXT", help="heading; default: that of the result")
-    parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
+    parser.add_argument(
+        "--no-stress", action="store_true", help="leave out the stress below the surface; saves time"
+    )
     arguments = parser.parse_args(argv)
     if arguments.no_stress and (arguments.poisson is not None or arguments.body):
         raise InputError("--poisson, --body: have no effect with --no-stress")

@@ -95,18 +95,25 @@ def add_body(add):
         "--poisson",
         type=argument_type(half),
         metavar="NU",
-        help="of the body, 0 to 0.5; default: the result's",
+        help="Poisson's ratio of the body, 0 to 0.5; default: that of the result",
     )
-    add("--body", type=argument_type(_body), metavar="K", help="1 or 2, where the result knows both bodies")
+    add(
+        "--body",
+        type=argument_type(_body),
+        metavar="K",
+        help="1 or 2, if the result has the materials of both bodies",
+    )
 
 
 def _arguments(argv):
-    parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
+    parser = Parser(
+        prog="python -m app.subsurface", description="Compute the stress below the contact of a result."
+    )
     add, default = parser.add_argument, "default: 4 times that of the largest stress, or more"
     add("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     add("-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture")
     add_body(add)
-    point = "sections go through here [mm]; default: the largest stress"
+    point = "point on the sections [mm]; default: that of the largest stress"
     add("--at", type=argument_type(_point), metavar="X,Y", help=point)
     add("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
     add("--deepest", type=argument_type(_depth), metavar="Z", help=f"last depth [mm]; {default}")

@@ -30,9 +30,9 @@ def main(argv):
     what = "Run app.solve for every combination of option values."
     parser = Parser(prog="python -m app.sweep", description=what)
     table = f"table: {' '.join(SUFFIXES)}"
-    again = "keep what an earlier call has finished; what was refused is tried again"
+    again = "keep finished runs of an earlier call; repeat refused ones"
     add = parser.add_argument
-    add("sweep", type=Path, metavar="SWEEP.yml", help="what to vary; see petsc_options/sweeps/")
+    add("sweep", type=Path, metavar="SWEEP.yml", help="options and their values; see petsc_options/sweeps/")
     add("-o", "--output", type=Path, required=True, metavar="TABLE", help=table)
     add("--jobs", type=count, default=1, metavar="N", help="runs at a time; default: 1")
     add("--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1")

@@ -14,8 +14,12 @@ from app.io.xdmf import write_xdmf
 @command
 def main(argv):
     """Run the command and return its exit status."""
-    parser = Parser(prog="python -m app.xdmf", description="Tell ParaView what is in result files.")
-    parser.add_argument("results", type=Path, nargs="+", metavar="RESULT.h5", help="in the order of time")
+    parser = Parser(
+        prog="python -m app.xdmf", description="Write an XDMF file for ParaView, next to result files."
+    )
+    parser.add_argument(
+        "results", type=Path, nargs="+", metavar="RESULT.h5", help="result files, in the order of time"
+    )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="F.xdmf", help="default: that of the first result"
     )

@@ -65,30 +65,30 @@ class Settings:
     type: str = _option(choice(*_STRATEGIES), "active_set", "strategy")
     nested: bool = _option(flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET)
     rtol: float = _option(_tolerance, 1e-6,
-        "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)")
+        "largest relative residual of a solution, see docs/methods.md, What solved means")
     error_bound: float = _option(_tolerance, 0.01,
-        "proved error (energy norm) up to which a solution counts as solved")
+        "largest error_bound of a solution that counts as solved")
     max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi")
     coarse_rtol: float = _option(from_zero, 0.0,
-        "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol", _INEXACT, True)
+        "fast, primal: largest relative residual on coarser grids", _INEXACT, True)
     predictor: float = _option(from_zero, 0.0,
         "fast: share of the expected change of u by which cells enter C", ("fast",))
     defect_correction: float = _option(from_zero, 0.0,
-        "fast, primal: by levels till this share of r is left; 0: by FFT", _INEXACT)
+        "fast, primal: use approximate products until this share of r is left; 0: never", _INEXACT)
     prolongation: str = _option(choice("copy", "lift"), "copy",
-        "nested: of p, the paper's or by FFT preconditioner", _COPIES, True)
+        "nested: prolong p as in the paper (copy), or by the FFT preconditioner (lift)", _COPIES, True)
     window: float = _option(from_zero, 0.0,
-        "fast: work in a window around contact, wider by this share; 0: all cells", ("fast",), True)
+        "fast: use a window around contact, wider by this share; 0: all cells", ("fast",), True)
     beta: float = _option(from_zero, 0.003,
         "nested: start set after prolongation by copy, eq. (4.1)", _COPIES, True)
-    coarsest: int = _option(count, 4, "directions of up to this many cells are not coarsened", _ACTIVE_SET)
+    coarsest: int = _option(count, 4, "do not coarsen a direction of up to this many cells", _ACTIVE_SET)
     cells_per_rank: int = _option(count, 8192,
-        "least cells of a rank on coarser grids and windows; else fewer ranks")
+        "least cells per rank on coarser grids and windows; otherwise fewer ranks work")
     shared_memory: bool = _option(flag, True,
-        "ranks on one machine send nothing for transforms: they share memory")
+        "ranks on one machine share memory for transforms")
     monitor: bool = _option(flag, False, "print a line for each active set iteration")
     precision: str = _option(choice("double", "single"), "double",
-        "fast, primal: of products, verified in double", _INEXACT)
+        "fast, primal: precision of products; solutions are verified in double", _INEXACT)
     texts: dict = field(default_factory=dict)
     warnings: tuple = ()
     replaceable: dict = field(default_factory=dict)  # options that a later choice may make useless -> method file
@@ -105,9 +105,9 @@ METHOD_OPTIONS = [
 ]
 # Options that the preconditioners of this program read themselves, as PETSc's read -pc_*.
 PART_OPTIONS = [
-    Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
-    Option("pc_circulant_blocks", _cells, 0, "Circulant: cells of blocks whose means that begins with; 0: from zero"),
-    Option("pc_two_grid_sweeps", count, 2, "TwoGrid: sweeps after the coarser grid, maybe before; at most 50"),
+    Option("pc_circulant_extend", _cells, 0, "Circulant: cells of the extension past the contact edge"),
+    Option("pc_circulant_blocks", _cells, 0, "Circulant: cells of blocks whose means start the extension; 0: zeros"),
+    Option("pc_two_grid_sweeps", count, 2, "TwoGrid: sweeps after the coarse-grid correction, 1 to 50"),
 ]  # fmt: skip
 _TABLE = {option.name: option for option in METHOD_OPTIONS}
 # Options that choose other solvers, or switch parts of them off. They may make options of method files useless.

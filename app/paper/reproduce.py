@@ -41,7 +41,7 @@ GROUPS = {"tables": TABLES, "figures": FIGURES, "studies": STUDIES, "all": [*ITE
 @command
 def main(argv):
     """Run the command and return its exit status."""
-    what, jobs = "The paper's tables and figures from real runs.", len(os.sched_getaffinity(0))
+    what, jobs = "Compute the paper's tables and figures.", len(os.sched_getaffinity(0))
     parser = Parser(prog="python -m app.reproduce", description=what)
     add, items = parser.add_argument, f"{', '.join([*ITEMS, *GROUPS])}; default: all"
     add("items", nargs="*", metavar="ITEM", help=items)

@@ -21,7 +21,7 @@ from app.plots.style import save_figure
 @command
 def main(argv):
     """Run the command and return its exit status."""
-    parser = Parser(prog="python -m app.verify", description="Check against known solutions and laws.")
+    parser = Parser(prog="python -m app.verify", description="Compare results with known solutions and laws.")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.add_argument("--only", action="append", metavar="NAME", help="one check; may be repeated")
     parser.add_argument("--quick", action="store_true", help="small cases only")

@@ -69,7 +69,7 @@ CASES = {
     "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
     "approach beyond full contact": ([*HERTZ, "-periodic", "-approach", "9"], "approach 9: the mean gap"),
     "path and approach": ([*HERTZ, "-load_path", "1,2", "-approach", "1"], "both -approach and -load_path"),
-    "resumes nothing": ([*HERTZ, "-resume"], "-resume: has no effect here; it is: path: go on after the steps"),
+    "resumes nothing": ([*HERTZ, "-resume"], "-resume: has no effect here; it is: path: continue an interrupted"),
     "diameter of no punch": ([*HERTZ, "-punch_diameter", "3"], "-punch_diameter: has no effect here; it is: diam"),
     "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "needs a single loading"),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),

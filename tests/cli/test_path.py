@@ -223,7 +223,7 @@ def test_refinement_stops_below_the_error(cli_here, tmp_path):
     alone = cli_here(*HERTZ, "-load", "1e4", "-resistivity", "1e-7,1e-7")
     assert (
         alone.returncode == 2
-        and "-resistivity: has no effect here; it is: rho1,rho2: with -stiff" in alone.stderr
+        and "-resistivity: has no effect here; it is: rho1,rho2, for electrical" in alone.stderr
     )
     coarse = cli_here(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000, "-output", tmp_path / "b.h5")
     assert coarse.returncode == 3
