@@ -56,7 +56,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
 
 def _check_layer(grid, coating):
     """Raise InputError for a layer that does not suit the patch."""
-    thickness, cell = coating.thickness, max(grid.dx, grid.dy)
+    thickness, cell = coating.thickness, grid.widest_cell
     thinnest = MIN_LOVE_THICKNESS * max(grid.sides)
     if grid.symbol == "love" and thickness < thinnest:
         raise InputError(

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from app.base.errors import format_distinct, warn_notes
+from app.base.errors import format_distinct, format_exact, warn_notes
 from app.base.units import format_lengths
 from app.contact.measures import contact_width
 from app.problems.arrays import is_measured
@@ -16,6 +16,8 @@ DOUBTFUL_MODULI = 1.0, 1e3  # [N/mm2] of the stiffer body; they may be meant in 
 MIN_RUBBER_POISSON = 0.4  # rubbers with larger Poisson's ratios have such moduli
 MAX_ASPECT = 0.1  # rms height over the longer side of the patch; more with wrong units or steep slopes
 MAX_LOG_SQUARE = 0.2  # logarithm of the ratio of the sides of cells that may be meant to be square
+MIN_HARDNESS = 1 / 5000  # of E*; indium and lead have more than 1/2000
+MAX_THICKNESS = 5.0  # of a layer over the longer side of the patch
 MAX_COMPRESSIBLE_POISSON = 0.45  # of a layer that cells wider than its thickness describe well
 MAX_SEAM = 3.0  # step where a periodic patch repeats, in neighbouring steps
 MAX_FILLED_SHARE = 0.01  # of the load, on filled points
@@ -40,12 +42,18 @@ def notes_on(state, problem, contact, roughness):
     """
     grid, notes, material = state.grid, list(problem.notes), problem.material
     notes += note_doubtful_moduli(material)
+    modulus = elastic_modulus(material, contact, grid)
     if state.bounds.capped and contact.max_pressure > 0:
-        notes += note_hardness(problem, contact)
-    if contact.max_pressure > MAX_ELASTIC_PRESSURE * material.contact_modulus:
+        notes += note_hardness(problem, contact, modulus)
+    if contact.max_pressure > MAX_ELASTIC_PRESSURE * modulus:
+        name = (
+            f" times {modulus:.3g} N/mm2, the stiffness of these layered bodies"
+            if material.coatings
+            else " E*"
+        )
         notes.append(
-            f"the maximum pressure is {contact.max_pressure / material.contact_modulus:.2g} E*: solids do not bear "
-            "this elastically, or a modulus is not in N/mm2, or a length not in mm"
+            f"the maximum pressure is {contact.max_pressure / modulus:.2g}{name}: solids do not bear this elastically, "
+            "or a modulus is not in N/mm2, or a length not in mm"
         )
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
     doubts = [note for surface in measured for note in note_doubtful_units(surface, grid)]
@@ -66,7 +74,7 @@ def notes_on(state, problem, contact, roughness):
             f"distances step by {format_lengths(across)} (rms) across the sides of the periodic patch, and by "
             f"{format_lengths(inside)} between other cells: {what} is not periodic, and touches at these steps"
         )
-    notes += [note for coating in material.coatings for note in note_thin_layer(coating, grid)]
+    notes += [note for coating in material.coatings for note in note_thickness(coating, grid)]
     side = max(grid.sides)
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(
@@ -125,17 +133,36 @@ def _note_boundary(state, contact):
     return notes
 
 
-def note_thin_layer(coating, grid):
-    """Return a note if cells are too wide for a layer.
+def elastic_modulus(material, contact, grid):
+    """Return the modulus that an elastic pressure is much smaller than [N/mm2].
 
-    Only nearly incompressible layers on a rigid base are concerned.
+    The modulus is E*. With layers, it is E* for waves twice as long as a contact spot is wide, but at most the confined
+    modulus of a layer.
     """
-    is_thin = max(grid.dx, grid.dy) > coating.thickness and grid.symbol != "spectral"
+    if not material.coatings:
+        return material.contact_modulus
+    width = 4 * contact.contact_area / contact.perimeter if contact.perimeter else max(grid.sides)
+    confined = min(layer.confined_modulus for layer in material.coatings)
+    return min(1 / material.kernel.compliance_at(2 * width), confined)
+
+
+def note_thickness(coating, grid):
+    """Return a note if cells are too wide for a layer, or the layer is too thick.
+
+    Wide cells matter only to nearly incompressible layers on a rigid base.
+    """
+    thickness, side = coating.thickness, max(grid.sides)
+    if thickness > MAX_THICKNESS * side:
+        return [
+            f"the layer is {format_lengths(thickness)} thick, {thickness / side:.3g} times the width of the patch: "
+            "what is below it has hardly any effect; is the thickness in mm?"
+        ]
+    is_thin = grid.widest_cell > thickness and grid.symbol != "spectral"
     if not (is_thin and coating.on_rigid_base and coating.poisson[0] > MAX_COMPRESSIBLE_POISSON):
         return []
     return [
-        f"the layer, {format_lengths(coating.thickness)} thick and nearly incompressible, is thinner than cells are "
-        "wide: it is too soft under uniform pressures on cells"
+        f"the layer, {format_lengths(thickness)} thick and nearly incompressible, is thinner than cells are wide: it "
+        "is too soft under uniform pressures on cells"
     ]
 
 
@@ -160,21 +187,34 @@ def note_doubtful_moduli(material):
     return notes
 
 
-def note_hardness(problem, contact):
-    """Return a note if no contact is plastic, or all contact is."""
+def note_hardness(problem, contact, modulus):
+    """Return notes if no contact is plastic, all contact is, or a unit is doubtful.
+
+    `modulus` is the `elastic_modulus`.
+    """
     hardness, pressure = float(np.min(problem.hardness)), contact.max_pressure
-    largest = MAX_ELASTIC_PRESSURE * problem.material.contact_modulus
+    name = f"{modulus:.3g} N/mm2" if problem.material.coatings else "E*"
+    notes, highest = [], np.max(problem.hardness, where=np.isfinite(problem.hardness), initial=0.0)
+    if highest < MIN_HARDNESS * modulus:
+        notes.append(
+            f"the hardness {format_exact(highest)} N/mm2 is {highest / modulus:.1e} of {name}, less than any solid "
+            f"has; N/mm2 are MPa: for GPa write {format_exact(highest)}e3"
+        )
     if not contact.plastic_area and problem.indentation is None:
-        doubt = "; it is above E*/5: is it in N/mm2?" if hardness > largest else ""
-        return [
+        doubt = (
+            f"; it is above {name}/5: is it in N/mm2?" if hardness > MAX_ELASTIC_PRESSURE * modulus else ""
+        )
+        notes.append(
             f"the hardness {format_distinct(hardness, pressure, 5)} N/mm2 has no effect: the maximum pressure is "
             f"{format_distinct(pressure, hardness, 5)} N/mm2{doubt}"
-        ]
-    if contact.plastic_area < contact.contact_area:
-        return []
-    if contact.plastic_fraction < 1:
-        return ["all contact is plastic: several approaches have this load"]
-    return [f"all cells are plastic: {contact.load:.6g} N is the largest load, also of larger approaches"]
+        )
+    elif contact.plastic_area == contact.contact_area and contact.plastic_fraction < 1:
+        notes.append("all contact is plastic: several approaches have this load")
+    elif contact.plastic_area == contact.contact_area:
+        notes.append(
+            f"all cells are plastic: {contact.load:.6g} N is the largest load, also of larger approaches"
+        )
+    return notes
 
 
 def note_filled_points(surface, state):

@@ -147,6 +147,15 @@ class Grid:
         return self.nx * self.dx, self.ny * self.dy
 
     @property
+    def widest_cell(self):
+        """Largest side of a cell, of directions in which the pressure varies [mm].
+
+        It does not vary in a direction in which the patch repeats and has one cell.
+        """
+        sides = zip((self.dy, self.dx), self.shape, self.repeats, strict=True)
+        return max(side if n > 1 or not repeats else 0.0 for side, n, repeats in sides)
+
+    @property
     def domain(self):
         """The patch as x0, x1, y0, y1 [mm]."""
         width, height = self.sides

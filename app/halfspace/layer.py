@@ -65,16 +65,19 @@ class Layer:
         return (1 - self.poisson[0] ** 2) / (np.pi * self.young[0])
 
     @property
+    def confined_modulus(self):
+        """Pressure over strain of a layer that cannot expand sideways [N/mm2]; infinite if incompressible."""
+        nu, young = self.poisson[0], self.young[0]
+        return young * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) if nu < 0.5 else np.inf
+
+    @property
     def uniform_compliance(self):
         """Displacement by a uniform pressure 1 [mm / (N/mm2)].
 
-        On a rigid base the displacement is the thickness over the oedometric modulus. On a half-space, whose
+        On a rigid base the displacement is the thickness over the confined modulus. On a half-space, whose
         displacement would be infinite, the number is 0.
         """
-        if not self.on_rigid_base:
-            return 0.0
-        nu = self.poisson[0]
-        return self.thickness * (1 + nu) * (1 - 2 * nu) / ((1 - nu) * self.young[0])
+        return self.thickness / self.confined_modulus if self.on_rigid_base else 0.0
 
     def ratio(self, q):
         """Return `displacement_ratio` at wave numbers q above 0, an array [1/mm]."""

@@ -1,6 +1,7 @@
 """Notes tell what cannot be meant, and only then."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from running import solve
 
 import app
 from app import ContactProblem, Grid, Material, Sphere, read_surface
+from app.api.notes import elastic_modulus
 
 GRID = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
 SOFT = Material.from_contact_modulus(100.0)
@@ -169,8 +171,9 @@ def test_a_constant_distance_on_a_periodic_patch_gets_a_note():
     [
         (19.0, 0.5, "the hardness 19 N/mm2 has no effect: the maximum pressure is .* N/mm2$"),
         (1e4, 0.5, "the hardness 10000 N/mm2 has no effect: .*above E./5: is it in N/mm2"),
-        (0.01, 4 * 0.01, "all cells are plastic: 0.04 N is the largest load"),
+        (0.03, 4 * 0.03, "all cells are plastic: 0.12 N is the largest load"),
         (1.5, 0.5, None),
+        (0.01, 0.02, "the hardness 0.01 N/mm2 is .* of E.*: for GPa write 0.01e3"),
     ],
 )
 def test_a_hardness_without_effect_or_limit_gets_its_note(hardness, load, message):
@@ -182,3 +185,56 @@ def test_a_hardness_without_effect_or_limit_gets_its_note(hardness, load, messag
 def test_an_unloaded_body_gets_no_note_on_its_hardness():
     with app.ContactSolver(ContactProblem(GRID, SOFT, Sphere(10.0), hardness=1.5)) as solver:
         assert not any("hardness" in note for step in solver.path(load=[0.5, 0.2]) for note in step.notes)
+
+
+LINING = Material.layer(25.0, 0.49, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("material", "width", "modulus"),
+    [
+        (LINING, 1e-3, 25 / (1 - 0.49**2)),  # narrow contacts do not reach the base
+        (LINING, 20.0, 25 * 0.51 / (1.49 * 0.02)),  # confined by base and contact
+        (Material.coated((25.0, 25.0), (0.3, 0.3), 0.5), 0.4, 25 / (1 - 0.3**2)),  # a half-space
+        (
+            Material.coated((450e3, 4e3), (0.2, 0.4), 1e-5),
+            0.4,
+            4e3 / (1 - 0.4**2),
+        ),  # a thin hard skin on plastic
+    ],
+)
+def test_the_pressure_of_layered_bodies_is_compared_with_their_own_modulus(material, width, modulus):
+    spot = SimpleNamespace(contact_area=width**2, perimeter=4 * width)
+    assert elastic_modulus(material, spot, GRID) == pytest.approx(modulus, rel=5e-3)
+
+
+@pytest.mark.parametrize(("load", "told"), [(30.0, False), (1500.0, True)])
+def test_only_a_lining_under_more_than_its_confined_modulus_bears_gets_a_note(load, told):
+    grid = Grid.from_domain(64, 1, (-8, 8, 0, 1), periodic="y")
+    solution = app.solve(ContactProblem(grid, LINING, app.Cylinder(40)), load=load)
+    assert solution.max_pressure > 0.25 * 25 / (1 - 0.49**2)
+    assert any("stiffness of these layered bodies" in note for note in solution.notes) == told
+
+
+def test_a_layer_much_thicker_than_its_patch_gets_a_note():
+    def notes(thickness):
+        coated = Material.coated((4e5, 2e5), (0.2, 0.3), thickness)
+        return app.solve(ContactProblem(GRID, coated, Sphere(10.0)), load=100.0).notes
+
+    assert any("is the thickness in mm" in note for note in notes(11.0))
+    assert not any("thick" in note for note in notes(3.0))
+
+
+def test_only_cells_along_which_the_pressure_varies_must_be_small_for_a_layer():
+    """A line contact on one cell does not depend on the length of the period."""
+
+    def pressed(length, nu, cells=1):
+        grid = Grid.from_domain(64, cells, (-4, 4, 0, length), periodic="y")
+        problem = ContactProblem(grid, Material.layer(25.0, nu, 0.5), app.Cylinder(40))
+        return app.solve(problem, load=20.0 * length)
+
+    for nu in (0.49, 0.5):
+        short, long = pressed(0.1, nu), pressed(5.0, nu)
+        assert long.max_pressure == pytest.approx(short.max_pressure, rel=1e-5)
+        assert not any("layer" in note for note in (*short.notes, *long.notes))
+    assert any("thinner than cells" in note for note in pressed(5.0, 0.49, 4).notes)
