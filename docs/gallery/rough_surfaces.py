@@ -14,7 +14,7 @@ surfaces = [SelfAffineSurface(0.8, 0.25, 0.03, (1, 1), seed=seed, rms_slope=0.05
 steel_on_aluminium = Material.pair((210e3, 70e3), (0.3, 0.33))
 problem = ContactProblem(grid, steel_on_aluminium, surfaces=surfaces, periodic=True)
 
-# %% Set up once, solve for many mean pressures; each starts from the last solution.
+# %% Set up once, solve for many mean pressures.
 with ContactSolver(problem) as solver:
     path = solver.path(mean_pressure=np.geomspace(20, 4000, 10))
     solutions = list(path)
