@@ -17,11 +17,11 @@ from app.halfspace.hankel import HankelRule
 from app.halfspace.layer import displacement_ratio
 
 _TABLE = 1024  # number of points of a table
-_MIN_RADIUS = 1024.0  # of the tables; for a layer much stiffer than its substrate, about 100 times the ratio
+_MIN_RADIUS = 1024.0  # of the tables; for a layer much stiffer than its substrate, 256 S(0)
 _MAX_GAUSS_CELL = 0.25  # largest cell of which Gauss points suffice everywhere
 _NEAR = 8  # longer sides of a cell within which larger cells need Phi
 _FAR = 64  # longer sides of a cell beyond which two points in a direction suffice
-_ANGLES = 32  # Gauss points of an angle
+_ANGLES = 64  # Gauss points of an angle
 MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
 
 
@@ -47,7 +47,8 @@ def layer_tables(layer):
 
 @lru_cache(maxsize=8)
 def _tables(mu, nu1, nu2):
-    limit, radius = mu * (1 - nu2) / (1 - nu1), _MIN_RADIUS * max(1.0, mu / 10)
+    limit = mu * (1 - nu2) / (1 - nu1)
+    radius = _MIN_RADIUS * max(1.0, limit / 4)
     return LayerTables(lambda x: displacement_ratio(x, mu, nu1, nu2), limit, radius)
 
 
@@ -61,8 +62,8 @@ class LayerTables:
     def __init__(self, ratio, limit, radius):
         from scipy.interpolate import CubicSpline
 
-        self._excess, self.radius = float(limit) - 1.0, radius
-        v = np.linspace(0.0, np.arcsinh(self.radius), _TABLE)
+        self._excess, self._radius = float(limit) - 1.0, radius
+        v = np.linspace(0.0, np.arcsinh(self._radius), _TABLE)
         r = np.sinh(v)
         image = np.sqrt(r * r + 4)
         rule = HankelRule(r)
@@ -72,27 +73,13 @@ class LayerTables:
         rest = g - self._excess / image
         even = (1, 0.0), "not-a-knot"
         self._rest_table = CubicSpline(v, rest * image**3, bc_type=even)
-        # Beyond the table the rest is a / r^3 + b / r^5.
-        half, whole = self.rest(np.array([radius / 2, radius])) * np.array([radius / 2, radius]) ** 3
-        self._tail = whole - (half - whole) / 3, (half - whole) / 3 * radius**2
+        self._tail = rest[-1] * self._radius**3  # rest = tail / r^3 beyond the table
         self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
-
-    @property
-    def far_excess(self):
-        """Coefficients of 1/r^3 and 1/r^5 in the influence of the layered body.
-
-        From about `radius` on, the influence is S(0) / r plus these two terms.
-        """
-        return self._tail[0] - 2 * self._excess, self._tail[1] + 6 * self._excess
 
     def rest(self, r):
         """Return the short-range part of `influence`, at distances r."""
-        values = self._rest_table(np.arcsinh(np.minimum(r, self.radius))) / np.sqrt(r * r + 4) ** 3
-        beyond = r > self.radius
-        if beyond.any():
-            a, b = self._tail
-            values[beyond] = (a + b / r[beyond] ** 2) / r[beyond] ** 3
-        return values
+        inside = self._rest_table(np.arcsinh(np.minimum(r, self._radius))) / np.sqrt(r * r + 4) ** 3
+        return np.where(r <= self._radius, inside, self._tail / np.maximum(r, self._radius) ** 3)
 
     def influence(self, r):
         """Return the layer's displacement by a point force at distances r."""
@@ -100,9 +87,8 @@ class LayerTables:
 
     def _phi(self, r):
         """Return the integral of `rest`(s) s ds from 0 to r."""
-        (a, b), beyond = self._tail, 1 / np.maximum(r, self.radius)
-        inside = self._phi_table(np.arcsinh(np.minimum(r, self.radius)))
-        return inside + a * (1 / self.radius - beyond) + b / 3 * (1 / self.radius**3 - beyond**3)
+        inside = self._phi_table(np.arcsinh(np.minimum(r, self._radius)))
+        return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
 
     def integrals(self, cell, rows, columns):
         """Return the layer's part of influence coefficients, in thicknesses.

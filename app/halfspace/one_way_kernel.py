@@ -28,10 +28,10 @@ A layer of thickness t multiplies the compliance of waves by S(q t) (`app.halfsp
 with the factor 2 for k = 0, and 4 otherwise. For k = 0 the limit of S - 1 at long waves is multiplied by the image of
 the line of force at the depth 2 t, ln(D / sqrt(x^2 + 4 t^2)), whose transform is exp(-2 p t) / p.
 
-Thin layers have too many waves. Far from a force, a layered body is displaced by S(0)/r + a t^2/r^3 + b t^4/r^5, with
-numbers a and b of the layer. So for thin layers we add S(0) times the sum for half-spaces, the difference between the
-layered body and S(0) times the half-space for the copies with |m| <= M, and an integral of the two other terms over all
-further copies.
+Thin layers have too many waves. Far from a force, a layered body is displaced by S(0)/r + a t^2/r^3 + b t^4/r^5 + ...,
+with numbers a, b of the layer. So for thin layers we add S(0) times the sum for half-spaces, the difference between the
+layered body and S(0) times the half-space for the copies with |m| <= M, and for all further copies the other terms of
+the far field.
 """
 
 from functools import lru_cache
@@ -42,7 +42,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.halfspace.kernel import HalfSpaceKernel
-from app.halfspace.layer_coefficients import MAX_REACH, layer_tables, layered_coefficients
+from app.halfspace.layer_coefficients import MAX_REACH, layered_coefficients
 from app.halfspace.love import love_coefficients
 
 _DATUM_SIDES = 2.0  # D over the longer side of the patch, or over the depth 2 t of images if this is more
@@ -54,6 +54,7 @@ _WAVES = int(_NEGLIGIBLE / (2 * np.pi * _NEAR)) + 1
 _GAUSS = np.polynomial.legendre.leggauss(16)  # exact for the powers of the smooth rest
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1 is below rounding
 _THIN = 1 / 512  # thickness over D below which a layer is summed over copies instead of waves
+_FAR = 150.0  # distance over S(0) t from which a thin layer displaces by the first terms of its far field
 _MAX_PHASE = 8.0  # p x over an interval of integration
 _BLOCK = 1024  # wave numbers p that are summed together
 
@@ -305,8 +306,8 @@ def _sum_thin_layer(layer, n, length, width, along, across, half_space):
     The displacement is by a point force, for compliance 1 of the layer's material; `half_space` are the same integrals
     for a half-space. The other arguments are as in `_integrals`, with `n` cells in a period.
     """
-    t, period, limit, tables = layer.thickness, n * length, layer.long_wave_ratio, layer_tables(layer)
-    reach = MAX_REACH if layer.on_rigid_base else 0.75 * tables.radius
+    t, period, limit = layer.thickness, n * length, layer.long_wave_ratio
+    reach = MAX_REACH if layer.on_rigid_base else _FAR * max(1.0, limit)
     copies = max(_COPIES, int(np.ceil(reach * t / period)))
     total = limit * half_space
     for m in range(-copies, copies + 1):
@@ -315,17 +316,21 @@ def _sum_thin_layer(layer, n, length, width, along, across, half_space):
         total += layered_coefficients(layer, (width, length), rows, across, love) - limit * love
     if layer.on_rigid_base:
         return total
-    a, b = (number * t**power for number, power in zip(tables.far_excess, (2, 4), strict=True))
+    a, b, c = (number * t**power for number, power in zip(layer.far_field(), (2, 4, 6), strict=True))
     x, edges = width * across, width * np.stack([across - 0.5, across + 0.5])
     for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
         y = length * (along[:, None] + node / 2)
         for s in ((copies + 0.5) * period - y, (copies + 0.5) * period + y):
-            r, r_edges, s_edges = np.hypot(s, x), np.hypot(s[:, None], edges), s[:, None]
-            # Integrals over x of 1/r^3 summed over the copies, by Euler and Maclaurin
-            cubes = edges / (s_edges * period * (r_edges + s_edges))
-            cubes -= period / 24 * edges / s_edges * (1 / r_edges**2 + 2 / s_edges**2) / r_edges
-            fifths = width / period * (2 + s / r) / (3 * (r * (r + s)) ** 2)
-            total += weight / 2 * length * (a * (cubes[:, 1] - cubes[:, 0]) + b * fifths)
+            # Sums over further copies, by Euler and Maclaurin. The first terms of 1/r^3 are integrated over the cell.
+            r, start = np.hypot(s[:, None], edges), s[:, None]
+            cubes = edges / (start * period * (r + start))
+            cubes -= period / 24 * edges / start * (1 / r**2 + 2 / start**2) / r
+            r = np.hypot(s, x)
+            ratio, square = s / r, r * (r + s)
+            others = -7 / 5760 * a * period**3 * (45 - 105 * ratio**2) * ratio / r**6
+            others += b * ((2 + ratio) / (3 * period * square**2) - 5 / 24 * period * ratio / r**6)
+            others += c * (8 + 9 * ratio + 3 * ratio**2) / (15 * period * square**3)
+            total += weight / 2 * length * (a * (cubes[:, 1] - cubes[:, 0]) + width * others)
     return total
 
 
