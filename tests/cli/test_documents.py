@@ -108,6 +108,11 @@ def test_page_of_options_has_every_option():
         assert TEXT[options_page.PAGE].count(f"| `-{name}` |") == 1, name
 
 
+def test_page_of_options_has_every_command():
+    named = re.findall(r"\| `python -m (app\.\w+)", TEXT[DOCS / "commands.md"])
+    assert {"app.solve", *options_page.commands()} == set(named)
+
+
 def test_what_is_wrong_is_noticed():
     text = "# A (b)\n\n[x](gone.md#there) `app/gone.py` `-lcp_gone 1` run/gone [y](https://z.org/q)\n```\n[k](l)\n```\n"
     assert links(text) == [("gone.md", "there")]
