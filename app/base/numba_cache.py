@@ -10,16 +10,19 @@ import os
 import stat
 import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
 from types import FunctionType
+from typing import NamedTuple
 
 import numba
 import numpy as np
-from llvmlite.binding import parse_assembly, set_option
+from llvmlite.binding import ObjectFileRef, set_option
 from numba.core import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.compiler import compile_result
 from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
 
@@ -171,22 +174,55 @@ class LockedCache(FunctionCache):
 
 
 class MachineCodeCache(LockedCache):
-    """Cache of a function that is called from Python only. It has no code for other functions to link.
+    """Cache of the machine code of a function that is called from Python only.
 
-    Parsing this code would take most of the time to load a function.
+    numba's own cache also has code for other functions to link. Parsing it takes most of the time to load a function.
     """
 
     class _impl_class(CompileResultCacheImpl):
         def reduce(self, result):
-            """Return what is saved."""
-            match super().reduce(result):
-                case ((name, "object", (machine_code, _)), description, *others, tuple(environments)):
-                    symbol = description.llvm_cpython_wrapper_name
-                    stub = parse_assembly(f'define void @"{symbol}"() {{ ret void }}').as_bitcode()
-                    used = tuple(e for e in environments if e.consts)  # each imports a module of numba
-                    return (name, "object", (machine_code, stub)), description, *others, used
-                case everything:  # of another release of numba
-                    return everything
+            """Return what is saved, in numba's order."""
+            if _llvm_engine(result.codegen) is None:
+                return super().reduce(result)
+            (name, kind, (machine_code, _)), *others, environments = super().reduce(result)
+            used = tuple(e for e in environments if e.consts)  # each imports a module of numba
+            return (name, kind, (machine_code, None)), *others, used
+
+        def rebuild(self, context, saved):
+            """Return a function from its machine code."""
+            engine = _llvm_engine(context.codegen())
+            if engine is None:
+                return super().rebuild(context, saved)
+            (name, _, (machine_code, _)), description, environment, signature, *_, environments = saved
+            engine.add_object_file(ObjectFileRef.from_data(machine_code))
+            library = LoadedLibrary(name, context.codegen(), engine.get_function_address)
+            for other in environments:
+                library.codegen.set_env(other.env_name, other)
+            return compile_result(
+                typing_context=context.typing_context,
+                target_context=context,
+                entry_point=context.get_executable(library, description, environment),
+                signature=signature,
+                objectmode=False,
+                lifted=(),
+                fndesc=description,
+                library=library,
+                environment=environment,
+                referenced_envs=environments,
+            )
+
+
+class LoadedLibrary(NamedTuple):
+    """What numba needs of a library of machine code."""
+
+    name: str
+    codegen: object
+    get_pointer_to_function: Callable
+
+
+def _llvm_engine(codegen):
+    """Return LLVM's engine, which is not a public attribute of numba, or None."""
+    return getattr(getattr(codegen, "_engine", None), "_ee", None)
 
 
 def check_compiler():

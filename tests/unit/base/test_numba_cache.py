@@ -8,7 +8,6 @@ import sys
 import numba
 import numpy as np
 import pytest
-from llvmlite.binding import parse_bitcode
 from numba.core import event
 from processes import TESTS, run
 
@@ -120,12 +119,11 @@ def test_a_cached_loop_makes_arrays_in_a_process_that_compiles_and_imports_nothi
 def test_the_cache_has_code_to_link_only_of_loops_that_others_call(tmp_path, monkeypatch):
     loops = import_loops(tmp_path, LOOPS, monkeypatch)
     assert (loops.twice(1.5), loops.four_times(1.5)) == (3, 6)
-    functions = {}
+    linked = {}
     for file in (tmp_path / "__pycache__").glob("*.nbc"):
         (_, _, (_, bitcode)), *_ = pickle.loads(file.read_bytes())
-        functions[file.name.split("-")[0]] = [f.name for f in parse_bitcode(bitcode).functions]
-    names = {name: any("cpython" not in f for f in found) for name, found in functions.items()}
-    assert names == {
+        linked[file.name.split("-")[0]] = bitcode is not None
+    assert linked == {
         "loops_of_a_test.twice": False,
         "loops_of_a_test.four_times": False,
         "loops_of_a_test.twice_inner": True,
