@@ -76,7 +76,7 @@ def test_default_methods_need_ten_doubles_per_cell(method, pressure):
 @pytest.mark.parametrize("method", ["default", "periodic:default"])
 def test_estimate_includes_a_hardness(method):
     measured, estimated = peak(1024, method, 50, 500)
-    assert 0.8 * estimated < measured <= estimated
+    assert 0.5 * estimated < measured <= estimated
 
 
 @pytest.mark.slow
