@@ -14,7 +14,6 @@ from app.io.contact_fields import ATTRIBUTE_NAMES, ContactFields
 from app.parallel.communicator import Traffic
 from app.parallel.slabs import Slabs
 from app.problems.arrays import real_numbers
-from app.problems.residual_surface import ResidualSurface
 
 STIFFNESS_NUMBERS = (  # None unless requested
     "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance", "thermal_conductance",
@@ -199,29 +198,6 @@ class Solution(_Numbers, ContactFields):
         overlap = -(self.undeformed_distance + self.displacement)
         before = 0.0 if self.indentation_before is None else self.indentation_before
         return np.where(self.plastic, np.maximum(overlap, before), before)
-
-    def residual_surface(self):
-        """Return the permanent indentation as a surface. Collective.
-
-        To describe the indented bodies, put this surface into ``surfaces=[...]`` of a `ContactProblem` of the original
-        bodies, with the same hardness. Loads up to this solution's load are then elastic. This surface replaces the
-        residual surface of an earlier solution.
-
-        Returns
-        -------
-        ResidualSurface
-            The same on all ranks, with all rows.
-
-        Raises
-        ------
-        InputError
-            If the problem has no hardness.
-        """
-        if self.plastic is None:
-            raise InputError(
-                "residual_surface: the problem has no hardness, so there is no permanent indentation"
-            )
-        return ResidualSurface(self._all_rows(self.plastic_depth))
 
     @property
     def error_bound(self):

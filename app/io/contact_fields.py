@@ -14,6 +14,7 @@ from app.base.quantities import QUANTITIES
 from app.base.units import format_quantity
 from app.io.frames import to_dataframe, to_xarray
 from app.options.option_table import find_similar_name
+from app.problems.residual_surface import ResidualSurface
 
 # Name in a Solution -> name of the attribute in a file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
@@ -164,6 +165,33 @@ class ContactFields:
         """
         known = {name for name in self.attributes if name.removeprefix("analytic_") in QUANTITIES}
         return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
+
+    def residual_surface(self):
+        """Return the permanent indentation as a surface. Collective.
+
+        To describe the indented bodies, put this surface into ``surfaces=[...]`` of a `ContactProblem` of the original
+        bodies, with the same hardness. Loads up to this solution's load are then elastic. This surface replaces the
+        residual surface of an earlier solution.
+
+        Returns
+        -------
+        ResidualSurface
+            The same on all ranks, with all rows.
+
+        Raises
+        ------
+        InputError
+            If the problem has no hardness.
+        """
+        if self.plastic is None:
+            raise InputError(
+                "residual_surface: the problem has no hardness, so there is no permanent indentation"
+            )
+        return ResidualSurface(self._all_rows(self.plastic_depth))
+
+    def _all_rows(self, local):
+        """Return a field's rows of all ranks."""
+        return local  # this rank has all rows
 
     def patches(self):
         """Return cells, area, load and centre of each contact spot. Collective.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases import hertz, periodic_rough, self_affine
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, read_result
 from app.api.load_path import _slopes
 from app.base.errors import InputError
 from app.problems.problem import Problem
@@ -85,6 +85,17 @@ def test_a_path_without_hardness_forgets_its_loads():
         assert path[0].plastic_volume == 0 and "plastic_volume" not in path[0].attributes
         with pytest.raises(InputError, match="the problem has no hardness"):
             path[0].residual_surface()
+
+
+def test_a_result_file_has_the_residual_surface_of_its_solution(tmp_path):
+    with ContactSolver(capped()) as solver, ContactSolver(hertz(32)) as elastic:
+        *_, unloaded = solver.path(load=[9e4, 4e4])
+        unloaded.save(tmp_path / "unloaded.h5")
+        elastic.solve(load=4e4).save(tmp_path / "elastic.h5")
+    depth = read_result(tmp_path / "unloaded.h5").residual_surface().depth
+    np.testing.assert_array_equal(depth, unloaded.residual_surface().depth)
+    with pytest.raises(InputError, match="the problem has no hardness"):
+        read_result(tmp_path / "elastic.h5").residual_surface()
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 6])
