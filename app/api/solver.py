@@ -380,11 +380,12 @@ class ContactSolver(Derivatives):
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
         proof = certify(state, self.settings.error_bound)  # may take a product
+        state.release_unloaded_contact()
         applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
         measured = measures.measure_contact(state)
         proof = proof.under(loading.load, measured.load)
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
-        before = self._indentation
+        before, hardness = self._indentation, self.problem.hardness
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach, moments = loading.solved_approach(state), measure_moments(state)
@@ -399,9 +400,7 @@ class ContactSolver(Derivatives):
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
             indentation_before=before.depth,
-            hardness_field=self.problem.hardness[self.hierarchy.slabs.rows]
-            if np.ndim(self.problem.hardness)
-            else None,
+            hardness_field=hardness[self.hierarchy.slabs.rows] if np.ndim(hardness) else None,
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,

@@ -404,3 +404,19 @@ def test_public_names_and_parameters_are_documented():
     assert dir(app) == sorted(app.__all__)
     for name in ("approach", "load", "method", "options", "comm", "start", "mean_pressure", "mean_gap"):
         assert re.search(rf"^ *(\w+, )*{name}(, \w+)* : ", solve.__doc__, re.MULTILINE)
+
+
+@pytest.mark.parametrize("periodic", [False, "y", True])
+@pytest.mark.parametrize("loading", ["load", "approach"])
+def test_bodies_that_just_touch_have_neither_contact_area_nor_stiffness(periodic, loading):
+    """The cells that touch at first depend on the grid only."""
+    grid = app.Grid.from_domain(16, 16, (-1, 1, -1, 1), periodic)
+    problem = app.ContactProblem(grid, app.Material.isotropic(210e3, 0.3), app.Sphere(10), hardness=500)
+    with app.ContactSolver(problem) as solver:
+        loaded, touching = solver.path(load=[200, 0], stiffness=True)
+        first = solver.with_stiffness(solver.solve(**{loading: 0}))
+        again = solver.solve(load=200, start=first)
+    for solution in (first, touching):
+        assert solution.converged and not solution.contact.any()
+        assert solution.contact_area == solution.stiffness == solution.conductance_width == 0
+    np.testing.assert_allclose(again.pressure, loaded.pressure, atol=1e-4 * loaded.max_pressure)
