@@ -182,18 +182,29 @@ class MachineCodeCache(LockedCache):
     class _impl_class(CompileResultCacheImpl):
         def reduce(self, result):
             """Return what is saved, in numba's order."""
-            if _llvm_engine(result.codegen) is None:
-                return super().reduce(result)
-            (name, kind, (machine_code, _)), *others, environments = super().reduce(result)
-            used = tuple(e for e in environments if e.consts)  # each imports a module of numba
-            return (name, kind, (machine_code, None)), *others, used
+            match super().reduce(result):
+                case ((name, "object", (machine_code, _)), *others, tuple(environments)) if _engine_of(
+                    result.codegen
+                ):
+                    used = tuple(e for e in environments if e.consts)  # each imports a module of numba
+                    return (name, "object", (machine_code, None)), *others, used
+                case everything:  # of another release of numba
+                    return everything
 
         def rebuild(self, context, saved):
             """Return a function from its machine code."""
-            engine = _llvm_engine(context.codegen())
-            if engine is None:
-                return super().rebuild(context, saved)
-            (name, _, (machine_code, _)), description, environment, signature, *_, environments = saved
+            match saved:
+                case (
+                    (name, "object", (machine_code, None)),
+                    description,
+                    environment,
+                    signature,
+                    *_,
+                    environments,
+                ):
+                    engine = _engine_of(context.codegen())
+                case _:
+                    return super().rebuild(context, saved)
             engine.add_object_file(ObjectFileRef.from_data(machine_code))
             library = LoadedLibrary(name, context.codegen(), engine.get_function_address)
             for other in environments:
@@ -220,7 +231,7 @@ class LoadedLibrary(NamedTuple):
     get_pointer_to_function: Callable
 
 
-def _llvm_engine(codegen):
+def _engine_of(codegen):
     """Return LLVM's engine, which is not a public attribute of numba, or None."""
     return getattr(getattr(codegen, "_engine", None), "_ee", None)
 
