@@ -98,8 +98,9 @@ def _note_cell_shape(grid):
     exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
     if min(grid.nx, grid.ny) == 1 or abs(shape) <= 1e-3 or not (exchanged or abs(shape) < MAX_LOG_SQUARE):
         return []
-    what = "square if the sides of the patch are exchanged" if exchanged else "nearly square"
-    return [f"cells are {format_lengths(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?"]
+    what = "square if the sides of the patch are exchanged: is x exchanged with y?"
+    what = what if exchanged else "nearly square: are the sides of the patch, domain (-domain), right?"
+    return [f"cells are {format_lengths(grid.dx, grid.dy, digits=4)}, {what}"]
 
 
 def _note_narrow_contact(state, contact):

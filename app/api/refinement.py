@@ -152,7 +152,8 @@ def refine(
             if reached or not solution.converged or last:
                 if solution.converged and not reached:
                     cells = f"{grid.nx} x {grid.ny} cells"
-                    short = f"refined to {cells}, not to errors below {format_exact(until)}"
+                    reason = "most_cells= (-refine_max)" if 4 * grid.n > most_cells else "memory"
+                    short = f"stopped at {cells} by {reason}: estimated errors are still above {format_exact(until)}"
                     solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
                     solution = solver.with_stiffness(solution)

@@ -23,9 +23,11 @@ def summary(facts, grid, output=None):
             read = facts[f"surface_read{number}"]
             lines.append(f"surface file {facts[f'surface_file{number}']}: {read}")
     lines += _describe_random_surfaces(facts)
-    beyond = f" ({facts['indentation']:z.6g} beyond first touch)" if facts["approach"] < 0 else ""
+    beyond = facts["indentation"]
+    past = f"{beyond:z.6g} mm beyond" if beyond >= 0 else f"{-beyond:.6g} mm short of"
+    past = f" ({past} first touch)" if facts["approach"] < 0 else ""
     lines.append(
-        f"approach {facts['approach']:z.8g} mm{beyond}, load {facts['load']:.8g} N, "
+        f"approach {facts['approach']:z.8g} mm{past}, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
     )
     if facts.get("periodic"):

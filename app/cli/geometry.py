@@ -17,6 +17,7 @@ from app.cli.geometry_options import (
     SURFACE_FILES,
     WAVY,
 )
+from app.contact.loading_input import validate_number
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.options.option_table import OptionReader
@@ -249,11 +250,14 @@ def find_loading(options):
     """Return the approach or load that the options prescribe, by its name.
 
     The result is a dict from the name to the value; for a load path, to the largest value. If neither is prescribed,
-    the dict is empty.
+    the dict is empty. Raises InputError if the value is not allowed.
     """
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
-    return {loading.removesuffix("_path"): float(np.max(options[loading]))} if loading else {}
+    if not loading:
+        return {}
+    kind = loading.removesuffix("_path")
+    return {kind: validate_number(kind, float(np.max(options[loading])))}
 
 
 def _make_random_surfaces(options, name, grid, measured):

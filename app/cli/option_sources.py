@@ -295,6 +295,7 @@ def _parse_words(words):
         elif needs_value:
             pairs[-1] = (pairs[-1][0], word)
         else:
-            raise InputError(f"{shorten(word)}: neither an option nor the value of one")
+            blank = " (is there a blank after a comma?)" if pairs and str(pairs[-1][1]).endswith(",") else ""
+            raise InputError(f"{shorten(word)}: neither an option nor the value of one{blank}")
         needs_value = is_option
     return pairs

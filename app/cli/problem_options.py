@@ -102,6 +102,8 @@ class Request:
         if names := set(options.unused()) - own.asked:
             unused = [option for option in PROBLEM_OPTIONS if option.name in names]
             one = f"has no effect here; it is: {unused[0].meaning}"
+            if unused[0].name in ("resistivity", "thermal_conductivity"):
+                one = "needs -stiffness"
             effect = one if len(unused) == 1 else "have no effect here"
             raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in unused))}: {effect}")
         problem_names = {option.name for option in PROBLEM_OPTIONS} | own.asked

@@ -116,8 +116,11 @@ def numbers_section(result):
     ):  # fmt: skip
         if _is_number(values.get(name)) and scale > 0:
             quantities.append((label, f"{values[name] / scale:.3g}", "", meaning))
-    names = "label", "value", "analytic", "meaning"
-    return Section("result", "Result", quantities=[dict(zip(names, row, strict=True)) for row in quantities])
+    names, steps = ("label", "value", "analytic", "meaning"), len(result.path.get("load", ()))
+    heading = "Result"
+    if steps > 1:
+        heading = f"Last step ({steps} of {steps}), load {_format(values['load'], 'N')}"
+    return Section("result", heading, quantities=[dict(zip(names, row, strict=True)) for row in quantities])
 
 
 def proof_section(values):

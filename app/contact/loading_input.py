@@ -39,8 +39,10 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load = 1.0 if kind == "load" else grid.area
         if value * to_load > (1 + LOAD_ROUNDING) * (largest := distance.bounds.largest_load):
-            limit = f"it must be at most {format_exact(largest / to_load)} {LOADINGS[kind]}"
-            raise InputError(f"{kind} {format_exact(value)}: no cell carries more than its hardness; {limit}")
+            limit = (
+                f"{format_exact(largest / to_load)} {LOADINGS[kind]}, which all cells carry at their hardness"
+            )
+            raise InputError(f"{kind} {format_exact(value)}: must be at most {limit}")
         return PrescribedLoad(value * to_load, value / grid.area if kind == "load" else value)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells

@@ -14,7 +14,7 @@ from app.halfspace.layer import Layer
 from app.halfspace.layered_kernel import LayeredKernel
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, init=False, repr=False)
 class Material:
     """Combined elastic constants of both bodies (Sec. 2.2).
 
@@ -46,10 +46,10 @@ class Material:
 
     shear_modulus: float
     poisson_ratio: float
-    bodies: Mapping | None = field(default=None, init=False, repr=False, compare=False)
-    resistivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
-    thermal_conductivity: tuple | None = field(default=None, init=False, repr=False, compare=False)
-    coatings: tuple[Layer, ...] = field(default=(), init=False, repr=False)
+    bodies: Mapping | None = field(default=None, init=False, compare=False)
+    resistivity: tuple | None = field(default=None, init=False, compare=False)
+    thermal_conductivity: tuple | None = field(default=None, init=False, compare=False)
+    coatings: tuple[Layer, ...] = field(default=(), init=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
         if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
@@ -70,6 +70,11 @@ class Material:
         if not np.isfinite(self.compliance):
             small = format_exact(self.shear_modulus)
             raise InputError(f"shear modulus {small}: too small, its reciprocal is infinite")
+
+    def __repr__(self):
+        pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
+        facts = self.describe() if self.coatings else pair
+        return f"Material({', '.join(f'{name}={value!r}' for name, value in facts.items())})"
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):

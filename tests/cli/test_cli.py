@@ -72,6 +72,9 @@ CASES = {
     "resumes nothing": ([*HERTZ, "-resume"], "-resume: has no effect here; it is: path: continue an interrupted"),
     "diameter of no punch": ([*HERTZ, "-punch_diameter", "3"], "-punch_diameter: has no effect here; it is: diam"),
     "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "needs a single loading"),
+    "negative load without a patch": (
+        ["-problem", "sphere", "-sphere_radius", "1", "-contact_modulus", "9", "-load", "-1"], "it must be at least 0 N"
+    ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
     "hardness of another grid": (
         with_file("h.npy", np.ones((8, 9)), *HERTZ, "-grid", "8", "-hardness_file", "FILE"), "has shape (8, 9)"

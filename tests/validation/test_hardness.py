@@ -229,9 +229,7 @@ def test_largest_load_is_met_by_plastic_cells_alone(method, kind, holes, periodi
             assert found.converged, found.message
             error = abs(found.pressure - exact).max()
             assert error <= (0.01 * less + 2e-12) * hardness[inside].sum()
-    with pytest.raises(
-        InputError, match="no cell carries more than its hardness; it must be at most"
-    ) as error:
+    with pytest.raises(InputError, match="must be at most") as error:
         solved(problem, method, load=1.0001 * largest)
     assert "\n" not in str(error.value)
 

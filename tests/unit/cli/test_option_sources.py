@@ -178,6 +178,7 @@ def test_invalid_yaml_is_refused_in_one_line(name, content, message, read, tmp_p
     [
         ("-grid 8 9", "9: neither an option nor the value of one"),
         ("8", "8: neither an option"),
+        ("-young 210e3, 70e3", "70e3: neither an option nor the value of one (is there a blank"),
         ("-options_file", "-options_file: a file name must follow"),
         ("-options_file .", "option file .: Is a directory"),
         ("-options_file /dev/null", "/dev/null: is not a regular file"),

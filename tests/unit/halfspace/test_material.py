@@ -171,3 +171,16 @@ def test_conductance_of_a_coated_body_is_refused():
     assert layer.conducting() == layer
     with pytest.raises(InputError, match="^resistivity, thermal_conductivity: not for coated bodies"):
         layer.conducting(resistivity=1.0)
+
+
+def test_materials_that_differ_are_printed_differently():
+    numbers = (400e3, 210e3), (0.25, 0.3), 2e-3
+    made = (
+        Material.coated(*numbers),
+        Material.coated(*numbers, other=(70e3, 0.33)),
+        Material.isotropic(400e3, 0.25),
+    )
+    assert len({repr(material) for material in made}) == 3
+    assert (
+        "coating_thickness=0.002" in repr(made[0]) and "inf" in repr(made[0]) and "inf" not in repr(made[1])
+    )
