@@ -83,6 +83,7 @@ class OneWayKernel(HalfSpaceKernel):
         # Laws of waves do not depend on the period.
         self.in_units, self.scale, self.scale_sampled = base.in_units, base.scale, base.scale_sampled
         self.smallest_eigenvalue, self.compliance_at = base.smallest_eigenvalue, base.compliance_at
+        self.contrast = base.contrast
 
     def period_cells(self, grid):
         """Return numbers of cells in y and x after which coefficients repeat."""

@@ -141,6 +141,7 @@ def test_layers_keep_the_matrix_positive_and_its_bounds(material):
         kernel, matrix = patch_kernel(material.kernel, grid), dense_matrix(grid, material.kernel)
         assert np.linalg.eigvalsh(matrix).min() >= kernel.smallest_eigenvalue(grid)
         assert kernel.is_positive(grid) == (matrix.min() >= 0)
+        assert kernel.contrast(grid) == material.kernel.contrast(grid)
         other = Grid(grid.ny, grid.nx, grid.dy, grid.dx, periodic="x")
         assert np.array_equal(
             influence_quadrant(other, material.kernel), influence_quadrant(grid, material.kernel).T
