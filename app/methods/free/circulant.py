@@ -107,7 +107,7 @@ class Circulant:
         self.operator = operator
         grid, kernel = operator.grid, operator.kernel
         blocks, periodic, contrast = self.blocks, bool(grid.symbol), kernel.contrast(grid)
-        has_stiff_layer = not grid.periodic and contrast > MIN_STIFF_CONTRAST
+        has_stiff_layer = not grid.symbol and contrast > MIN_STIFF_CONTRAST
         self.multiplier = circulant_inverse(operator, apart=True, padded=has_stiff_layer)
         shared = operator.slabs, operator.comm
         steps = self.steps * (STIFF_LAYER_STEPS if has_stiff_layer else 1)

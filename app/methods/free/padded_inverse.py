@@ -3,7 +3,7 @@
 A residual that ends at the patch boundary jumps there. The energy of a jump is in short waves. Where a stiff layer lies
 on a soft substrate, short waves have much energy compared with long ones, so this energy slows CG down. Therefore the
 residual is continued by some cells past the boundary, where it decays linearly to zero: B is replaced by W^T B W, with
-the continuation W. On half-spaces W gains nothing.
+the continuation W. On half-spaces W gains nothing. In a direction in which the patch repeats, there is no boundary.
 """
 
 import numpy as np
@@ -33,18 +33,19 @@ class PaddedInverse:
     """
 
     def __init__(self, grid, kernel, layout=SERIAL):
-        slabs, ny = layout.slabs or Slabs(grid.ny), grid.ny + 2 * PADDING
+        in_y, self._in_x = (0 if repeats else PADDING for repeats in grid.repeats)
+        slabs, ny = layout.slabs or Slabs(grid.ny), grid.ny + 2 * in_y
         starts = [
-            ny if start == grid.ny else start + PADDING * (start > 0) for start in slabs.starts
+            ny if start == grid.ny else start + in_y * (start > 0) for start in slabs.starts
         ]  # the ranks with the first and last rows have the cells beyond
         around = Slabs.starting(starts, slabs.rank)
-        padded = Grid(grid.nx + 2 * PADDING, ny, grid.dx, grid.dy)
+        padded = Grid(grid.nx + 2 * self._in_x, ny, grid.dx, grid.dy, periodic=grid.one_way)
         self._inverse = create_circulant_inverse(padded, kernel, layout._replace(slabs=around), apart=True)
         self.periods, self.flops = self._inverse.periods, self._inverse.flops
         self._field = np.zeros((around.local, padded.nx), layout.dtype)
         self._rows = np.ones(around.local, bool)
         self._weights = _WEIGHTS.astype(layout.dtype)
-        below = PADDING if slabs.local and slabs.rows.start == 0 else 0
+        below = in_y if slabs.local and slabs.rows.start == 0 else 0
         self._inside = slice(below, below + slabs.local)
 
     @property
@@ -58,10 +59,10 @@ class PaddedInverse:
         self._rows[:] = True
         if rows is not None:
             self._rows[inside] = rows
-        middle = field[inside, size:-size]
+        middle = field[inside, self._in_x : field.shape[1] - self._in_x]
         middle[...] = p
         middle[~self._rows[inside]] = 0
-        sides = field[inside], field[inside, ::-1]
+        sides = (field[inside], field[inside, ::-1]) if self._in_x else ()
         for part in sides:
             part[:, :size] = part[:, size : size + 1] * weights
         ends = [field] * (inside.start > 0) + [field[::-1]] * (inside.stop < len(field))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app import Grid, Material
+from app.halfspace.one_way_kernel import patch_kernel
 from app.methods.free.padded_inverse import PADDING, PaddedInverse
 from app.methods.multilevel_operators import create_circulant_inverse
 
@@ -19,11 +20,16 @@ def continue_linearly(size):
 
 
 @pytest.mark.parametrize("shape", [(24, 31), (130, 150)])
-def test_product_is_that_of_continued_fields(shape):
-    (ny, nx), kernel = shape, Material.coated((5.0, 1.0), (0.3, 0.3), 10.0).kernel
-    grid, padded = (Grid(nx + 2 * more, ny + 2 * more, 1.0, 1.0) for more in (0, PADDING))
+@pytest.mark.parametrize("periodic", ["", "x", "y"])
+def test_product_is_that_of_continued_fields(shape, periodic):
+    grid = Grid(*shape[::-1], 1.0, 1.0, periodic=periodic)
+    ny, kernel = shape[0], patch_kernel(Material.coated((5.0, 1.0), (0.3, 0.3), 10.0).kernel, grid)
+    in_y, in_x = (
+        np.eye(size) if repeats else continue_linearly(size)
+        for size, repeats in zip(shape, grid.repeats, strict=True)
+    )
+    padded = Grid(len(in_x), len(in_y), 1.0, 1.0, periodic=periodic)
     inverse, exact = PaddedInverse(grid, kernel), create_circulant_inverse(padded, kernel, apart=True)
-    in_y, in_x = continue_linearly(ny), continue_linearly(nx)
     rng = np.random.default_rng(0)
     p, u, rows = rng.normal(size=grid.shape), np.empty(grid.shape), np.ones(ny, bool)
     for some in (None, rng.random(ny) < 0.5):
