@@ -117,10 +117,11 @@ class HalfSpaceKernel:
         return self.compliance * max(grid.sides)
 
     def softest_parts(self, length):
-        """Return upper bounds of a displacement and a compliance.
+        """Return an estimate of a displacement, and an upper bound of a compliance.
 
-        The displacement [mm / (N/mm2)] is for layers on a rigid base, by pressure 1 in waves up to twice the `length`
-        long. The compliance [mm2/N] is for half-spaces; a layered body counts as a half-space of its softer material.
+        The displacement [mm / (N/mm2)] is for layers on a rigid base, by pressure 1 in waves twice the `length` long;
+        shorter waves may displace nearly incompressible layers more. The compliance [mm2/N] is for half-spaces; a
+        layered body counts as a half-space of its softer material.
         """
         return 0.0, self.compliance
 

@@ -129,7 +129,7 @@ class LayeredKernel(HalfSpaceKernel):
         return _least_coefficient(self, grid) >= 0
 
     def softest_parts(self, length):
-        """Return upper bounds; see `HalfSpaceKernel.softest_parts`."""
+        """Return a displacement and a compliance; see `HalfSpaceKernel.softest_parts`."""
         q = np.array([np.pi / length])
         rigid, compliance = 0.0, self.other
         for layer in self.layers:
@@ -142,7 +142,10 @@ class LayeredKernel(HalfSpaceKernel):
         return rigid, compliance
 
     def middle_displacement(self, lengths):
-        """Return a bound of the displacement in a loaded rectangle's middle [mm]."""
+        """Return the displacement in a loaded rectangle's middle [mm].
+
+        It is an upper bound, except for layers on a rigid base (`softest_parts`).
+        """
         rigid, compliance = self.softest_parts(max(lengths))
         return rigid + HalfSpaceKernel(compliance).middle_displacement(lengths)
 
