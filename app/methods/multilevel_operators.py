@@ -132,7 +132,9 @@ def create_multilevel_influence(grid, kernel, layout=SERIAL, other=None):
     def coarsest(shape, layout):
         product = EvenMultiplier(shape, Convolution.lengths(shape, grid.repeats), layout)
         halves = half_lengths(shape, product.periods)
-        product.load_or_make(("influence", len(near)), partial(product.set_kernel, corrected, *halves))
+        product.load_or_make(
+            ("influence", len(near), halves), partial(product.set_kernel, corrected, *halves)
+        )
         return product
 
     return MultilevelOperator(grid.shape, near, coarsest, layout, other, grid.periodic)

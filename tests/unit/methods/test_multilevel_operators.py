@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app import Grid, Material
-from app.halfspace.fft.multiplier import EvenMultiplier, Layout
+from app.halfspace.fft.multiplier import EvenMultiplier, Layout, SpectrumCache
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.kernel import UNIT, HalfSpaceKernel
 from app.halfspace.product import Convolution, PeriodicProduct
@@ -173,3 +173,15 @@ def test_constant_displaces_as_one_large_cell(sides):
     b, a = sides
     expected = influence_quadrant(Grid(1, 1, a, b), HalfSpaceKernel(0.5))[0, 0]
     assert HalfSpaceKernel(0.5).middle_displacement(sides) == pytest.approx(expected, rel=1e-13)
+
+
+def test_a_product_does_not_depend_on_an_earlier_one_with_the_same_fft_length():
+    earlier, grid = Grid(160, 160, 1.0, 1.0), Grid(180, 180, 1.0, 1.0)
+    spectra = SpectrumCache()
+    create_multilevel_influence(earlier, UNIT, Layout(spectra=spectra))
+    cached = create_multilevel_influence(grid, UNIT, Layout(spectra=SpectrumCache(spectra)))
+    products = []
+    for product in cached, create_multilevel_influence(grid, UNIT):
+        products.append(np.empty(grid.shape))
+        product.apply(corner(grid), products[-1])
+    np.testing.assert_array_equal(*products)
