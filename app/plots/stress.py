@@ -30,6 +30,7 @@ _SCALE_SHARE = 0.98  # of a section's points whose stresses the colours must sho
 _SHAPES = 0.3, 0.7  # smallest and largest height over width of a section
 _MAX_RATIO = 2.5  # of the lengths of two sections with the same scale
 _MAX_WIDENING = 1.5  # of a section's length, for the same scale of depth
+_MAX_CONTRAST = 2.0  # of the largest stresses of a layer and its base that share a colour scale
 PANEL_SHAPE = 0.5  # depth over width of the section in the summary
 
 
@@ -37,24 +38,30 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interfac
     """Draw the von Mises stress on a vertical section.
 
     Return the units of lengths and depths. The section goes `along` "x" or "y" and is shown between `ends` [mm].
-    `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, `shape` is height over
-    width of the panel, and `remark` is a text in the label of the axis.
+    `mises` has the shape (depths, cells). `highest` [N/mm2] is the end of the colour scale, or the two ends of the
+    layer's and its base's, `shape` is height over width of the panel, and `remark` is a text in the label of the axis.
     """
     unit = choose_length_unit(max(ends[1] - ends[0], depths[-1]))
     z_scale = shape * (ends[1] - ends[0]) / (depths[-1] or 1.0)
     same = np.isclose(z_scale, 1, rtol=0.02)
     gap = "\n" if column_width() else "   "
-    remark += "" if same else f"{gap}(z: {z_scale:.3g} × the scale of {along})"
+    remark += "" if same else f"{gap}(depth stretched {z_scale:.3g} times)"
     z_unit = unit if same else choose_length_unit(depths[-1])
     z = depths * z_unit.per_mm
     bottom = z[-1] or 1.0
     z_edges = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
-    colours = {"cmap": "magma_r", "vmin": 0, "vmax": highest or 1.0}
-    sides = cell_edges(grid, along) * unit.per_mm
-    image = axes.pcolormesh(sides, z_edges, mises, rasterized=True, **colours)
-    extend = "max" if mises.max() > 1.001 * highest else "neither"
-    bar = axes.figure.colorbar(image, cax=axes.inset_axes([1.02, 0, 0.03, 1]), extend=extend)
-    bar.set_label("von Mises  [N/mm²]")
+    sides, tops = cell_edges(grid, along) * unit.per_mm, np.atleast_1d(highest)
+    bodies = _split(depths, interface) if len(tops) > 1 else [slice(0, len(depths))]
+    for number, (body, top) in enumerate(zip(bodies, tops, strict=True)):
+        edges, field = z_edges[body.start : body.stop + 1], mises[body]
+        image = axes.pcolormesh(sides, edges, field, rasterized=True, cmap="magma_r", vmin=0, vmax=top or 1.0)
+        extend = "max" if field.max() > 1.001 * top else "neither"
+        place = [1.02, 0, 0.03, 1] if len(tops) == 1 else [1.02, 0.54 * (1 - number), 0.03, 0.46]
+        bar = axes.figure.colorbar(image, cax=axes.inset_axes(place), extend=extend)
+        bar.set_label("von Mises  [N/mm²]" if len(tops) == 1 else ("layer", "base")[number])
+    if len(tops) > 1:
+        style = {"rotation": 90, "ha": "left", "va": "center", "size": rcParams["axes.labelsize"]}
+        axes.text(1.18, 0.5, "von Mises  [N/mm²]", transform=axes.transAxes, **style)
     _draw_interface(axes, interface, depths, z_unit)
     axes.set_box_aspect(shape)
     axes.set(
@@ -64,6 +71,21 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interfac
         ylim=(bottom, 0),
     )
     return unit, z_unit
+
+
+def _split(depths, interface):
+    """Return slices of the depths in the layer and in its base."""
+    first = len(depths) if interface is None else int(np.searchsorted(depths, interface, "right"))
+    return [part for part in (slice(0, first), slice(first, len(depths))) if part.start < part.stop]
+
+
+def _scale(fields, depths, interface):
+    """Return the ends of colour scales for stresses on sections [N/mm2].
+
+    There is one end. If the stresses of a layer and its base are very different, each of the two has its own.
+    """
+    tops = [max(field[body].max() for field in fields) for body in _split(depths, interface)]
+    return tops if max(tops) > _MAX_CONTRAST * min(tops) > 0 else max(tops)
 
 
 def _draw_interface(axes, interface, depths, unit):
@@ -105,7 +127,9 @@ def draw_section_stress(axes, result, along, row, column, ends):
     depths = below.include_interface(PANEL_SHAPE * (ends[1] - ends[0]) * np.linspace(0, 1, _DEPTHS) ** 2)
     mises = von_mises(below.section(depths, **place))
     largest = mises.max()
-    highest = min(largest, 1.5 * float(np.quantile(mises, _SCALE_SHARE)))
+    highest = _scale([mises], depths, below.interface)
+    if np.ndim(highest) == 0:
+        highest = min(largest, 1.5 * float(np.quantile(mises, _SCALE_SHARE)))
     remark = f"   {below.describe('ν')}" if layer is None else "   (coated body)"
     shown = grid, ends, depths, mises, highest, PANEL_SHAPE, below.interface
     unit, z_unit = _draw_mises(axes, along, *shown, remark)
@@ -159,13 +183,16 @@ def stress_figure(grid, stresses, heading):
     shape = float(np.clip((depths[-1] or 1.0) / min(lengths), *_SHAPES))
     heights = [5.4 * shape + 1.4] * 2
     figure, panels = new_mosaic([["x", "line"], ["y", "line"]], [7.4, 5.4], heights, heading)
-    highest = max(field.max() for field in mises.values())
+    highest, scale = (
+        max(field.max() for field in mises.values()),
+        _scale(mises.values(), depths, stresses.interface),
+    )
     varies = max(np.ptp(field) for field in mises.values()) > MIN_STRESS_VARIATION * highest
     text = _describe(at.von_mises, at.depth) if varies else f"{format_number(highest)} N/mm² everywhere"
     for along, other in ("xy", "yx"):
         unit = choose_length_unit(max(lengths))
         across = f"   at {other} = {getattr(at, other) * unit.per_mm:.3g} {unit.name}".replace("-", "−")
-        shown = grid, ends[along], depths, mises[along], highest, shape, stresses.interface
+        shown = grid, ends[along], depths, mises[along], scale, shape, stresses.interface
         unit, z_unit = _draw_mises(panels[along], along, *shown, across if varies else "")
         place = getattr(at, along) * unit.per_mm, at.depth * z_unit.per_mm
         _mark(panels[along], *place, text if along == "x" else "")

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from results import with_attributes
 
+from app.api.subsurface import survey as api_survey
 from app.halfspace.grid import Grid
-from app.halfspace.stress.subsurface import StressMaximum
+from app.halfspace.material import Material
+from app.halfspace.stress.layered import LayeredStress
+from app.halfspace.stress.subsurface import StressMaximum, von_mises
 from app.plots import figures, stress
 
 
@@ -41,7 +44,7 @@ def test_sections_state_the_scale_of_depth(deepest, times):
     box = axes.get_window_extent()
     unit = 1e3 if "µm" in axes.get_ylabel() else 1
     drawn = box.height / (abs(np.ptp(axes.get_ylim())) / unit) / (box.width / np.ptp(axes.get_xlim()))
-    assert f"(z: {drawn:.3g} × the scale of x)" in axes.get_xlabel() or (
+    assert f"(depth stretched {drawn:.3g} times)" in axes.get_xlabel() or (
         times is None and abs(drawn - 1) < 0.02
     )
     assert times or axes.get_ylabel().endswith("[mm]")
@@ -65,3 +68,20 @@ def test_summary_shows_the_stress_below_if_poissons_ratio_is_known(result):
     infinite = np.where(result.pressure == result.pressure.max(), np.inf, result.pressure)
     for other in (replace(known, pressure=infinite), with_attributes(result, poisson_ratio=None)):
         assert not any(axes.get_ylabel().startswith("depth") for axes in figures.summary_figure(other).axes)
+
+
+@pytest.mark.parametrize("poisson", [0.2, 0.499])
+def test_a_layer_with_much_smaller_stresses_than_its_base_has_its_own_colours(poisson):
+    """Under a wide pressure a nearly incompressible layer has hardly any von Mises stress."""
+    grid = Grid.from_domain(32, 32, (-2, 2, -2, 2))
+    pressure = np.exp(-(grid.x() ** 2) - grid.y()[:, None] ** 2)
+    layer = Material.coated((25.0, 210e3), (poisson, 0.3), 0.2).coatings[0]
+    stresses = api_survey(LayeredStress(pressure, grid, layer))
+    figure = stress.stress_figure(grid, stresses, "")
+    drawn = figure.axes[0].collections
+    mises = von_mises(stresses.section_x), von_mises(stresses.section_y)
+    above = stresses.depths <= stresses.interface
+    layer, base = (max(field[part].max() for field in mises) for part in (above, ~above))
+    ends = [max(layer, base)] if poisson < 0.4 else [layer, base]
+    assert [part.get_clim()[1] for part in drawn] == pytest.approx(ends)
+    assert len(figure.axes[0].child_axes) == len(ends)
