@@ -117,6 +117,12 @@ def _describe_pressure(facts, grid):
         lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
     x, y = (round_to_cell(facts[f"pressure_centre_{name}"], getattr(grid, f"d{name}")) for name in "xy")
     centre = f"; centre of pressure ({x:.6g}, {y:.6g}) mm" if x == x else ""
+    if grid.one_way and facts["contact_cells"]:
+        width, axis = (
+            facts["contact_area"] / grid.sides["xy".index(grid.one_way)],
+            "yx"["xy".index(grid.one_way)],
+        )
+        lines.append(f"mean width of the contact in {axis} {width:.6g} mm{centre}")
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "

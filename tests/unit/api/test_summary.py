@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem, ContactSolver, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material, solve
 from app.api.summary import summary
 
 
@@ -32,3 +32,15 @@ def test_a_hardness_is_summarised_with_its_plastic_area(hardness):
     assert f"plastic area {solution.plastic_area:.6g} mm2" in text
     assert ("hardness 2000 N/mm2: plastic" in text) == (np.ndim(hardness) == 0)
     assert ("largest load 8000 N" in text) == bool(np.isfinite(hardness).all())
+
+
+@pytest.mark.parametrize(("periodic", "axis"), [("y", "x"), ("x", "y")])
+def test_a_line_contact_has_its_mean_width(periodic, axis):
+    sides = (-1, 1, 0, 3) if periodic == "y" else (0, 3, -1, 1)
+    grid = Grid.from_domain(*((64, 4) if periodic == "y" else (4, 64)), sides, periodic)
+    problem = ContactProblem(
+        grid, Material.from_contact_modulus(100.0), lambda x, y: ((x, y)[axis == "y"]) ** 2 + 0 * x * y
+    )
+    solution = solve(problem, load=3.0)
+    width = solution.contact.any(axis=0 if axis == "x" else 1).sum() * 2 / 64
+    assert f"mean width of the contact in {axis} {width:.6g} mm" in summary(solution.attributes, grid)
