@@ -40,6 +40,8 @@ from app.methods.symbol import (
 
 MIN_CELLS = 128  # in the longer direction: on smaller grids an FFT is faster
 MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact without padding
+# Range of the compliance of waves of 8 cells over that of waves of 2 cells, in which 5 x 5 cells are enough for B.
+COMPLIANCE_RATIOS = 0.4, 5.0
 
 
 def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
@@ -182,18 +184,21 @@ def prepare(grid, kernel):
 def _stencils(grid, power, kernel):
     """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
-    The result has no stencils for levels so small that an FFT is faster. On a periodic patch the result is empty if
-    stencils depend on the size of cells.
+    The result has no stencils for levels so small that an FFT is faster. On a periodic patch it also has none for
+    levels on which short waves of different lengths have too different compliances, because 5 x 5 cells are then too
+    few.
     """
-    if grid.symbol and not kernel.scale_free:
-        return []
     smallest = MIN_CELLS_PERIODIC if grid.symbol else MIN_CELLS
     periods = grid.shape if grid.symbol else kernel.period_cells(grid)
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []
-    unit, levels, (ny, nx) = kernel.compliance * max(grid.dx, grid.dy), [], grid.shape
+    side, levels, (ny, nx) = max(grid.dx, grid.dy), [], grid.shape
+    unit = kernel.compliance * side
     for level in fit_stencils(grid, power, kernel):
+        if grid.symbol and not _has_accurate_stencils(kernel, side):
+            break
         fy, fx = level.factors
+        side *= max(fy, fx)
         divisible = all(n % f == 0 for n, f in zip(periods, level.factors, strict=True))
         periods = tuple(n // f for n, f in zip(periods, level.factors, strict=True))
         ny, nx = ny // fy, nx // fx
@@ -201,6 +206,12 @@ def _stencils(grid, power, kernel):
             break
         levels.append(level._replace(stencil=(unit if power == 1 else 1 / unit) * level.stencil))
     return levels
+
+
+def _has_accurate_stencils(kernel, side):
+    """Return whether stencils of cells with this longer `side` approximate B well."""
+    lowest, highest = COMPLIANCE_RATIOS
+    return lowest <= kernel.compliance_at(8 * side) / kernel.compliance_at(2 * side) <= highest
 
 
 def _coarsest_shape(grid, near):

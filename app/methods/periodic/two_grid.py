@@ -31,6 +31,10 @@ CONTACT_STIFFNESS, CONTACT_STIFFNESS_PRESWEPT = (
     7.0,
     5.0,
 )  # reduction of long waves, over the share of contact around
+# If long waves are more compliant than short ones, the contact springs are stiffer by a power of the ratio.
+SHORT_WAVE_CELLS, LONG_WAVE_CELLS_OF_SPRINGS = 8.0, 96.0  # lengths of the two waves
+STIFFENING_POWER, MAX_STIFFENING = 1.25, 5.0
+CONSTANT_WAVE_CELLS = 48.0  # length of the wave whose compliance then replaces that of constants
 DAMPED_EIGENVALUES = 0.5, 1.4  # interval of eigenvalues of the centre of B, over B_00, that the sweeps damp
 DAMPED_FRACTION = (
     0.9  # upper end over the largest eigenvalue, if that would be amplified: on few rows of long cells
@@ -116,18 +120,21 @@ class TwoGrid:
         elif highest > low + high:
             high = DAMPED_FRACTION * highest
         self._before, self._after = None, chebyshev_steps(1 + sweeps, low, high).astype(np.float32)
+        stiffening, kernel = 1.0, operator.influence.kernel
         springs = CONSTANT_COMPLIANCE, CONTACT_STIFFNESS
         if highest > MIN_PRESWEPT_EIGENVALUE:
             springs = CONSTANT_COMPLIANCE_PRESWEPT, CONTACT_STIFFNESS_PRESWEPT
             self._before = chebyshev_steps(sweeps, low, high).astype(np.float32)
             self._after = np.append(np.float32(0), self._before[::-1])
+        elif not kernel.scale_free:
+            stiffening = _stiffening(kernel, operator.grid)
         self._rows = Halo(operator.slabs, operator.comm, sweeps)
         nx, kind = operator.grid.nx, np.float32
         self._work = stencil.make_work(1 + sweeps, nx)
         self._zero = (np.empty((0, nx), kind),) * 3
         self._no_waves = _NO_WAVES, _NOWHERE, (np.empty(0, kind), np.empty(nx, kind))
         has_coarser = operator.coarser is not None
-        self._long_waves = _LongWaves(operator, sweeps, springs) if has_coarser else None
+        self._long_waves = _LongWaves(operator, sweeps, springs, stiffening) if has_coarser else None
         self._contact_version, self._response = -1, None  # contact version of `_unit_response`, and that
 
     def apply(self, pc, x, y):
@@ -258,6 +265,16 @@ def _relative_eigenvalue(kernel, diagonal, grid, cells):
     return _half_space_weights(grid)[0] / (diagonal * float(kernel.wave_compliance(np.array([q]))[0]))
 
 
+def _stiffening(kernel, grid):
+    """Return the factor on the stiffness of contact springs, at least 1.
+
+    On a stiff coating the factor is above 1: long waves bend the coating, and contact holds them more firmly.
+    """
+    cell = np.sqrt(grid.dx * grid.dy)
+    short, long = (kernel.compliance_at(cells * cell) for cells in (SHORT_WAVE_CELLS, LONG_WAVE_CELLS_OF_SPRINGS))
+    return min(max(1.0, long / short) ** STIFFENING_POWER, MAX_STIFFENING)
+
+
 def _half_space_weights(grid):
     """Return `_centre_weights` of a half-space with compliance 1, from few cells."""
     counts = (min(n, SAMPLE_CELLS) for n in (grid.nx, grid.ny))
@@ -277,11 +294,15 @@ class _LongWaves:
     """Product with A on a coarser grid, for long waves. Collective.
 
     If the fine rows of a coarse row are on several ranks, the rank of the first fine row computes the means. The other
-    ranks send their parts.
+    ranks send their parts. `springs` are the compliance of constants and the stiffness of contact, for a half-space. If
+    `stiffening`, a factor on the stiffness, is above 1, contact also holds waves farther away, and the springs have the
+    compliance of a wave of CONSTANT_WAVE_CELLS.
     """
 
-    def __init__(self, fine, width, springs):
-        self.coarse, (self._compliance, self._stiffness) = fine.coarser, springs
+    def __init__(self, fine, width, springs, stiffening=1.0):
+        self.coarse, (self._compliance, stiffness) = fine.coarser, springs
+        self._stiffness, self._stiffened = stiffening * stiffness, stiffening > 1
+        self._wave = CONSTANT_WAVE_CELLS * np.sqrt(fine.grid.dx * fine.grid.dy)
         coarse = self.coarse
         ratios = (-(-n // m) for n, m in zip(fine.grid.shape, coarse.grid.shape, strict=True))
         self._factors = fy, _ = tuple(1 << (ratio - 1).bit_length() for ratio in ratios)  # powers of two
@@ -317,12 +338,13 @@ class _LongWaves:
         """
         coarse = self.coarse
         stencil.contact_in_cells(free, self._sums, self._skipped, self._factors, self._row)
-        contact = self._gather_coarse()
-        before, after = self._halo(contact)
-        around = _smooth(np.concatenate([before, contact, after]))
+        around = self._gather_coarse()
+        for _ in range(1 + self._stiffened):
+            before, after = self._halo(around)
+            around = _smooth(np.concatenate([before, around, after]))
         self._reduction = 1 / np.sqrt(1 + self._stiffness * share * around)
         if coarse.active:
-            compliance = coarse.kernel.compliance_at(spacing)
+            compliance = coarse.kernel.compliance_at(self._wave if self._stiffened else spacing)
             coarse.screened_product.screen(1 / (self._compliance * compliance * np.sqrt(share) * spacing))
 
     def apply(self, s, free, weights, x, *halo):
