@@ -271,7 +271,9 @@ def _stiffening(kernel, grid):
     On a stiff coating the factor is above 1: long waves bend the coating, and contact holds them more firmly.
     """
     cell = np.sqrt(grid.dx * grid.dy)
-    short, long = (kernel.compliance_at(cells * cell) for cells in (SHORT_WAVE_CELLS, LONG_WAVE_CELLS_OF_SPRINGS))
+    short, long = (
+        kernel.compliance_at(cells * cell) for cells in (SHORT_WAVE_CELLS, LONG_WAVE_CELLS_OF_SPRINGS)
+    )
     return min(max(1.0, long / short) ** STIFFENING_POWER, MAX_STIFFENING)
 
 

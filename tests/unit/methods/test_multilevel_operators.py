@@ -123,6 +123,23 @@ def test_multilevel_inverse_is_near_b_and_zero_on_constants(nx, ny, aspect, erro
     assert abs(constant).max() < 1e-12 * abs(scale).max()
 
 
+@pytest.mark.parametrize("young, thickness", [((1.0, 5.0), 1.0), ((5.0, 1.0), 1.0), ((5.0, 1.0), 10.0)])
+def test_multilevel_inverse_of_coatings_is_near_b(young, thickness):
+    grid, kernel = (
+        Grid(512, 512, 1.0, 1.0, periodic="spectral"),
+        Material.coated(young, (0.3, 0.3), thickness).kernel,
+    )
+    exact = PeriodicProduct(partial(kernel.eigenvalues, grid), grid.shape).inverse()
+    fields = [(noise(grid), 0.05), (cells(grid), 0.05), (wave(grid), 0.02), (corner(grid), 0.05)]
+    assert_near_and_symmetric(create_multilevel_inverse(grid, kernel), exact, fields, 0.05)
+
+
+@pytest.mark.parametrize("young", [(1.0, np.inf), (30.0, 1.0)])
+def test_thin_layers_of_steep_symbol_have_no_multilevel_inverse(young):
+    kernel = Material.coated(young, (0.3, 0.3), 1.0).kernel
+    assert create_multilevel_inverse(Grid(512, 512, 1.0, 1.0, periodic="spectral"), kernel) is None
+
+
 def test_multilevel_influence_of_distant_cells_is_that_of_a_point():
     grid = Grid(600, 140, 1.0, 1.0)
     p, u = np.zeros(grid.shape), np.empty(grid.shape)
