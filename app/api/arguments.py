@@ -48,7 +48,8 @@ def parse_arguments(problem, method, options, prefix, listeners):
         _check_layer(problem.grid, coating)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
-    settings = make_settings(method, texts, bool(problem.grid.symbol))
+    grid = problem.grid
+    settings = make_settings(method, texts, bool(grid.symbol), problem.kernel.is_thin_film(grid))
     check_viewers(settings.texts)
     _check_python_types(settings.texts)
     return settings, SolverOptions(prefix, settings.texts, ignored)

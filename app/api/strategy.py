@@ -4,6 +4,8 @@
 `app.methods.periodic`.
 """
 
+from functools import partial
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -19,6 +21,7 @@ from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.methods import multilevel_operators
+from app.methods.film.iteration import interpolate_pressure, solve_film
 from app.methods.free import circulant, lift
 from app.methods.free.nested import nested_iteration, solve_level
 from app.methods.free.solver import TrackingSolver
@@ -196,6 +199,25 @@ class ActiveSet(Strategy):
         )  # fmt: skip
 
 
+class Film(ActiveSet):
+    """Strategy ``film``, default for thin, nearly incompressible layers on a rigid base."""
+
+    def _solve(self, loading, history, start):
+        settings, hierarchy = self._settings, self._hierarchy
+        iterate = partial(solve_film, hierarchy)
+        if start is None:
+            return full_multigrid(
+                hierarchy, self._distances, loading, self._stop(), history, settings.nested, settings.beta,
+                interpolate_pressure, self.solver, iterate,
+            )  # fmt: skip
+        state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
+        return state, iterate(last, state, self.solver, loading, self._stop(), history)
+
+    def _stop(self):
+        names = "rtol", "max_it", "coarse_rtol", "error_bound"
+        return InexactStop(**{name: getattr(self._settings, name) for name in names})
+
+
 class Inexact(Strategy):
     """Base class of the default methods, which solve linear systems inexactly."""
 
@@ -297,7 +319,7 @@ class Reference(Strategy):
             raise
 
 
-STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fromkeys(
+STRATEGIES = {"active_set": ActiveSet, "film": Film, "fast": Fast, "primal": Primal} | dict.fromkeys(
     REFERENCE_SOLVERS, Reference
 )
 

@@ -16,7 +16,9 @@ from app.multigrid.linear_solver import LinearSolver
 from app.parallel.communicator import propagate_errors
 
 
-def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
+def full_multigrid(
+    hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver, iterate=None
+):
     """Solve on the grids from coarsest to target.
 
     Collective. The ranks of a grid solve on it, and broadcast the result to the ranks that join on the next grid.
@@ -37,6 +39,9 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
         Function used instead of the prolongation by copy; see `prolongate`.
     target_solver : LinearSolver
         Linear solver of the target grid.
+    iterate : callable, optional
+        Function ``iterate(number, state, solver, loading, stop, history, first)`` that solves on a grid instead of
+        `active_set_or_search`; `first` is true on the first grid.
 
     Returns
     -------
@@ -64,7 +69,9 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
             test = grids.stopping_test(stop)
             solve = partial(active_set_or_search, state, solver, stop=test, history=history)
             with propagate_errors(grids.waiting_ranks(state)):
-                if coarse is None:
+                if iterate and not isinstance(solver, DirectSolver):
+                    outcome = iterate(number, state, solver, loading, test, history, coarse is None)
+                elif coarse is None:
                     outcome = loading.first_solve(state, solve)  # Sec. 4.3, 1
                 else:
                     outcome = solve(loading)  # Sec. 4.3, (3.b)

@@ -74,15 +74,16 @@ class GridSequence:
 def _route(hierarchy, distances, loading, nested):
     """Return the numbers of the levels to solve on.
 
-    A nested iteration begins on the coarsest level such that it and all finer levels have admissible cells. Without
-    nested iteration there is one solve on the target grid, after a solve on a small grid if the approach is unknown. If
-    the bodies do not overlap, only the target grid is used: on a coarser grid they might overlap, and the pressure
-    would then vanish only up to rounding.
+    A nested iteration begins on the coarsest level such that it and all finer levels have admissible cells, and cells
+    that are small enough for the layer. Without nested iteration there is one solve on the target grid, after a solve
+    on a small grid if the approach is unknown. If the bodies do not overlap, only the target grid is used: on a coarser
+    grid they might overlap, and the pressure would then vanish only up to rounding.
     """
     last = len(hierarchy.levels) - 1
     if loading.misses_contact(distances[last]):
         return [last]
     usable = [number for number, distance in enumerate(distances) if distance.statistics.cells]
+    usable = [number for number in usable if hierarchy.kernel.is_resolved(hierarchy.levels[number].grid)]
     if nested:
         return range(max(set(range(last)).difference(usable), default=-1) + 1, last + 1)
     small = [number for number in usable if can_start_on(hierarchy, number)]

@@ -33,6 +33,7 @@ class HalfSpaceKernel:
 
     scale_free = far_reaching = True
     encloses_images = False
+    film = None  # see `LayeredKernel.film`
     layers = ()  # the Layers of the bodies
 
     def __init__(self, compliance):
@@ -144,6 +145,17 @@ class HalfSpaceKernel:
         if a layer is stiffer than its substrate.
         """
         return 1.0
+
+    def is_thin_film(self, grid):
+        """Return whether long waves displace the bodies much less than shorter ones.
+
+        This is true of thin, nearly incompressible layers on a rigid base. Then the inverse of A is not nearly local.
+        """
+        return False
+
+    def is_resolved(self, grid):
+        """Return whether the cells of a grid are small enough for coefficients that mean something."""
+        return True
 
     def compliance_at(self, length):
         """Return 1 / E* [mm2/N] for waves of a `length` [mm]."""

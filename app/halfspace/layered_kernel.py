@@ -4,7 +4,7 @@ One body has a layer on its surface, or both have. A body without a layer is a h
 """
 
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -18,6 +18,9 @@ _SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue 
 _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
 _NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
 _MAX_ALIASES = 6  # in each direction, for eigenvalues that need not be exact
+_LONG_WAVE = 0.01  # q t of the wave from which the numbers of a film are computed
+_MAX_FILM_CELL = 1.5  # largest cell over the thickness on which a thin film is solved
+_FILM_RATIO = 0.03  # eigenvalue of the longest wave over the largest one, below which a layer is a thin film
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 
 
@@ -167,6 +170,33 @@ class LayeredKernel(HalfSpaceKernel):
         longest = max(grid.sides) * (1 if grid.symbol else 2)
         q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
         return 2 * np.pi * self.wave_compliance(q) / q
+
+    @cached_property
+    def film(self):
+        """Numbers a [mm3/N] and k [mm5/N] of the eigenvalues a + k q^2 for long waves.
+
+        None unless the bodies are layers on rigid bases that are softer for shorter waves, if these are long.
+        """
+        if self.other or not all(layer.on_rigid_base for layer in self.layers):
+            return None
+        uniform = sum(layer.uniform_compliance for layer in self.layers)
+        q = np.array([0.5, 1.0]) * (_LONG_WAVE / max(layer.thickness for layer in self.layers))
+        half, whole = (2 * np.pi * self.wave_compliance(q) / q - uniform) / q**2
+        squeeze = float(4 * half - whole) / 3  # limit for q = 0
+        return (uniform, squeeze) if squeeze > 0 else None
+
+    def is_thin_film(self, grid):
+        """Return whether long waves displace the bodies much less than shorter ones; see `HalfSpaceKernel`."""
+        spectrum = self._spectrum(grid)
+        return self.film is not None and bool(spectrum[0] < _FILM_RATIO * spectrum.max())
+
+    def is_resolved(self, grid):
+        """Return whether cells are small enough; see `HalfSpaceKernel`.
+
+        A uniform pressure on a wide cell hardly displaces the centre of the cell if the layer is incompressible.
+        """
+        widest = _MAX_FILM_CELL * max(layer.thickness for layer in self.layers)
+        return grid.symbol == "spectral" or max(grid.dx, grid.dy) <= widest or not self.is_thin_film(grid)
 
     def punch_stiffness(self, area):
         """Return the stiffness of a round flat punch [N/mm].

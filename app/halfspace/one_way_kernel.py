@@ -84,6 +84,7 @@ class OneWayKernel(HalfSpaceKernel):
         self.in_units, self.scale, self.scale_sampled = base.in_units, base.scale, base.scale_sampled
         self.smallest_eigenvalue, self.compliance_at = base.smallest_eigenvalue, base.compliance_at
         self.contrast = base.contrast
+        self.film, self.is_thin_film, self.is_resolved = base.film, base.is_thin_film, base.is_resolved
 
     def period_cells(self, grid):
         """Return numbers of cells in y and x after which coefficients repeat."""

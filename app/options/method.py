@@ -1,13 +1,15 @@
 """Options of the method that solves a problem.
 
 A method is a file of options, ``petsc_options/NAME.opts``. Without a method file, -ksp_type and -pc_type, the method is
-`DEFAULT`, or `PERIODIC` on periodic patches. Of several method files only the last one is used. Single options override
-the options of the method file. A method uses one of these strategies (-lcp_type):
+`DEFAULT`, on periodic patches `PERIODIC`, and for thin incompressible layers `FILM`. Of several method files only the
+last one is used. Single options override the options of the method file. A method uses one of these strategies
+(-lcp_type):
 
 ==============  ======================================================================================
 ``active_set``  active set method of the paper, with any KSP: `app.contact`
 ``fast``        the default method, with TrackingCG: `app.methods.free`
 ``primal``      the default method on periodic patches, with CarryingCG: `app.methods.periodic`
+``film``        the default method for thin incompressible layers: `app.methods.film`
 ``tao``         PETSc's solvers of bound-constrained minimisation: `app.methods.reference_solvers`
 ``snesvi``      PETSc's solvers of variational inequalities: `app.methods.reference_solvers`
 ==============  ======================================================================================
@@ -32,13 +34,13 @@ from app.options.option_table import (
     to_texts,
 )
 
-DEFAULT, PERIODIC = "fast", "primal"
+DEFAULT, PERIODIC, FILM = "fast", "primal", "film"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 _cells = integer(0, "a whole number from 0")
 _INEXACT = (DEFAULT, PERIODIC)
 _COPIES = ("active_set", "fast")
-_ACTIVE_SET = ("active_set", *_INEXACT)
+_ACTIVE_SET = ("active_set", *_INEXACT, FILM)
 _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 
 
@@ -70,7 +72,7 @@ class Settings:
         "largest error_bound of a solution that counts as solved")
     max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi")
     coarse_rtol: float = _option(from_zero, 0.0,
-        "fast, primal: largest relative residual on coarser grids", _INEXACT, True)
+        "fast, primal: largest relative residual on coarser grids", (*_INEXACT, FILM), True)
     predictor: float = _option(from_zero, 0.0,
         "fast: share of the expected change of u by which cells enter C", ("fast",))
     defect_correction: float = _option(from_zero, 0.0,
@@ -153,12 +155,13 @@ def read_method_file(name):
     return read_option_file(find_method_file(name))
 
 
-def make_settings(method=None, options=None, periodic=False):
+def make_settings(method=None, options=None, periodic=False, thin_film=False):
     """Combine method files and options.
 
     `method` is the name of a method file, or a mapping from the names of option files, in order, to their options. The
     `options`, names without dash and values as texts or numbers, override the files' options. Raises InputError if an
-    option is not allowed, or has no effect together with the other options. An option of a method file may have no
+    option is not allowed, or has no effect together with the other options. `thin_film` is the result of the kernel's
+    `is_thin_film`. An option of a method file may have no
     effect if a later option has chosen other solvers.
     """
     typed = to_texts(options or {})
@@ -167,11 +170,13 @@ def make_settings(method=None, options=None, periodic=False):
     files = {name: to_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
     warnings = _drop_overridden_methods(files, typed)
     named = list(files)
-    default, other = (PERIODIC, DEFAULT) if periodic else (DEFAULT, PERIODIC)
+    usual, other = (PERIODIC, DEFAULT) if periodic else (DEFAULT, PERIODIC)
+    default = FILM if thin_film else usual
     texts = {name: text for source in (*files.values(), typed) for name, text in source.items()}
-    if not texts.keys() & {"ksp_type", "pc_type"} and texts.get("lcp_type", default) == default:
-        files = {default: read_method_file(default), **files}
-        texts = files[default] | texts
+    chosen = texts.get("lcp_type", default)
+    if not texts.keys() & {"ksp_type", "pc_type"} and chosen in (default, usual):
+        files = {chosen: read_method_file(chosen), **files}
+        texts = files[chosen] | texts
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
         raise InputError(describe_unknown_options(unknown, _TABLE))
     replaceable, ignored = _find_replaceable(files, typed), []
@@ -186,7 +191,12 @@ def make_settings(method=None, options=None, periodic=False):
         kinds = "patches periodic in x and y (-periodic)", "other patches"
         works, this = kinds[::-1] if periodic else kinds
         raise InputError(
-            f"-lcp_type {strategy}: works on {works}; must be {default}, active_set, tao or snesvi on {this}"
+            f"-lcp_type {strategy}: works on {works}; must be {usual}, active_set, tao or snesvi on {this}"
+        )
+    if strategy == FILM and not thin_film:
+        raise InputError(
+            f"-lcp_type {FILM}: works on thin, nearly incompressible layers on a rigid base; must be {usual}, "
+            "active_set, tao or snesvi for these bodies"
         )
     _check_solvers(strategy, texts)
     values = {name.removeprefix("lcp_"): reader[name] for name in _TABLE}

@@ -46,8 +46,9 @@ def solved(problem, method=None, comm=None, start=None, options=None, **loading)
 
 
 def methods(periodic):
-    """Return the names of the method files that work on a kind of patch."""
-    return [name for name in list_methods() if name != ("fast" if periodic in SYMBOLS else "primal")]
+    """Return the names of the method files for a kind of patch and all bodies."""
+    other = "fast" if periodic in SYMBOLS else "primal"
+    return [name for name in list_methods() if name not in ("film", other)]
 
 
 def random_problem(rng, nx, ny, periodic="", holes=True):

@@ -1,0 +1,13 @@
+"""Default method for thin, nearly incompressible layers on a rigid base.
+
+`LayeredKernel.is_thin_film` recognises such layers by the eigenvalues of A: those of long waves are much smaller than
+those of shorter waves. On such layers the methods of `app.methods.free` and `app.methods.periodic` would fail.
+
+The unknown is the pressure. The steps are as in Sec. 4.1, with three differences:
+
+- *Linear solver.* CG is preconditioned by a multigrid method for membranes (`membrane`), and ends early.
+- *Load.* A prescribed load is a constraint on the pressure: the directions of CG have no mean, and the mean of the
+  residual is the change of the approach (`cg`). So the load and the contact set converge together. The load reacts so
+  strongly to the approach that steps of the approach between contact sets would oscillate.
+- *Safeguard.* If the iteration makes no progress, `app.methods.safeguard` continues.
+"""
