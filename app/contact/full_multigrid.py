@@ -41,7 +41,7 @@ def full_multigrid(
         Linear solver of the target grid.
     iterate : callable, optional
         Function ``iterate(number, state, solver, loading, stop, history, first)`` that solves on a grid instead of
-        `active_set_or_search`; `first` is true on the first grid.
+        `active_set_or_search`; `first` is true on the first grid. Only the coarsest level is then solved directly.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def full_multigrid(
         if level.active:
             if grids.at_target:
                 solver = target_solver
-            elif coarse is None and starts_directly(hierarchy, number):
+            elif coarse is None and not (iterate and number) and starts_directly(hierarchy, number):
                 solver = DirectSolver(level, number)
             else:
                 solver = LinearSolver(hierarchy, number)

@@ -19,7 +19,7 @@ _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that 
 _NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
 _MAX_ALIASES = 6  # in each direction, for eigenvalues that need not be exact
 _LONG_WAVE = 0.01  # q t of the wave from which the numbers of a film are computed
-_MAX_FILM_CELL = 1.5  # largest cell over the thickness on which a thin film is solved
+_MAX_FILM_CELL = 3.0  # largest cell over the thickness on which a thin film is solved
 _FILM_RATIO = 0.03  # eigenvalue of the longest wave over the largest one, below which a layer is a thin film
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 

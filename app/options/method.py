@@ -39,8 +39,9 @@ DEFAULT, PERIODIC, FILM = "fast", "primal", "film"
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 _cells = integer(0, "a whole number from 0")
 _INEXACT = (DEFAULT, PERIODIC)
+_DEFAULTS = (*_INEXACT, FILM)
 _COPIES = ("active_set", "fast")
-_ACTIVE_SET = ("active_set", *_INEXACT, FILM)
+_ACTIVE_SET = ("active_set", *_DEFAULTS)
 _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 
 
@@ -72,7 +73,7 @@ class Settings:
         "largest error_bound of a solution that counts as solved")
     max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi")
     coarse_rtol: float = _option(from_zero, 0.0,
-        "fast, primal: largest relative residual on coarser grids", (*_INEXACT, FILM), True)
+        "fast, primal: largest relative residual on coarser grids", _DEFAULTS, True)
     predictor: float = _option(from_zero, 0.0,
         "fast: share of the expected change of u by which cells enter C", ("fast",))
     defect_correction: float = _option(from_zero, 0.0,
@@ -116,13 +117,13 @@ _TABLE = {option.name: option for option in METHOD_OPTIONS}
 _CHOICE = re.compile(r"\w+_type|pc_mg_\w+|lcp_nested|lcp_prolongation")
 _CHANGES = "what the linear solver makes is a change of the pressure, not PETSc's solution"
 _REFUSED = {  # end of the name of an option of PETSc -> strategies that it spoils or aborts, and why
-    "ksp_error_if_not_converged": (_INEXACT, "the default methods end linear solves early on purpose"),
+    "ksp_error_if_not_converged": (_DEFAULTS, "the default methods end linear solves early on purpose"),
     "ksp_guess_type": (
-        (*_INEXACT, "tao", "snesvi"),
+        (*_DEFAULTS, "tao", "snesvi"),
         "solutions of other contact sets do not fit the next one",
     ),
-    "ksp_knoll": (_INEXACT, _CHANGES),
-    "ksp_monitor_solution": (_INEXACT, _CHANGES),
+    "ksp_knoll": (_DEFAULTS, _CHANGES),
+    "ksp_monitor_solution": (_DEFAULTS, _CHANGES),
     "ksp_converged_rate": (("tao",), "PETSc crashes: TAO keeps no residuals of its linear solvers"),
     "ksp_monitor_error": (_STRATEGIES, "needs a PETSc DM, and the program has none"),
 }

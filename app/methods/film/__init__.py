@@ -10,4 +10,7 @@ The unknown is the pressure. The steps are as in Sec. 4.1, with three difference
   residual is the change of the approach (`cg`). So the load and the contact set converge together. The load reacts so
   strongly to the approach that steps of the approach between contact sets would oscillate.
 - *Safeguard.* If the iteration makes no progress, `app.methods.safeguard` continues.
+
+On free patches the nested iteration begins on a grid whose cells are at most three times as wide as the layer is thick.
+On wider cells the influence coefficients vanish, because a uniform pressure hardly displaces the middle of a wide cell.
 """

@@ -66,13 +66,14 @@ def _residual(x, before, after, b, in_x, in_y, first_up, diagonal, out):
 class _MembraneLevel:
     """The operator L on the contact cells of one grid. Collective over the ranks of the grid.
 
-    `in_x` and `in_y` have the springs to the next cell in x and y, `ground` those to the ground. The matrix is the
-    identity's zero outside contact, where the inverse diagonal is 0.
+    `in_x` and `in_y` have the springs to the next cell in x and y, `ground` those to the ground. Outside
+    contact the matrix and the inverse of its diagonal are 0.
     """
 
     def __init__(self, operator):
         grid, shape = operator.grid, operator.local_shape
         self._halo = Halo(operator.slabs, none_if_single(operator.comm), 1, grid.repeats[0])
+        self._repeats_in_x = grid.repeats[1]
         self._none, self._out = np.zeros((1, grid.nx)), np.zeros(shape)
 
     def _around(self, field):
@@ -110,6 +111,8 @@ class _MembraneLevel:
         before, _ = self._around(inside)
         above = np.concatenate([before, inside])[:-1]
         right, left = np.roll(inside, -1, axis=1), np.roll(inside, 1, axis=1)
+        if not self._repeats_in_x:
+            right[:, -1] = left[:, 0] = 0.0
         y, x = sides
         edge = (2 - left - right) * (y / x) + (2 - above - below) * (x / y)
         self.set_springs(inside * right * (y / x), inside * below * (x / y), inside * (edge + ground))
