@@ -16,7 +16,11 @@ def test_random_problems_are_reproducible_and_touch_at_zero(periodic):
 
 
 def test_each_kind_of_patch_has_all_methods_but_the_default_of_the_other():
-    assert set(list_methods()) - set(methods("")) == set(list_methods()) - set(methods("y")) == {"film", "primal"}
+    assert (
+        set(list_methods()) - set(methods(""))
+        == set(list_methods()) - set(methods("y"))
+        == {"film", "primal"}
+    )
     assert set(list_methods()) - set(methods("spectral")) == {"fast", "film"}
 
 
