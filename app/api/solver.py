@@ -380,9 +380,11 @@ class ContactSolver(Derivatives):
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
         proof = certify(state, self.settings.error_bound)  # may take a product
-        state.release_unloaded_contact()
         applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
         measured = measures.measure_contact(state)
+        if measured.contact_cells and not measured.max_pressure:
+            state.contact[...] = False  # bodies that just touch have no contact area
+            measured = measures.measure_contact(state)
         proof = proof.under(loading.load, measured.load)
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
         before, hardness = self._indentation, self.problem.hardness

@@ -184,11 +184,6 @@ class ContactState:
             return self.contact
         return self.contact | self.bounds.plastic(self.p)
 
-    def release_unloaded_contact(self):
-        """Empty C if no cell has pressure: bodies that just touch have no contact area. Collective."""
-        if not self.sum([np.any(self.p)])[0]:
-            self.contact[...] = False
-
     def not_plastic(self):
         """Return a mask of the admissible cells with p < H."""
         return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible

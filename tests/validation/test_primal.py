@@ -252,7 +252,7 @@ def test_bodies_that_just_touch_or_do_not(below):
     gap = 1.0 + np.random.default_rng(5).integers(0, 3, (2, 16))
     found = solve(ContactProblem(Grid(16, 2, 0.1, 0.1), MATERIAL, gap, periodic="love"), 1.0 - below, None)
     assert found.converged and found.load == found.error_bound == 0
-    assert (found.contact == ((gap == 1) & (below == 0))).all()
+    assert not found.contact.any()
 
 
 def test_no_warning_comes_from_the_arithmetic():
