@@ -46,11 +46,9 @@ def notes_on(state, problem, contact, roughness):
     if state.bounds.capped and contact.max_pressure > 0:
         notes += note_hardness(problem, contact, modulus)
     if contact.max_pressure > MAX_ELASTIC_PRESSURE * modulus:
-        name = (
-            f" times {modulus:.3g} N/mm2, the stiffness of these layered bodies"
-            if material.coatings
-            else " E*"
-        )
+        name = " E*"
+        if material.coatings:
+            name = f" times the effective modulus of these layered bodies ({modulus:.3g} N/mm2)"
         notes.append(
             f"the maximum pressure is {contact.max_pressure / modulus:.2g}{name}: solids do not bear this elastically, "
             "or a modulus is not in N/mm2, or a length not in mm"
@@ -135,7 +133,7 @@ def _note_boundary(state, contact):
 
 
 def elastic_modulus(material, contact, grid):
-    """Return the modulus that an elastic pressure is much smaller than [N/mm2].
+    """Return the modulus to compare pressures with [N/mm2].
 
     The modulus is E*. With layers, it is E* for waves twice as long as a contact spot is wide, but at most the confined
     modulus of a layer.
@@ -154,9 +152,10 @@ def note_thickness(coating, grid):
     """
     thickness, side = coating.thickness, max(grid.sides)
     if thickness > MAX_THICKNESS * side:
+        below = "rigid base" if coating.on_rigid_base else "substrate"
         return [
-            f"the layer is {format_lengths(thickness)} thick, {thickness / side:.3g} times the width of the patch: "
-            "what is below it has hardly any effect; is the thickness in mm?"
+            f"the layer is {format_lengths(thickness)} thick, {thickness / side:.3g} times the longer side of the "
+            f"patch: the {below} has hardly any effect; is the thickness in mm?"
         ]
     is_thin = grid.widest_cell > thickness and grid.symbol != "spectral"
     if not (is_thin and coating.on_rigid_base and coating.poisson[0] > MAX_COMPRESSIBLE_POISSON):

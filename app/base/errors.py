@@ -64,14 +64,14 @@ def check_type(name, value, kind, what):
 
 
 def is_number(value):
-    """Return whether a value is a real number; true and false are none."""
+    """Return whether a value is a real number, not a boolean."""
     return isinstance(value, float) or (isinstance(value, Real) and not isinstance(value, bool))
 
 
 def to_float(value):
-    """Convert a number or its text to a float; raise TypeError for true and false."""
+    """Convert a number or its text to a float; raise TypeError for booleans."""
     if type(value).__name__ in ("bool", "bool_"):
-        raise TypeError(f"{value} is no number")
+        raise TypeError(f"{value}: must be a number, not a boolean")
     return float(value)
 
 

@@ -60,7 +60,7 @@ def test_moduli_that_no_solid_has_get_a_note(material, message):
 
 
 @pytest.mark.parametrize(
-    ("young", "poisson", "told"),
+    ("young", "poisson", "has_note"),
     [
         ((210, 210), (0.3, 0.3), True),
         ((3, 210), (0.35, 0.3), True),
@@ -72,10 +72,10 @@ def test_moduli_that_no_solid_has_get_a_note(material, message):
         ((2600, 1800), (0.38, 0.38), False),  # plastics
     ],
 )
-def test_moduli_that_may_be_in_gpa_get_a_note(young, poisson, told):
+def test_moduli_that_may_be_in_gpa_get_a_note(young, poisson, has_note):
     found = solve(ContactProblem(GRID, Material.pair(young, poisson), Sphere(10.0)), 0.01).notes
     finite = max(value for value in young if np.isfinite(value))
-    assert any(f"for GPa write {finite:g}e3" in note for note in found) == told
+    assert any(f"for GPa write {finite:g}e3" in note for note in found) == has_note
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_long_line_contact_on_a_narrow_period_gets_no_note():
 
 
 @pytest.mark.parametrize(
-    ("gap", "told"),
+    ("gap", "has_note"),
     [
         (Sphere(10.0), False),
         (lambda x, y: 1e-3 * np.cos(3 * np.pi * x) * np.cos(2 * np.pi * y), False),
@@ -131,10 +131,10 @@ def test_a_long_line_contact_on_a_narrow_period_gets_no_note():
         (np.random.default_rng(1).random((32, 32)), False),
     ],
 )
-def test_a_step_where_a_periodic_patch_repeats_gets_a_note(gap, told):
+def test_a_step_where_a_periodic_patch_repeats_gets_a_note(gap, has_note):
     problem = ContactProblem(GRID, SOFT, gap, periodic=True)
     found = solve(problem, None, None, load=1e-3).notes
-    assert any("is not periodic" in note for note in found) == told
+    assert any("is not periodic" in note for note in found) == has_note
 
 
 def test_micrometres_taken_for_millimetres_get_several_notes():
@@ -208,12 +208,12 @@ def test_the_pressure_of_layered_bodies_is_compared_with_their_own_modulus(mater
     assert elastic_modulus(material, spot, GRID) == pytest.approx(modulus, rel=5e-3)
 
 
-@pytest.mark.parametrize(("load", "told"), [(30.0, False), (1500.0, True)])
-def test_only_a_lining_under_more_than_its_confined_modulus_bears_gets_a_note(load, told):
+@pytest.mark.parametrize(("load", "has_note"), [(30.0, False), (1500.0, True)])
+def test_only_a_lining_under_more_than_its_confined_modulus_bears_gets_a_note(load, has_note):
     grid = Grid.from_domain(64, 1, (-8, 8, 0, 1), periodic="y")
     solution = app.solve(ContactProblem(grid, LINING, app.Cylinder(40)), load=load)
     assert solution.max_pressure > 0.25 * 25 / (1 - 0.49**2)
-    assert any("stiffness of these layered bodies" in note for note in solution.notes) == told
+    assert any("effective modulus of these layered bodies" in note for note in solution.notes) == has_note
 
 
 def test_a_layer_much_thicker_than_its_patch_gets_a_note():
