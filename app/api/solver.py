@@ -15,13 +15,14 @@ import time
 import weakref
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import parse_arguments
 from app.api.derivatives import Derivatives
-from app.api.layer_approach import add_uniform_displacement, search_load
+from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
@@ -269,24 +270,24 @@ class ContactSolver(Derivatives):
         return replace(solution, notes=(*solution.notes, describe_unknown_options(unused, (), "unused")))
 
     def _solve(self, values, start):
-        approach, distance, uniform = values["approach"], self._distances[-1], self._uniform_compliance
-        if not uniform or approach is None or self._make_loading(values).misses_contact(distance):
-            return self._solve_loading(values, start)
-        solve = lambda load: self._solve_loading(dict.fromkeys(values) | {"load": load}, start)  # noqa: E731
-        tolerance = self.settings.rtol * max(approach - self.touching, distance.deviation)
-        numbers = self.problem.grid.area, uniform, self.settings.error_bound
-        return search_load(solve, approach, self.touching, tolerance, *numbers)
-
-    def _solve_loading(self, values, start):
-        started, traffic = time.perf_counter(), self.comm.traffic.copy()
-        products = self.hierarchy.operator_applications()
         if self._was_interrupted:  # maybe in an update
             self.hierarchy.collect_garbage()
             self._measure_shapes()
             self._was_interrupted = False
-        loading = self._make_loading(values)
+        loading, approach, uniform = self._make_loading(values), values["approach"], self._uniform_compliance
         if start is not None:
             self._strategy.check(start)
+        if not uniform or approach is None or loading.misses_contact(self._distances[-1]):
+            solution = self._solve_loading(loading, start)
+        else:
+            solve = partial(self._solve_loading, start=start)
+            solution = search_approach(solve, self.problem, self._distances[-1], approach, self.settings)
+        return add_uniform_displacement(solution, uniform) if uniform else solution
+
+    def _solve_loading(self, loading, start):
+        started, traffic = time.perf_counter(), self.comm.traffic.copy()
+        products = self.hierarchy.operator_applications()
+        self._strategy.check_loading(loading, self._largest)
         if loading.misses_contact(self._distances[-1]):
             start = None  # there is no pressure
         history, self._was_interrupted = History(self.listeners), True
@@ -294,9 +295,7 @@ class ContactSolver(Derivatives):
             state, outcome = self._strategy.run(loading, history, start)
             self._was_interrupted = False
             try:
-                solution = self._solution(state, loading, outcome, history, started, products, traffic)
-                uniform = self._uniform_compliance
-                return add_uniform_displacement(solution, uniform) if uniform else solution
+                return self._solution(state, loading, outcome, history, started, products, traffic)
             finally:
                 state.destroy()
 

@@ -86,6 +86,25 @@ def test_approach_beyond_full_contact_compresses_a_layer():
     assert solution.mean_pressure == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.parametrize("poisson", [0.3, 0.499, 0.4999999])
+@pytest.mark.parametrize("lowest", [1e-7, 1e-2])
+def test_approaches_need_few_solves(poisson, lowest):
+    rng = np.random.default_rng(1)
+    gap = rng.uniform(0.1, 1.0, (8, 48))
+    gap[2, 5] = 0.0
+    problem = ContactProblem(Grid(48, 8, 1.0, 1.0, periodic=True), Material.layer(1.0, poisson, 0.4), gap)
+    compliance = problem.kernel.uniform_compliance(problem.grid)
+    with ContactSolver(problem) as solver:
+        for approach in (lowest, 0.1, 0.3, 0.5, 0.6, 2.0):
+            solution = solver.solve(approach=approach)
+            assert solution.converged
+            assert solution.operator_applications < 200
+            assert solution.approach == approach
+            depth = approach - compliance * solution.mean_pressure
+            other = DenseProblem(problem).under(solution.load, depth)[1]
+            assert other == pytest.approx(depth, rel=1e-3)
+
+
 def test_stiffness_includes_the_uniform_compression():
     problem, approach, _ = on_layer(0.3, 0.6, 0.2, 32)
     with ContactSolver(problem, None, {"lcp_rtol": 1e-8}) as solver:
