@@ -19,7 +19,7 @@ _OF_RANKS = (
     "OMPI_COMM_WORLD_", "OMPI_MCA_ess", "OMPI_MCA_orte_", "OMPI_MCA_pmix", "OMPI_UNIVERSE_SIZE", "PMIX_", "PMI_",
 )  # fmt: skip
 
-# Variables of the number of ranks -> those of the rank, of Open MPI and of MPICH and its relatives.
+# Environment variables: number of ranks -> rank, for Open MPI and MPICH.
 _SIZES = {"OMPI_COMM_WORLD_SIZE": "OMPI_COMM_WORLD_RANK", "PMI_SIZE": "PMI_RANK"}
 
 # What Open MPI 4 sets in a process without mpiexec. A program that inherits it cannot be mpiexec.

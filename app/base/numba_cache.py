@@ -181,15 +181,16 @@ class MachineCodeCache(LockedCache):
 
     class _impl_class(CompileResultCacheImpl):
         def reduce(self, result):
-            """Return what is saved, in numba's order."""
+            """Return the data to save, in numba's order."""
             match super().reduce(result):
                 case ((name, "object", (machine_code, _)), *others, tuple(environments)) if _engine_of(
                     result.codegen
                 ):
-                    used = tuple(e for e in environments if e.consts)  # each imports a module of numba
+                    # Drop environments without constants: unpickling each one would import a module.
+                    used = tuple(e for e in environments if e.consts)
                     return (name, "object", (machine_code, None)), *others, used
-                case everything:  # of another release of numba
-                    return everything
+                case other:  # Another release of numba has another format; keep it.
+                    return other
 
         def rebuild(self, context, saved):
             """Return a function from its machine code."""
@@ -224,7 +225,7 @@ class MachineCodeCache(LockedCache):
 
 
 class LoadedLibrary(NamedTuple):
-    """What numba needs of a library of machine code."""
+    """Part of numba's library interface that a loaded function needs."""
 
     name: str
     codegen: object
@@ -232,7 +233,7 @@ class LoadedLibrary(NamedTuple):
 
 
 def _engine_of(codegen):
-    """Return LLVM's engine, which is not a public attribute of numba, or None."""
+    """Return LLVM's execution engine, or None (not a public attribute)."""
     return getattr(getattr(codegen, "_engine", None), "_ee", None)
 
 

@@ -148,9 +148,9 @@ class Grid:
 
     @property
     def widest_cell(self):
-        """Largest side of a cell, of directions in which the pressure varies [mm].
+        """Largest cell side [mm], ignoring repeated directions with one cell.
 
-        It does not vary in a direction in which the patch repeats and has one cell.
+        In such a direction the pressure does not vary.
         """
         sides = zip((self.dy, self.dx), self.shape, self.repeats, strict=True)
         return max(side if n > 1 or not repeats else 0.0 for side, n, repeats in sides)

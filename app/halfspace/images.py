@@ -52,7 +52,8 @@ class Box:
         in_y, in_x = (_cell_means(n, count) for n, count in zip(periods, terms.shape, strict=True))
         self._in_y, self._in_x, self._constant = in_y @ terms * (grid.dy / nx), in_x, 0.0
         if not kernel.scale_free:
-            # The mean of G and S nearly cancel for layers. With S = 0 at the cell, single precision loses no digits.
+            # For layers the means of G and S nearly cancel. The constant makes S zero at the cell itself, so single
+            # precision loses no digits.
             cell = np.zeros(1, int)
             self._constant = float((self._patch_influence(cell, cell) - self.kernel(cell, cell))[0, 0])
 

@@ -28,10 +28,10 @@ A layer of thickness t multiplies the compliance of waves by S(q t) (`app.halfsp
 with the factor 2 for k = 0, and 4 otherwise. For k = 0 the limit of S - 1 at long waves is multiplied by the image of
 the line of force at the depth 2 t, ln(D / sqrt(x^2 + 4 t^2)), whose transform is exp(-2 p t) / p.
 
-Thin layers have too many waves. Far from a force, a layered body is displaced by S(0)/r + a t^2/r^3 + b t^4/r^5 + ...,
-with numbers a, b of the layer. So for thin layers we add S(0) times the sum for half-spaces, the difference between the
-layered body and S(0) times the half-space for the copies with |m| <= M, and for all further copies the other terms of
-the far field.
+For thin layers the sum over waves is too long. Far from a force, a layered body is displaced by S(0)/r + a t^2/r^3 +
+b t^4/r^5 + ..., with numbers a, b of the layer. So for thin layers we add S(0) times the sum for half-spaces, the
+difference between the layered body and S(0) times the half-space for the copies with |m| <= M, and for all further
+copies the other terms of the far field.
 """
 
 from functools import lru_cache
@@ -53,8 +53,9 @@ _NEGLIGIBLE = 40.0  # q |x| from which K0 is below rounding
 _WAVES = int(_NEGLIGIBLE / (2 * np.pi * _NEAR)) + 1
 _GAUSS = np.polynomial.legendre.leggauss(16)  # exact for the powers of the smooth rest
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1 is below rounding
-_THIN = 1 / 512  # thickness over D below which a layer is summed over copies instead of waves
-_FAR = 150.0  # distance over S(0) t from which a thin layer displaces by the first terms of its far field
+_MAX_SUMMED_THICKNESS = 1 / 512  # thickness over D below which copies are summed instead of waves
+# Distance over S(0) t from which the terms above describe the displacement by a force on a thin layer.
+_FAR_FIELD_DISTANCE = 150.0
 _MAX_PHASE = 8.0  # p x over an interval of integration
 _BLOCK = 1024  # wave numbers p that are summed together
 
@@ -134,7 +135,7 @@ class OneWayKernel(HalfSpaceKernel):
         half_space = total.copy() if self.base.layers else total
         for layer in self.base.layers:
             share = layer.plane_compliance / self.compliance
-            if layer.thickness < _THIN * self.datum:
+            if layer.thickness < _MAX_SUMMED_THICKNESS * self.datum:
                 total += share * (
                     _sum_thin_layer(layer, n, length, width, folded, across, half_space) - half_space
                 )
@@ -303,13 +304,13 @@ def _layer_integrals(layer, width, period, datum, count):
 
 
 def _sum_thin_layer(layer, n, length, width, along, across, half_space):
-    """Return integrals of the displacement of a body with a thin layer over cells.
+    """Integrate the displacement of a thin-layered body over cells.
 
     The displacement is by a point force, for compliance 1 of the layer's material; `half_space` are the same integrals
     for a half-space. The other arguments are as in `_integrals`, with `n` cells in a period.
     """
     t, period, limit = layer.thickness, n * length, layer.long_wave_ratio
-    reach = MAX_REACH if layer.on_rigid_base else _FAR * max(1.0, limit)
+    reach = MAX_REACH if layer.on_rigid_base else _FAR_FIELD_DISTANCE * max(1.0, limit)
     copies = max(_COPIES, int(np.ceil(reach * t / period)))
     total = limit * half_space
     for m in range(-copies, copies + 1):

@@ -40,7 +40,7 @@ from app.methods.symbol import (
 
 MIN_CELLS = 128  # in the longer direction: on smaller grids an FFT is faster
 MIN_CELLS_PERIODIC = 512  # the same on periodic grids, whose FFT is exact without padding
-# Range of the compliance of waves of 8 cells over that of waves of 2 cells, in which 5 x 5 cells are enough for B.
+# Bounds of the compliance of 8-cell waves over that of 2-cell waves, within which 5 x 5 stencils approximate B well.
 COMPLIANCE_RATIOS = 0.4, 5.0
 
 
@@ -184,9 +184,8 @@ def prepare(grid, kernel):
 def _stencils(grid, power, kernel):
     """Return the StencilLevels of A (`power` 1) or its inverse (-1).
 
-    The result has no stencils for levels so small that an FFT is faster. On a periodic patch it also has none for
-    levels on which short waves of different lengths have too different compliances, because 5 x 5 cells are then too
-    few.
+    The result has no stencils for levels so small that an FFT is faster. Periodic patches stop at the first level
+    outside COMPLIANCE_RATIOS.
     """
     smallest = MIN_CELLS_PERIODIC if grid.symbol else MIN_CELLS
     periods = grid.shape if grid.symbol else kernel.period_cells(grid)

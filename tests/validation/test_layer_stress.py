@@ -23,7 +23,7 @@ ELLEA1 = [
 
 
 def rates(young, nu):
-    """The derivatives by s = q z of q u_x, q u_z, sigma_xz and sigma_zz are this matrix times these four."""
+    """Return M with d/ds (q u_x, q u_z, s_xz, s_zz) = M (the same four), s = q z."""
     shear, ratio = young / (2 + 2 * nu), nu / (1 - nu)
     return np.array([[0, 1, 1 / shear, 0], [-ratio, 0, 0, (1 - ratio) / (2 * shear)],
                      [2 * shear / (1 - nu), 0, 0, ratio], [0, 0, -1, 0]])  # fmt: skip

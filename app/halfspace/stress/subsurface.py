@@ -250,7 +250,7 @@ def check_depths(depths):
 
 
 def is_largest(values):
-    """Return where values are the largest up to rounding.
+    """Return a mask of the values equal to the maximum within rounding.
 
     Where the stress is uniform along a direction, rounding alone would choose the place of the largest one.
     """

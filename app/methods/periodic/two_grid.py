@@ -32,9 +32,10 @@ CONTACT_STIFFNESS, CONTACT_STIFFNESS_PRESWEPT = (
     5.0,
 )  # reduction of long waves, over the share of contact around
 # If long waves are more compliant than short ones, the contact springs are stiffer by a power of the ratio.
-SHORT_WAVE_CELLS, LONG_WAVE_CELLS_OF_SPRINGS = 8.0, 96.0  # lengths of the two waves
+STIFFENING_WAVE_CELLS = 8.0, 96.0  # lengths of the two waves
 STIFFENING_POWER, MAX_STIFFENING = 1.25, 5.0
-CONSTANT_WAVE_CELLS = 48.0  # length of the wave whose compliance then replaces that of constants
+# With stiffened springs, the compliance is that of this wave instead of a wave as long as the contact spacing.
+CONSTANT_WAVE_CELLS = 48.0
 DAMPED_EIGENVALUES = 0.5, 1.4  # interval of eigenvalues of the centre of B, over B_00, that the sweeps damp
 DAMPED_FRACTION = (
     0.9  # upper end over the largest eigenvalue, if that would be amplified: on few rows of long cells
@@ -271,9 +272,7 @@ def _stiffening(kernel, grid):
     On a stiff coating the factor is above 1: long waves bend the coating, and contact holds them more firmly.
     """
     cell = np.sqrt(grid.dx * grid.dy)
-    short, long = (
-        kernel.compliance_at(cells * cell) for cells in (SHORT_WAVE_CELLS, LONG_WAVE_CELLS_OF_SPRINGS)
-    )
+    short, long = (kernel.compliance_at(cells * cell) for cells in STIFFENING_WAVE_CELLS)
     return min(max(1.0, long / short) ** STIFFENING_POWER, MAX_STIFFENING)
 
 
@@ -297,8 +296,8 @@ class _LongWaves:
 
     If the fine rows of a coarse row are on several ranks, the rank of the first fine row computes the means. The other
     ranks send their parts. `springs` are the compliance of constants and the stiffness of contact, for a half-space. If
-    `stiffening`, a factor on the stiffness, is above 1, contact also holds waves farther away, and the springs have the
-    compliance of a wave of CONSTANT_WAVE_CELLS.
+    `stiffening`, a factor on the stiffness, is above 1, the share of contact is smoothed twice, and the compliance is
+    that of a wave of CONSTANT_WAVE_CELLS.
     """
 
     def __init__(self, fine, width, springs, stiffening=1.0):

@@ -174,7 +174,7 @@ def test_equal_materials_are_a_half_space():
 def test_sums_over_copies_of_thin_layers_are_sums_over_waves(grid, young, poisson, monkeypatch):
     kernel = patch_kernel(Material.coated(young, poisson, 1 / 150).kernel, grid)
     waves = kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
-    monkeypatch.setattr(one_way_kernel, "_THIN", 1.0)
+    monkeypatch.setattr(one_way_kernel, "_MAX_SUMMED_THICKNESS", 1.0)
     copies = kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
     np.testing.assert_allclose(copies, waves, rtol=0, atol=1e-9 * waves.max())
 

@@ -164,7 +164,7 @@ def test_free_patch_is_the_middle_of_a_large_periodic_one(layer):
 @layers
 @pytest.mark.parametrize("direction", ["x", "y"])
 def test_stress_of_a_period_is_that_of_many_copies(layer, direction):
-    """Far copies act as lines of force on the base; a rigid base carries them below themselves."""
+    """On a substrate, far copies act like line loads; on a rigid base they have no effect."""
     x, y = (np.arange(32) - 15.5) / 16, np.arange(16)[:, None] / 16
     loaded, depths, errors = np.exp(-40 * x**2), [0.3, 0.5] + [0.7] * (not layer.on_rigid_base), []
     grid = Grid(32, 16, 1 / 16, 1 / 16, periodic="y")
