@@ -191,13 +191,13 @@ def _stencils(grid, power, kernel):
     periods = grid.shape if grid.symbol else kernel.period_cells(grid)
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []
-    side, levels, (ny, nx) = max(grid.dx, grid.dy), [], grid.shape
-    unit = kernel.compliance * side
+    dy, dx, levels, (ny, nx) = grid.dy, grid.dx, [], grid.shape
+    unit = kernel.compliance * max(dy, dx)
     for level in fit_stencils(grid, power, kernel):
-        if grid.symbol and not _has_accurate_stencils(kernel, side):
+        if grid.symbol and not _has_accurate_stencils(kernel, max(dy, dx)):
             break
         fy, fx = level.factors
-        side *= max(fy, fx)
+        dy, dx = fy * dy, fx * dx
         divisible = all(n % f == 0 for n, f in zip(periods, level.factors, strict=True))
         periods = tuple(n // f for n, f in zip(periods, level.factors, strict=True))
         ny, nx = ny // fy, nx // fx

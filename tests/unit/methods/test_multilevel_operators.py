@@ -140,6 +140,18 @@ def test_thin_layers_of_steep_symbol_have_no_multilevel_inverse(young):
     assert create_multilevel_inverse(Grid(512, 512, 1.0, 1.0, periodic="spectral"), kernel) is None
 
 
+def test_long_cells_keep_the_levels_of_the_square_cells_that_they_form():
+    """Four cells of 4 x 1 mm form a square one, by two levels."""
+    kernel = Material.coated((1.0, 10.0), (0.3, 0.3), 16.0).kernel
+    levels = []
+    for nx, dx in ((512, 4.0), (2048, 1.0)):
+        operator, count = create_multilevel_inverse(Grid(nx, 512, dx, 4.0, periodic="spectral"), kernel), 0
+        while isinstance(operator, MultilevelOperator):
+            operator, count = operator._next, count + 1
+        levels.append(count)
+    assert levels[1] == levels[0] + 2
+
+
 def test_multilevel_influence_of_distant_cells_is_that_of_a_point():
     grid = Grid(600, 140, 1.0, 1.0)
     p, u = np.zeros(grid.shape), np.empty(grid.shape)
