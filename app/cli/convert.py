@@ -45,7 +45,7 @@ def main(argv):
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
     add("--channel", default="", help="channel to read, if there are several: name or number from 0")
     add("--unit", type=length_unit, help=f"{units.ALLOWED}: unit of the heights, {elsewhere}")
-    add("--height-unit", type=length_unit, help="unit of the heights, if that of x and y is another one")
+    add("--height-unit", type=length_unit, help="unit of the heights, if it differs from that of x and y")
     how = "turns of the map: transpose, flip_x, flip_y, or several with commas between"
     lines = "lines to skip at the head of a text file"
     part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"

@@ -101,7 +101,7 @@ def add_body(add):
         "--body",
         type=argument_type(_body),
         metavar="K",
-        help="1 or 2, if the result has the materials of both bodies",
+        help="body in which to compute the stress: 1 or 2 (needs the materials of both)",
     )
 
 

@@ -12,7 +12,7 @@ from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 
 CONVERGED = "contact area unchanged and residual small enough"
-NO_CONTACT = "no pressure: the bodies do not touch, or just touch"
+NO_CONTACT = "no contact pressure: the bodies do not touch, or only just"
 TOO_MANY_ITERATIONS = (
     "{} active set iterations in a row were not enough: more by -lcp_max_it, "
     "or the default method, which has a safeguard"

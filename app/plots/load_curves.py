@@ -130,7 +130,7 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
 
 
 def _mark_unloading(axes, x, y, force, number):
-    """Draw open markers at the steps of a curve to which the `force` has fallen."""
+    """Mark steps with less `force` than the step before by open markers."""
     falls = np.diff(force, prepend=force[0]) < 0
     if falls.any():
         label = None if any(line.get_label() == "unloading" for line in axes.lines) else "unloading"

@@ -256,9 +256,9 @@ def check_length(grid, name, length, half_length):
     low, high = grid.domain[2:]
     if grid.repeats[0] and max(low + length / 2, length / 2 - high) > grid.dy / 2:
         raise InputError(
-            f"length of the {name} {format_exact(length)}: must lie in a patch that repeats in y, from y = "
-            f"{format_exact(-length / 2)} to {format_exact(length / 2)} mm; the patch ends at {format_exact(low)} and "
-            f"{format_exact(high)} mm"
+            f"length of the {name} {format_exact(length)}: the {name} reaches from y = {format_exact(-length / 2)} to "
+            f"{format_exact(length / 2)} mm; it must lie inside the patch, which repeats in y and reaches from "
+            f"{format_exact(low)} to {format_exact(high)} mm"
         )
 
 
