@@ -214,16 +214,16 @@ class Film(ActiveSet):
         return state, iterate(last, state, self.solver, loading, self._stop(), history)
 
     def _stop(self):
-        names = "rtol", "max_it", "coarse_rtol", "error_bound"
-        return InexactStop(**{name: getattr(self._settings, name) for name in names})
+        return _inexact_stop(self._settings)
+
+
+def _inexact_stop(settings):
+    names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
+    return InexactStop(**{name: getattr(settings, name) for name in names})
 
 
 class Inexact(Strategy):
     """Base class of the default methods, which solve linear systems inexactly."""
-
-    def _inexact_stop(self):
-        names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
-        return InexactStop(**{name: getattr(self._settings, name) for name in names})
 
     def _run(self, loading, history, start):
         state, outcome = super()._run(loading, history, start)
@@ -267,7 +267,7 @@ class Fast(Inexact):
         multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
     def _solve(self, loading, history, start):
-        settings, hierarchy, stop = self._settings, self._hierarchy, self._inexact_stop()
+        settings, hierarchy, stop = self._settings, self._hierarchy, _inexact_stop(self._settings)
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
             return state, solve_level(
@@ -295,7 +295,7 @@ class Primal(Inexact):
         return PrimalSolver(self._hierarchy)
 
     def _solve(self, loading, history, start):
-        nested, stop = self._settings.nested, self._inexact_stop()
+        nested, stop = self._settings.nested, _inexact_stop(self._settings)
         return primal_iteration(
             self._hierarchy, self._distances, loading, stop, history, nested, self._cache, start=start
         )

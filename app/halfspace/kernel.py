@@ -154,7 +154,7 @@ class HalfSpaceKernel:
         return False
 
     def is_resolved(self, grid):
-        """Return whether the cells of a grid are small enough for coefficients that mean something."""
+        """Return whether the cells of a grid resolve the layer."""
         return True
 
     def compliance_at(self, length):

@@ -18,7 +18,7 @@ _SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue 
 _LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
 _NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
 _MAX_ALIASES = 6  # in each direction, for eigenvalues that need not be exact
-_LONG_WAVE = 0.01  # q t of the wave from which the numbers of a film are computed
+_LONG_WAVE = 0.01  # q t of the wave from which a and k of a film are computed
 _MAX_FILM_CELL = 3.0  # largest cell over the thickness on which a thin film is solved
 _FILM_RATIO = 0.03  # eigenvalue of the longest wave over the largest one, below which a layer is a thin film
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
@@ -175,7 +175,7 @@ class LayeredKernel(HalfSpaceKernel):
     def film(self):
         """Numbers a [mm3/N] and k [mm5/N] of the eigenvalues a + k q^2 for long waves.
 
-        None unless the bodies are layers on rigid bases that are softer for shorter waves, if these are long.
+        None unless all layers are on rigid bases, and k is positive.
         """
         if self.other or not all(layer.on_rigid_base for layer in self.layers):
             return None
@@ -196,7 +196,7 @@ class LayeredKernel(HalfSpaceKernel):
         A uniform pressure on a wide cell hardly displaces the centre of the cell if the layer is incompressible.
         """
         widest = _MAX_FILM_CELL * max(layer.thickness for layer in self.layers)
-        return grid.symbol == "spectral" or max(grid.dx, grid.dy) <= widest or not self.is_thin_film(grid)
+        return grid.symbol == "spectral" or grid.widest_cell <= widest or not self.is_thin_film(grid)
 
     def punch_stiffness(self, area):
         """Return the stiffness of a round flat punch [N/mm].

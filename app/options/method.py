@@ -73,7 +73,7 @@ class Settings:
         "largest error_bound of a solution that counts as solved")
     max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi")
     coarse_rtol: float = _option(from_zero, 0.0,
-        "fast, primal: largest relative residual on coarser grids", _DEFAULTS, True)
+        "fast, primal, film: largest relative residual on coarser grids", _DEFAULTS, True)
     predictor: float = _option(from_zero, 0.0,
         "fast: share of the expected change of u by which cells enter C", ("fast",))
     defect_correction: float = _option(from_zero, 0.0,
@@ -162,8 +162,7 @@ def make_settings(method=None, options=None, periodic=False, thin_film=False):
     `method` is the name of a method file, or a mapping from the names of option files, in order, to their options. The
     `options`, names without dash and values as texts or numbers, override the files' options. Raises InputError if an
     option is not allowed, or has no effect together with the other options. `thin_film` is the result of the kernel's
-    `is_thin_film`. An option of a method file may have no
-    effect if a later option has chosen other solvers.
+    `is_thin_film`. An option of a method file may have no effect if a later option has chosen other solvers.
     """
     typed = to_texts(options or {})
     if isinstance(method, str):
@@ -191,8 +190,9 @@ def make_settings(method=None, options=None, periodic=False, thin_film=False):
     if (strategy := reader["lcp_type"]) == other:
         kinds = "patches periodic in x and y (-periodic)", "other patches"
         works, this = kinds[::-1] if periodic else kinds
+        allowed = f"{default}, {usual}" if thin_film else usual
         raise InputError(
-            f"-lcp_type {strategy}: works on {works}; must be {usual}, active_set, tao or snesvi on {this}"
+            f"-lcp_type {strategy}: works on {works}; must be {allowed}, active_set, tao or snesvi on {this}"
         )
     if strategy == FILM and not thin_film:
         raise InputError(

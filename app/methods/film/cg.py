@@ -1,8 +1,8 @@
 """Conjugate gradients whose result has a prescribed sum.
 
-They solve ``C (A x - c) = C b`` on the contact set C. If the sum of x is prescribed, the constant c is its Lagrange
-multiplier. The first step reaches the sum along M 1, where M is the preconditioner. The directions of CG have no sum:
-the preconditioned residual is z = M (r - c), with the c for which its sum is zero. Options::
+The solver finds x with ``C (A x - c) = C b`` on the contact set C. If the sum of x is prescribed, the constant c is its
+Lagrange multiplier. The first step reaches the sum along M 1, where M is the preconditioner. The search directions sum
+to zero: the preconditioned residual is z = M (r - c), with the c for which z sums to zero. Options::
 
     -ksp_type python -ksp_python_type app.methods.film.cg.ConstrainedCG
 """
@@ -57,11 +57,11 @@ class ConstrainedCG(KspContext):
         constrained, inside = self.total is not None, self._operator.mask
         x.set(0)
         b.copy(r)
-        self.shift, cells, response = 0.0, 1, 1.0
+        self.shift, response = 0.0, 1.0
         if constrained:
             q.setArray(inside.reshape(-1).astype(float))
             pc.apply(q, unit)
-            cells, response = self._sum([np.count_nonzero(inside), unit.getArray(readonly=True).sum()])
+            response = self._sum([unit.getArray(readonly=True).sum()])[0]
             if self.total:
                 x.axpy(self.total / response, unit)
                 mat.mult(x, q)
@@ -74,11 +74,9 @@ class ConstrainedCG(KspContext):
                 self.shift = self._sum([z.getArray(readonly=True).sum()])[0] / response
                 z.axpy(-self.shift, unit)
             residual = r.getArray(readonly=True)
-            terms = np.vdot(residual, z.getArray(readonly=True)), np.vdot(residual, residual), residual.sum()
-            rz, squares, total = self._sum(terms)
-            if constrained:
-                squares += self.shift * (self.shift * cells - 2 * total)
-            return rz, sqrt(max(squares, 0.0))
+            left = residual - self.shift * inside.reshape(-1)
+            rz, squares = self._sum([np.vdot(residual, z.getArray(readonly=True)), np.vdot(left, left)])
+            return rz, sqrt(squares)
 
         rz, norm = precondition()
         z.copy(d)

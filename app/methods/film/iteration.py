@@ -10,7 +10,7 @@ from app.methods.progress import HalvingTest
 from app.methods.safeguard import solve_safeguarded
 
 MAX_CHANGED_FRACTION = 0.005  # largest fraction of C that changes on the last contact set of a coarse grid
-MAX_LOAD_RATIO = 2.0  # ratio of the prescribed to the present load up to which p is scaled
+MAX_LOAD_RATIO = 2.0  # largest factor by which p is scaled to the load; otherwise CG adds the missing load
 
 
 def interpolate_pressure(transfer, coarse, state):
@@ -24,7 +24,7 @@ def interpolate_pressure(transfer, coarse, state):
 
 
 def solve_film(hierarchy, number, state, solver, loading, stop, history, first=False):
-    """Solve on one grid; if there is no progress, by the safeguard. Collective.
+    """Solve on one grid; if this fails, by the safeguard. Collective.
 
     Parameters and result are as in `active_set`; `number` is the number of the level in the hierarchy. If `first` is
     true, this is the first grid. A prescribed load then starts from contact of all cells below the mean height.
@@ -50,14 +50,14 @@ def constrained_active_set(state, solver, loading, stop, history):
     """
     if not start_grid(state, solver, loading, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
-    cg = solver.ksp.getPythonContext() if solver.ksp.getType() == "python" else None
-    constrained = isinstance(cg, ConstrainedCG) and not loading.approach_is_known
     progress, fewest = HalvingTest(), float("inf")
     for k in range(1, stop.max_it + 1):
         state.before_iteration(k)
-        solver.set_contact()
-        constrain = constrained and state.cells_in_contact() > 0
+        solver.set_contact()  # makes a new KSP after an interrupt
+        cg = solver.ksp.getPythonContext() if solver.ksp.getType() == "python" else None
+        constrain = False
         if isinstance(cg, ConstrainedCG):
+            constrain = not loading.approach_is_known and state.cells_in_contact() > 0
             cg.total = _missing_sum(state, loading) if constrain else None
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         state.add(correction)

@@ -7,16 +7,16 @@ half-spaces fail. The inverse symbol is the sum of two parts,
 
     1 / lambda = 1 / L(q) + R(q),   L(q) = a + k (2 - 2 cos q_x dx) / dx^2 + k (2 - 2 cos q_y dy) / dy^2
 
-R is bounded for long waves, and grows like q for short waves. It is a product by FFT, or a constant if the thickness
-is a few cells at most. The preconditioner is C R C plus an approximate inverse
-of L on C, with the edge of C as boundary. One V-cycle is enough for L:
+R is bounded for long waves, and grows like q for short waves. It is a product by FFT, or a constant if the layer is at
+most a few cells thick. The preconditioner is C R C plus an approximate inverse of L on C, with p = 0 outside C. This
+inverse is one V-cycle, which needs no Fourier transform:
 
 - *Coarse grids.* Neighbours in C are connected by springs. A coarse cell consists of 2 x 2 cells. Springs between the
   same two coarse cells are added, and divided by 2, because the distance is twice as long. Springs to the ground, which
   stand for a and for the edge of C, are added. So holes and narrow contact spots act on all grids.
-- *Smoother.* Damped Jacobi, as often before as after the coarse grid. So the cycle is symmetric.
+- *Smoother.* Damped Jacobi, with equally many sweeps before and after the coarse grid. So the cycle is symmetric.
 
-No step of the cycle needs a Fourier transform. Options::
+Options::
 
     -pc_type python -pc_python_type app.methods.film.membrane.Membrane
 """
@@ -25,6 +25,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from petsc4py import PETSc
 
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator, get_operator
@@ -36,7 +37,7 @@ from app.parallel.slabs import none_if_single
 
 SWEEPS, COARSEST_SWEEPS = 2, 40  # of the smoother before and after the coarse grid; on the coarsest grid
 DAMPING = 0.8
-SAMPLES = 32  # waves in a direction at which R is compared
+SAMPLES = 32  # number of wave numbers in each direction at which R is sampled
 MAX_CONSTANT_RATIO = 3.0  # largest over smallest R up to which a constant replaces it
 
 
@@ -66,8 +67,8 @@ def _residual(x, before, after, b, in_x, in_y, first_up, diagonal, out):
 class _MembraneLevel:
     """The operator L on the contact cells of one grid. Collective over the ranks of the grid.
 
-    `in_x` and `in_y` have the springs to the next cell in x and y, `ground` those to the ground. Outside
-    contact the matrix and the inverse of its diagonal are 0.
+    `in_x` and `in_y` are the stiffnesses of the springs to the next cell in x and y, `ground` of those to the ground.
+    Outside contact the matrix and the inverse of its diagonal are 0.
     """
 
     def __init__(self, operator):
@@ -131,6 +132,10 @@ class Membrane:
         operator = get_operator(pc.getOperators()[1], InfluenceOperator, "Membrane")
         if operator is not self._operator:
             self._operator, self._version = operator, -1
+            if operator.kernel.film is None:
+                raise ValueError(
+                    "Membrane: the bodies must be layers on rigid bases, softer for shorter waves"
+                )
             self._compliance, self._squeeze = operator.kernel.film
             self._rest = get_or_create(operator, "film", _create_rest)
             levels = [operator, *get_coarser_levels(operator)]
@@ -143,6 +148,12 @@ class Membrane:
     def reset(self, pc):
         """Drop the operator, so the next `setUp` prepares again."""
         self._operator = None
+
+    def view(self, pc, viewer):
+        """Describe the preconditioner for -ksp_view."""
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            rest = "a constant" if isinstance(self._rest, _Constant) else "a product by FFT"
+            viewer.printfASCII(f"  V-cycle for a membrane, on {len(self._levels)} grids, plus {rest}\n")
 
     def apply(self, pc, x, y):
         """Apply the preconditioner."""
@@ -228,7 +239,7 @@ def _create_rest(grid, kernel, layout):
         rest[positive] = 1 / values[positive] - 1 / membrane[positive]
         return np.maximum(rest, 0.0)
 
-    few = [np.unique(np.linspace(1, n // 2, SAMPLES).astype(int)) for n in (grid.nx, grid.ny)]
+    few = [np.unique(np.linspace(min(1, n // 2), n // 2, SAMPLES).astype(int)) for n in (grid.nx, grid.ny)]
     samples = symbol(*few)
     if samples.max() <= MAX_CONSTANT_RATIO * samples.min():
         return _Constant(np.sqrt(samples.max() * samples.min()))

@@ -48,6 +48,37 @@ def test_hardness_limits_the_pressure(periodic, loading):
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_a_solve_after_an_interrupt_equals_the_one_before(monkeypatch):
+    with ContactSolver(film(64, True)) as solver:
+        before = solver.solve(mean_pressure=0.3)
+        apply, left = Membrane.apply, iter([False] * 5 + [True])
+
+        def interrupted(self, pc, x, y):
+            apply(self, pc, x, y)
+            if self._operator.grid.nx == 64 and next(left, False):  # on the target grid
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(Membrane, "apply", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            solver.solve(mean_pressure=0.1)
+        after = solver.solve(mean_pressure=0.3)
+    assert after.iterations == before.iterations
+    assert not after.fallbacks
+    np.testing.assert_array_equal(after.pressure, before.pressure)
+
+
+def test_half_spaces_refuse_the_preconditioner():
+    grid = Grid(16, 16, 1.0, 1.0)
+    options = {"ksp_type": "cg", "pc_type": "python", "pc_python_type": "app.methods.film.membrane.Membrane"}
+    with pytest.raises(ValueError, match="Membrane: the bodies must be layers"):
+        solve(
+            ContactProblem(grid, Material.combined(1.0, 0.3), np.ones(grid.shape)),
+            approach=2.0,
+            options=options,
+        )
+
+
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("loading", ["approach", "load"])
 def test_random_problems_against_dense_solutions(seed, loading):
