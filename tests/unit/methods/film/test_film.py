@@ -101,6 +101,18 @@ def test_random_problems_against_dense_solutions(seed, loading):
     assert error @ matrix @ error <= 1e-4 * (p @ matrix @ p)
 
 
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("periodic", PATCHES)
+def test_stiffness_is_the_derivative_of_the_load(periodic):
+    """The tolerance covers cells that enter contact between the loads."""
+    with ContactSolver(film(64, periodic, thickness=0.5), options={"lcp_rtol": 1e-9}) as solver:
+        low, middle, high = (solver.solve(approach=-0.1 + step) for step in (-1e-4, 0.0, 1e-4))
+        assert solver.settings.type == "film"
+        secant = (high.load - low.load) / 2e-4
+        assert solver.stiffness(middle) == pytest.approx(secant, rel=0.01)
+        assert solver.sensitivity(middle).sum() == pytest.approx(-solver.stiffness(middle), rel=1e-5)
+
+
 def test_the_preconditioner_is_symmetric_and_positive():
     grid, rng = Grid(17, 12, 1.0, 0.8), np.random.default_rng(1)
     operator = InfluenceOperator(grid, Material.layer(1.0, 0.499, 0.5).kernel, comm=MPI.COMM_SELF)
