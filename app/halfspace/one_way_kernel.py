@@ -56,6 +56,7 @@ _MAX_DECAY = 19.0  # q t above which S(q t) - 1 is below rounding
 _MAX_SUMMED_THICKNESS = 1 / 512  # thickness over D below which copies are summed instead of waves
 # Distance over S(0) t from which the terms above describe the displacement by a force on a thin layer.
 _FAR_FIELD_DISTANCE = 150.0
+_COPIES_PER_WAVE = 0.1  # number of copies over the number of waves for which both sums take as long
 _MAX_PHASE = 8.0  # p x over an interval of integration
 _BLOCK = 1024  # wave numbers p that are summed together
 
@@ -135,7 +136,7 @@ class OneWayKernel(HalfSpaceKernel):
         half_space = total.copy() if self.base.layers else total
         for layer in self.base.layers:
             share = layer.plane_compliance / self.compliance
-            if layer.thickness < _MAX_SUMMED_THICKNESS * self.datum:
+            if _sums_copies(layer, period, self.datum):
                 total += share * (
                     _sum_thin_layer(layer, n, length, width, folded, across, half_space) - half_space
                 )
@@ -303,6 +304,19 @@ def _layer_integrals(layer, width, period, datum, count):
     return table
 
 
+def _count_copies(layer, period):
+    """Return the number of copies on each side that `_sum_thin_layer` adds one by one."""
+    reach = MAX_REACH if layer.on_rigid_base else _FAR_FIELD_DISTANCE * max(1.0, layer.long_wave_ratio)
+    return max(_COPIES, int(np.ceil(reach * layer.thickness / period)))
+
+
+def _sums_copies(layer, period, datum):
+    """Return whether a layer is so thin that a sum over copies takes less time than one over waves."""
+    t = layer.thickness
+    waves = datum / t * max(1.0, period / t)
+    return t < _MAX_SUMMED_THICKNESS * datum and _count_copies(layer, period) < _COPIES_PER_WAVE * waves
+
+
 def _sum_thin_layer(layer, n, length, width, along, across, half_space):
     """Integrate the displacement of a thin-layered body over cells.
 
@@ -310,8 +324,7 @@ def _sum_thin_layer(layer, n, length, width, along, across, half_space):
     for a half-space. The other arguments are as in `_integrals`, with `n` cells in a period.
     """
     t, period, limit = layer.thickness, n * length, layer.long_wave_ratio
-    reach = MAX_REACH if layer.on_rigid_base else _FAR_FIELD_DISTANCE * max(1.0, limit)
-    copies = max(_COPIES, int(np.ceil(reach * t / period)))
+    copies = _count_copies(layer, period)
     total = limit * half_space
     for m in range(-copies, copies + 1):
         rows = np.abs(along + m * n)

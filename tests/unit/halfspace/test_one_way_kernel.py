@@ -179,6 +179,13 @@ def test_sums_over_copies_of_thin_layers_are_sums_over_waves(grid, young, poisso
     np.testing.assert_allclose(copies, waves, rtol=0, atol=1e-9 * waves.max())
 
 
+def test_layers_with_many_short_periods_are_not_summed_over_copies(monkeypatch):
+    """One row of narrow cells on a soft substrate would have 30,000 copies on each side."""
+    monkeypatch.setattr(one_way_kernel, "_sum_thin_layer", None)  # must not be called
+    kernel = Material.coated((100.0, 1.0), (0.3, 0.3), 0.02).kernel
+    assert np.isfinite(influence_quadrant(Grid(32, 1, 0.3, 0.01, periodic="y"), kernel)).all()
+
+
 @each_grid
 def test_vanishing_layers_leave_their_bases(grid):
     thickness = 1e-9 * min(grid.dx, grid.dy)
