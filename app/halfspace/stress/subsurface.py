@@ -261,14 +261,15 @@ def is_largest(values):
 def _find_peaks(field):
     """Return the cells of a field's largest values, without their neighbours.
 
-    Of cells with the same value up to rounding, only the first counts.
+    Of cells with the same value up to rounding, only the first counts, and all their neighbours are left out.
     """
     rest, peaks = field.copy(), []
     while len(peaks) < _REFINED_PEAKS and rest.max() > -np.inf:
-        same = is_largest(rest)
-        j, i = np.unravel_index(same.argmax(), rest.shape)
-        peaks.append((j, i))
-        rest[same] = rest[max(j - 1, 0) : j + 2, max(i - 1, 0) : i + 2] = -np.inf
+        j, i = np.nonzero(is_largest(rest))
+        peaks.append((j[0], i[0]))
+        for in_y, in_x in np.ndindex(3, 3):
+            near = np.clip(j + in_y - 1, 0, field.shape[0] - 1), np.clip(i + in_x - 1, 0, field.shape[1] - 1)
+            rest[near] = -np.inf
     return peaks
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.halfspace.grid import Grid
-from app.halfspace.stress.subsurface import SubsurfaceStress
+from app.halfspace.stress.subsurface import SubsurfaceStress, _find_peaks
 
 
 @pytest.mark.parametrize("nx, ny", [(13, 9), (8, 12)])
@@ -32,6 +32,11 @@ def test_the_largest_of_equal_stresses_is_the_first(periodic, seed):
     for maximum in SubsurfaceStress(pressure, grid, 0.3).maxima():
         assert (maximum.x, maximum.y) == (grid.x()[7], grid.y()[0])
         assert maximum.depth > 0
+
+
+def test_peaks_of_strips_are_one_in_each_strip():
+    columns = np.array([0.0, 1.9, 2.0, 1.9, 0.0, 0.0, 1.4, 1.5, 0.3, 0.0, 1.0])
+    assert _find_peaks(np.tile(columns, (6, 1))) == [(0, 2), (0, 7), (0, 10)]
 
 
 @pytest.mark.parametrize(
