@@ -41,7 +41,7 @@ def full_multigrid(
         Linear solver of the target grid.
     iterate : callable, optional
         Function ``iterate(number, state, solver, loading, stop, history, first)`` that solves on a grid instead of
-        `active_set_or_search`; `first` is true on the first grid. Only the coarsest level is then solved directly.
+        `active_set_or_search`; `first` is true on the first grid.
 
     Returns
     -------
@@ -62,14 +62,14 @@ def full_multigrid(
         if level.active:
             if grids.at_target:
                 solver = target_solver
-            elif coarse is None and not (iterate and number) and starts_directly(hierarchy, number):
+            elif coarse is None and not iterate and starts_directly(hierarchy, number):
                 solver = DirectSolver(level, number)
             else:
                 solver = LinearSolver(hierarchy, number)
             test = grids.stopping_test(stop)
             solve = partial(active_set_or_search, state, solver, stop=test, history=history)
             with propagate_errors(grids.waiting_ranks(state)):
-                if iterate and not isinstance(solver, DirectSolver):
+                if iterate:
                     outcome = iterate(number, state, solver, loading, test, history, coarse is None)
                 elif coarse is None:
                     outcome = loading.first_solve(state, solve)  # Sec. 4.3, 1

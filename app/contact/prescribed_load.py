@@ -158,7 +158,8 @@ class PrescribedLoad(Loading):
                 relative_error(root)
         except _SearchOver:
             pass
-        nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
+        points = loads or {touching: 0.0}  # first touch and full contact may be one
+        nearest = sorted(points.items(), key=lambda point: abs(point[1] - self.load))[:2]
         (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same point if the first solve failed
         self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
         return outcome

@@ -1,6 +1,7 @@
 """The active set iteration on one grid, with a prescribed load as constraint."""
 
 from functools import partial
+from math import sqrt
 
 from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
 from app.contact.history import Outcome
@@ -52,12 +53,12 @@ def constrained_active_set(state, solver, loading, stop, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     progress, fewest = HalvingTest(), float("inf")
     for k in range(1, stop.max_it + 1):
-        state.before_iteration(k)
+        constrain = bool(_constrained_cg(solver)) and not loading.approach_is_known
+        constrain = constrain and state.cells_in_contact() > 0
+        if not constrain:  # with the constraint A is regular in full contact, too
+            state.before_iteration(k)
         solver.set_contact()  # makes a new KSP after an interrupt
-        cg = solver.ksp.getPythonContext() if solver.ksp.getType() == "python" else None
-        constrain = False
-        if isinstance(cg, ConstrainedCG):
-            constrain = not loading.approach_is_known and state.cells_in_contact() > 0
+        if cg := _constrained_cg(solver):
             cg.total = _missing_sum(state, loading) if constrain else None
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         state.add(correction)
@@ -82,11 +83,20 @@ def constrained_active_set(state, solver, loading, stop, history):
         progress.update(update.residual, otherwise=update.changed < fewest)
         fewest = min(fewest, update.changed)
         if progress.stagnates:
-            if not update.changed and update.residual <= ROUNDING_RESIDUAL * update.h_on_contact:
+            # If the cells in contact are flat, the displacement by the mean pressure replaces h.
+            flat = sqrt(update.cells) * state.operator.diagonal * state.load / state.grid.area
+            size = max(update.h_on_contact, flat)
+            if not update.changed and update.residual <= ROUNDING_RESIDUAL * size:
                 loading.settle(state, update)
                 return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
             return Outcome(False, "the residual stagnates", k, residual)
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+
+
+def _constrained_cg(solver):
+    """Return the context of the solver's KSP if it is a ConstrainedCG, else None."""
+    cg = solver.ksp.getPythonContext() if solver.ksp.getType() == "python" else None
+    return cg if isinstance(cg, ConstrainedCG) else None
 
 
 def _missing_sum(state, loading):

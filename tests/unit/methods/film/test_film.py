@@ -37,6 +37,34 @@ def test_few_products_without_the_safeguard(periodic):
             assert again.mean_pressure == pytest.approx(mean_pressure, rel=1e-3)
 
 
+@pytest.mark.parametrize("poisson", [0.499, 0.5])
+@pytest.mark.parametrize("cells", [(2, 66), (37, 44)])
+def test_loads_just_below_full_contact_need_no_safeguard(poisson, cells):
+    # On coarser grids, where the surface is smoother, all cells are in contact.
+    gap = np.random.default_rng(1).uniform(0.0, 0.02, cells)
+    grid = Grid(cells[1], cells[0], 1.0, 1.0, periodic=True)
+    with ContactSolver(ContactProblem(grid, Material.layer(1.0, poisson, 0.5), gap)) as solver:
+        full = solver.solve(mean_gap=0.0)
+        assert full.contact.all()
+        for fraction in (0.5, 0.9, 0.99):
+            solution = solver.solve(mean_pressure=fraction * full.mean_pressure)
+            assert solution.converged
+            assert not solution.fallbacks
+            assert solution.operator_applications < 100
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("loading", [{"mean_pressure": 1e-6}, {"approach": 1e-7}])
+def test_flat_coarse_grids_are_solved(loading):
+    gap = np.zeros((2, 92))
+    gap[0, [3, 40, 61]] = np.nan  # coarser grids have no holes
+    grid = Grid(92, 2, 1.0, 1.0, periodic=True)
+    solution = solve(ContactProblem(grid, Material.layer(1.0, 0.499, 0.8), gap), **loading)
+    assert solution.converged
+    assert not solution.fallbacks
+    np.testing.assert_array_equal(solution.contact, ~np.isnan(gap))
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("periodic", PATCHES)
 @pytest.mark.parametrize("loading", LOADINGS)
