@@ -198,7 +198,7 @@ def note_hardness(problem, contact, modulus):
     if highest < MIN_HARDNESS * modulus:
         notes.append(
             f"the hardness {format_exact(highest)} N/mm2 is {highest / modulus:.1e} of {name}, less than any solid "
-            f"has; N/mm2 are MPa: for GPa write {format_exact(highest)}e3"
+            f"has; N/mm2 are MPa: for GPa write {1e3 * highest:g}"
         )
     if not contact.plastic_area and problem.indentation is None:
         doubt = (

@@ -173,7 +173,7 @@ def test_a_constant_distance_on_a_periodic_patch_gets_a_note():
         (1e4, 0.5, "the hardness 10000 N/mm2 has no effect: .*above E./5: is it in N/mm2"),
         (0.03, 4 * 0.03, "all cells are plastic: 0.12 N is the largest load"),
         (1.5, 0.5, None),
-        (0.01, 0.02, "the hardness 0.01 N/mm2 is .* of E.*: for GPa write 0.01e3"),
+        (0.01, 0.02, "the hardness 0.01 N/mm2 is .* of E.*: for GPa write 10$"),
     ],
 )
 def test_a_hardness_without_effect_or_limit_gets_its_note(hardness, load, message):
