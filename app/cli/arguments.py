@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import signal
+import sys
 import time
 from functools import wraps
 
@@ -16,6 +17,7 @@ from app.cli import streams
 from app.options import option_table
 
 _ROOT_SECONDS = 2.0  # Time for rank 0 to print its error; then mpiexec ends the other ranks.
+_NO_WORK = {"-h", "--help", "--version"}  # Options that any rank may have.
 
 
 class Parser(argparse.ArgumentParser):
@@ -96,8 +98,9 @@ def command(main):
     """Decorate the ``main(argv)`` of a command.
 
     If the user makes an error, the decorated function prints one line and returns the status 2. SIGTERM acts like
-    Ctrl-C: the status is 130 after either. On several ranks of mpiexec the command is refused. Exceptions other than
-    InputError, OSError and MemoryError are bugs, and propagate.
+    Ctrl-C: the status is 130 after either. A command started on several ranks of mpiexec is refused; a script may call
+    ``main(argv)`` on one of its ranks. Exceptions other than InputError, OSError and MemoryError are bugs, and
+    propagate.
     """
 
     @wraps(main)
@@ -105,7 +108,8 @@ def command(main):
         streams.reopen_closed()
         previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
-            _refuse_ranks()
+            if argv is None and not _NO_WORK.intersection(sys.argv[1:]):
+                _refuse_ranks()
             return main(argv)
         except (InputError, OSError, MemoryError) as error:
             streams.print_error(f"error: {format_message(error)}")

@@ -36,15 +36,26 @@ def test_commands_have_the_same_exit_statuses(name, error, status, line, monkeyp
 
 
 @pytest.mark.parametrize("launcher", ["OMPI_COMM_WORLD", "PMI"])
-@pytest.mark.parametrize(("rank", "size"), [(0, 2), (1, 2), (0, 1)])
-def test_commands_start_on_one_rank_only(launcher, rank, size, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("rank", "size", "argv", "words", "refused"),
+    [
+        (0, 2, None, [], True),
+        (1, 2, None, [], True),
+        (0, 1, None, [], False),
+        (0, 2, [], [], False),
+        (1, 2, None, ["--help"], False),
+    ],
+)
+def test_commands_start_on_one_rank_only(launcher, rank, size, argv, words, refused, monkeypatch, capsys):
+    """A script may call them on one of its ranks."""
     main = import_module("app.report").main
     parser, wait = mock.Mock(side_effect=InputError("parsed")), mock.Mock()
     monkeypatch.setattr(import_module("app.cli.report"), "Parser", parser)
     monkeypatch.setattr("time.sleep", wait)
     monkeypatch.setenv(f"{launcher}_SIZE", str(size))
     monkeypatch.setenv(f"{launcher}_RANK", str(rank))
-    assert main([]) == 2
+    monkeypatch.setattr("sys.argv", ["report", *words])
+    assert main(argv) == 2
     refusal = f"mpiexec -n {size}: this command runs on one rank; start it without mpiexec"
-    assert capsys.readouterr().err == f"error: {refusal if size > 1 else 'parsed'}\n"
-    assert parser.called == (size == 1)
+    assert capsys.readouterr().err == f"error: {refusal if refused else 'parsed'}\n"
+    assert parser.called == (not refused)
