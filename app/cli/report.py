@@ -119,7 +119,7 @@ def numbers_section(result):
     names, steps = ("label", "value", "analytic", "meaning"), len(result.path.get("load", ()))
     heading = "Result"
     if steps > 1:
-        heading = f"Last step ({steps} of {steps}), load {_format(values['load'], 'N')}"
+        heading = f"Last of {steps} steps, load {_format(values['load'], 'N')}"
     return Section("result", heading, quantities=[dict(zip(names, row, strict=True)) for row in quantities])
 
 

@@ -45,7 +45,7 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interfac
     z_scale = shape * (ends[1] - ends[0]) / (depths[-1] or 1.0)
     same = np.isclose(z_scale, 1, rtol=0.02)
     gap = "\n" if column_width() else "   "
-    remark += "" if same else f"{gap}(depth stretched {z_scale:.3g} times)"
+    remark += "" if same else f"{gap}(depth scaled by {z_scale:.3g})"
     z_unit = unit if same else choose_length_unit(depths[-1])
     z = depths * z_unit.per_mm
     bottom = z[-1] or 1.0

@@ -44,9 +44,7 @@ def test_sections_state_the_scale_of_depth(deepest, times):
     box = axes.get_window_extent()
     unit = 1e3 if "µm" in axes.get_ylabel() else 1
     drawn = box.height / (abs(np.ptp(axes.get_ylim())) / unit) / (box.width / np.ptp(axes.get_xlim()))
-    assert f"(depth stretched {drawn:.3g} times)" in axes.get_xlabel() or (
-        times is None and abs(drawn - 1) < 0.02
-    )
+    assert f"(depth scaled by {drawn:.3g})" in axes.get_xlabel() or (times is None and abs(drawn - 1) < 0.02)
     assert times or axes.get_ylabel().endswith("[mm]")
 
 
