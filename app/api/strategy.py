@@ -1,7 +1,7 @@
 """Strategies (-lcp_type), which run the iteration of a method.
 
-`ActiveSet` runs the paper's iteration, in `app.contact`. `Fast` runs `app.methods.free`, and `Primal` runs
-`app.methods.periodic`.
+`ActiveSet` runs the paper's iteration, in `app.contact`. `Fast` runs `app.methods.free`, `Primal` runs
+`app.methods.periodic`, and `Film` runs `app.methods.film`.
 """
 
 from functools import partial

@@ -70,7 +70,7 @@ def is_number(value):
 
 def to_float(value):
     """Convert a number or its text to a float; raise TypeError for booleans."""
-    if type(value).__name__ in ("bool", "bool_"):
+    if type(value).__name__ in ("bool", "bool_"):  # the latter is numpy's, which this module does not import
         raise TypeError(f"{value}: must be a number, not a boolean")
     return float(value)
 

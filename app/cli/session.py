@@ -102,16 +102,19 @@ def start(argv):
 
 @contextmanager
 def imports_uncollected():
-    """Exclude objects that a ``with`` block creates from garbage collection.
+    """Switch garbage collection off in a ``with`` block.
 
-    Collections of all imported objects would take as long as a small solve.
+    Objects that exist at its end are never collected. Collections of all imported objects would take as long as a
+    small solve.
     """
+    enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
-        gc.enable()
+        if enabled:
+            gc.enable()
 
 
 def keep_freed_pages(environment):

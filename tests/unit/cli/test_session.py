@@ -44,12 +44,15 @@ def test_every_command_prints_its_version(name, capsys):
     assert (ended.value.code, capsys.readouterr().out) == (0, f"{__version__}\n")
 
 
-def test_garbage_collection_continues_after_failed_imports_and_skips_their_objects():
+@pytest.mark.parametrize("enabled", [True, False])
+def test_garbage_collection_is_as_before_after_failed_imports_and_skips_their_objects(enabled):
     before = gc.get_freeze_count()
+    (gc.enable if enabled else gc.disable)()
     try:
         with pytest.raises(ImportError), session.imports_uncollected():
             assert not gc.isenabled()
             raise ImportError
-        assert gc.isenabled() and gc.get_freeze_count() > before
+        assert gc.isenabled() == enabled and gc.get_freeze_count() > before
     finally:
+        gc.enable()
         gc.unfreeze()
