@@ -36,7 +36,7 @@ class Parser(argparse.ArgumentParser):
 def argument_type(kind):
     """Return an argparse type from a `kind` of `app.options.option_table`.
 
-    Both functions convert a text to a value. If the text is not allowed, both raise an error with the same message.
+    `kind` and the result convert the same texts to values. For other texts they raise errors with the same message.
     """
 
     def parse(text):

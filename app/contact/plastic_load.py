@@ -1,8 +1,9 @@
-"""Step of the approach to a prescribed load if cells are plastic.
+"""Step of the approach towards a prescribed load, with plastic cells.
 
 The slope of the load then changes with every cell that becomes plastic, so the step is computed from a model. In the
 model each cell has its own compliance A_II, and its pressure stays within the bounds. The change of the load also
-displaces the whole contact, like a punch as large as the contact. If the cells approach by t, the load is
+displaces the whole contact, like a punch as large as the contact. Let e be the gap and H the hardness. If the cells
+approach by t, the load is
 
     F(t) = dx dy sum(clip(p - (e - t) / A_II, 0, H)),
 

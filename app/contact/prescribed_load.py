@@ -283,7 +283,7 @@ class PrescribedLoad(Loading):
             self.slope = min(max(self.slope, least), MAX_LEAST_STIFFNESS_RATIO * least)
 
     def settle(self, state, update):
-        """Bring p to the load, and close the mean gap; see `Loading.settle`.
+        """Scale p to the prescribed load, then make the mean gap on contact zero; see `Loading.settle`.
 
         On a periodic patch a constant is added to high pressures, instead of multiplying by a factor. If p = 0, the
         load is distributed evenly over C.

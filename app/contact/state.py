@@ -222,7 +222,7 @@ class ContactState:
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
-        """Return the `Gaps` of C and elastic overlapping cells, and load. Collective."""
+        """Return the sums of gaps over C and over overlapping elastic cells, with the load. Collective."""
         overlapping = self.not_plastic()
         sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, overlapping)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])

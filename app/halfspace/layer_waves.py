@@ -129,7 +129,7 @@ def _solve(layer, functions, count):
 
 
 def _amplitudes(layer, x):
-    """Return amplitudes of the exponentials of the stress function."""
+    """Return the four amplitudes of the stress function at x = q t: two of exp(-z), two of exp(z - x)."""
     decay = np.exp(-x)
 
     def reflected(b0, b1):  # from a = 1 and a' = 0 at the surface

@@ -88,7 +88,7 @@ def local_bounds(mask, slabs):
 
 
 def window_from_bounds(minima):
-    """Return the window from minima of `local_bounds`; None without cells."""
+    """Return the window from the minima of `local_bounds` over ranks; None if no rank has cells."""
     y0, x0, y1, x1 = minima
     return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
 

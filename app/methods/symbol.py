@@ -195,11 +195,11 @@ def _powers(kind, dx, dy, x, y, power, kernel):
 
 
 def coarsen_symbol(values, near, x, y):
-    """Return the part of eigenvalues not represented by stencils.
+    """Return what is left of eigenvalues after subtracting those of the stencils.
 
-    `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, which are divided by the highest
-    ones of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result has the eigenvalues (g_l
-    in the module docstring) for the next coarser grid.
+    `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, in units of the highest wave
+    numbers of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result has the eigenvalues for
+    the next coarser grid, g_l in the module docstring.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -90,7 +90,7 @@ class ModePair(NamedTuple):
 def jacobi(matrix, omega=1.0):
     """Return Jacobi's iteration matrix ``I - omega D^-1 A`` (Fig. 5(a)).
 
-    The damping factor `omega` is 1 for none.
+    With the factor `omega` = 1 there is no damping.
     """
     return np.eye(len(matrix)) - omega * matrix / np.diag(matrix)[:, None]
 

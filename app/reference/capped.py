@@ -2,13 +2,13 @@
 
 Where p = H the bodies overlap by the plastic depth w, which is the part that flows. Contact is at ``|x| < a``, plastic
 contact at ``|x| < c``. The derivative u'' of the displacement is 2 / (pi E*) times the integral of p' / (s - x).
-Consider the analytic function of the half-space whose imaginary part is p' and whose real part is h'' + u''. This
-function has a square root at each edge::
+Let e = h + u be the gap. Consider the analytic function whose real part is e'' and whose imaginary part is 2 p' / E*.
+This function has a square root at each edge::
 
     p' = -P / (pi sqrt((x^2 - c^2) (a^2 - x^2))),      e'' = 2 P / (pi E*) / (+-sqrt((x^2 - c^2) (x^2 - a^2)))
 
-where the root is negative at ``|x| < c``. P is a polynomial in x^2. P is known from h'', except for its constant g,
-which follows from e' = 0 at x = c. For waves, x is replaced by sin(pi x / L), and P has one more power.
+where the sign is - at ``|x| < c`` and + at ``|x| > a``. P is a polynomial in x^2. P is known from h'', except for its
+constant g, which follows from e' = 0 at x = c. For waves, x is replaced by sin(pi x / L), and P has one more power.
 
 The substitutions x = a dn(v) in elastic and x = c sn(v) in plastic contact make dx / sqrt(...) = dv / a.
 """

@@ -218,7 +218,7 @@ class Bisinusoidal(WavyContact):
 
     @property
     def heavy_contact_fraction(self):
-        """Contact fraction near full contact: 1 minus the gaps around hollows.
+        """Contact fraction near full contact: 1 minus the area fraction of open hollows.
 
         The fraction is 1 - 3/(2 pi) (1 - pbar/p*), where pbar is the mean pressure, and p* is pbar at full contact.
         """

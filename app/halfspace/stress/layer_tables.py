@@ -159,7 +159,7 @@ def _integrate(line, start, end, coefficients, spacing, scale, nodes, weights):
 
 @njit()
 def _add_corners(x, y, coefficients, spacing, scale, nu, nodes, weights, along_y, out):
-    """Add the stress due to corners to `out`; `along_y` is work space."""
+    """Add the stress due to corners of rectangles at (x, y) to `out`; `along_y` is work space."""
     for j in range(y.size):
         y_before, x_before = y[j - 1] if j else 0.0, 0.0
         x_g, x_h, x_v, x_xy = 0.0, 0.0, 0.0, 0.0

@@ -182,7 +182,7 @@ class OneWayStress:
         return _strip_edge(x, depth), self.nu
 
     def _of_strips(self, depth, at=None):
-        """Return the stress by strips of uniform pressure, everywhere or at `at`."""
+        """Return the stress due to strips of uniform pressure, on all cells or at the coordinate `at`."""
         grid, n = self.grid, self._mean.size
         size, centres = (grid.dx, grid.x()) if self._along == 0 else (grid.dy, grid.y())
         offsets = size * np.arange(1 - n, n) if at is None else at - centres

@@ -67,7 +67,7 @@ def max_shear(stress):
 
 
 def horizontal_shear(stress):
-    """Return the shear stress on horizontal planes [N/mm2] of `COMPONENTS`, (6, ...)."""
+    """Return the shear stress on horizontal planes [N/mm2]; `stress` has the `COMPONENTS`, shape (6, ...)."""
     return np.hypot(stress[4], stress[5])
 
 
