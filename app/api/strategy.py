@@ -21,7 +21,7 @@ from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.methods import multilevel_operators
-from app.methods.film.iteration import interpolate_pressure, solve_film
+from app.methods.film.iteration import MAX_LOAD_RATIO, interpolate_pressure, solve_film
 from app.methods.free import circulant, lift
 from app.methods.free.nested import nested_iteration, solve_level
 from app.methods.free.solver import TrackingSolver
@@ -205,6 +205,11 @@ class Film(ActiveSet):
     def _solve(self, loading, history, start):
         settings, hierarchy = self._settings, self._hierarchy
         iterate = partial(solve_film, hierarchy)
+        capped = start is not None and start.plastic is not None
+        if capped and not (loading.approach_is_known or hierarchy.target.grid.symbol):
+            # Pressures at the hardness cannot be scaled to a very different load.
+            low, high = sorted((start.load, loading.load))
+            start = start if high <= MAX_LOAD_RATIO * low else None
         if start is None:
             return full_multigrid(
                 hierarchy, self._distances, loading, self._stop(), history, settings.nested, settings.beta,

@@ -198,8 +198,8 @@ def coarsen_symbol(values, near, x, y):
     """Return what is left of eigenvalues after subtracting those of the stencils.
 
     `values`, shape (x.size, y.size), are the eigenvalues at the wave numbers x and y, in units of the highest wave
-    numbers of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result has the eigenvalues for
-    the next coarser grid, g_l in the module docstring.
+    numbers of the finest grid. `near` are the StencilLevels, in the unit of `values`. The result has the eigenvalues
+    for the next coarser grid, g_l in the module docstring.
     """
     for stencil, (fy, fx) in near:
         stencil_values = _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T

@@ -54,6 +54,18 @@ def test_loads_just_below_full_contact_need_no_safeguard(poisson, cells):
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("periodic", [False, "x"])
+def test_starts_at_the_hardness_cost_no_products(periodic):
+    gap = np.random.default_rng(1).uniform(0.0, 0.05, (6, 40))
+    grid = Grid(40, 6, 1.0, 1.0, periodic=periodic)
+    with ContactSolver(ContactProblem(grid, Material.layer(1.0, 0.5, 0.4), gap, hardness=0.1)) as solver:
+        first = solver.solve(mean_pressure=0.09)
+        started, other = (solver.solve(mean_pressure=1e-4, start=start) for start in (first, None))
+    assert started.converged
+    assert started.operator_applications <= other.operator_applications + 2
+
+
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("loading", [{"mean_pressure": 1e-6}, {"approach": 1e-7}])
 def test_flat_coarse_grids_are_solved(loading):
     gap = np.zeros((2, 92))
