@@ -332,7 +332,7 @@ class ContactSolver(Derivatives):
         """Raise InputError for a loading that is not allowed."""
         self._check_open()
         check_equal_on_ranks(self.comm, loading, "loading")
-        self._make_loading(loading)
+        self._strategy.check_loading(self._make_loading(loading), self._largest)
 
     @synchronized
     def update(self, problem):
@@ -373,9 +373,7 @@ class ContactSolver(Derivatives):
             raise InputError("the solver is closed")
 
     def _make_loading(self, values):
-        loading = make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
-        self._strategy.check_loading(loading, self._largest)
-        return loading
+        return make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
         proof = certify(state, self.settings.error_bound)  # may take a product
