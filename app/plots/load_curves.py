@@ -242,7 +242,7 @@ def _draw_plastic(axes, paths, x, y, scale, theory=()):
     for number, path in enumerate(paths):
         values = path.select(x, y)
         if values is not None:
-            style = series_style(number) | {"markerfacecolor": "white", "linestyle": DOTTED}
+            style = series_style(number) | {"marker": "x", "linestyle": DOTTED}
             label = f"{path.name} plastic".strip()
             lines += axes.plot(values[0] * scale(path), values[1], **style, label=label)
     if lines:
