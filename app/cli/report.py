@@ -15,7 +15,7 @@ import jinja2
 import numpy as np
 
 from app.api.subsurface import find_layer, find_poisson_ratio, stress, survey
-from app.base.errors import InputError
+from app.base.errors import InputError, is_number
 from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, format_quantity, round_to_cell
 from app.cli import streams, subsurface
@@ -87,7 +87,7 @@ def format_attribute(value):
 
 
 def _is_number(value):
-    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+    return is_number(value) and np.isfinite(value)
 
 
 def numbers_section(result):

@@ -43,7 +43,7 @@ class Box:
     def __init__(self, grid, periods, kernel):
         self.grid, self.periods = grid, periods
         self._patch_influence = partial(kernel.unit_coefficients, grid)
-        kernel = kernel.base if kernel.encloses_images else kernel
+        kernel = kernel.base
         self.influence = partial(kernel.unit_coefficients, grid)
         ny, nx = periods
         terms = _lattice_sum(ny * grid.dy / (nx * grid.dx))

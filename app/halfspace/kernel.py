@@ -44,6 +44,11 @@ class HalfSpaceKernel:
         return 0, 0
 
     @property
+    def base(self):
+        """Kernel without the images of a load."""
+        return self
+
+    @property
     def parameters(self):
         """Numbers that define the kernel."""
         return (self.compliance,)

@@ -187,8 +187,10 @@ class LayeredKernel(HalfSpaceKernel):
 
     def is_thin_film(self, grid):
         """Return whether long waves displace the bodies much less than shorter ones; see `HalfSpaceKernel`."""
+        if self.film is None:
+            return False
         spectrum = self._spectrum(grid)
-        return self.film is not None and bool(spectrum[0] < _FILM_RATIO * spectrum.max())
+        return bool(spectrum[0] < _FILM_RATIO * spectrum.max())
 
     def is_resolved(self, grid):
         """Return whether cells are small enough; see `HalfSpaceKernel`.

@@ -77,6 +77,7 @@ class OneWayKernel(HalfSpaceKernel):
     """
 
     encloses_images = True
+    base = None
 
     def __init__(self, base, axis, period, datum):
         super().__init__(base.compliance)

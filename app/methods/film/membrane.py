@@ -225,7 +225,7 @@ def _create_rest(grid, kernel, layout):
 
     If R is nearly constant, a constant replaces it.
     """
-    kernel = getattr(kernel, "base", kernel)  # of a patch that repeats in one direction
+    kernel = kernel.base
     grid = grid if grid.symbol else replace(grid, periodic="love")
     compliance, squeeze = kernel.film
 

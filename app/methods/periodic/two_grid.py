@@ -121,14 +121,12 @@ class TwoGrid:
         elif highest > low + high:
             high = DAMPED_FRACTION * highest
         self._before, self._after = None, chebyshev_steps(1 + sweeps, low, high).astype(np.float32)
-        stiffening, kernel = 1.0, operator.influence.kernel
         springs = CONSTANT_COMPLIANCE, CONTACT_STIFFNESS
+        stiffening = _stiffening(operator.influence.kernel, operator.grid)
         if highest > MIN_PRESWEPT_EIGENVALUE:
-            springs = CONSTANT_COMPLIANCE_PRESWEPT, CONTACT_STIFFNESS_PRESWEPT
+            springs, stiffening = (CONSTANT_COMPLIANCE_PRESWEPT, CONTACT_STIFFNESS_PRESWEPT), 1.0
             self._before = chebyshev_steps(sweeps, low, high).astype(np.float32)
             self._after = np.append(np.float32(0), self._before[::-1])
-        elif not kernel.scale_free:
-            stiffening = _stiffening(kernel, operator.grid)
         self._rows = Halo(operator.slabs, operator.comm, sweeps)
         nx, kind = operator.grid.nx, np.float32
         self._work = stencil.make_work(1 + sweeps, nx)
@@ -267,7 +265,7 @@ def _relative_eigenvalue(kernel, diagonal, grid, cells):
 
 
 def _stiffening(kernel, grid):
-    """Return the factor on the stiffness of contact springs, at least 1.
+    """Return the factor on the stiffness of contact springs, at least 1; 1 for half-spaces.
 
     On a stiff coating the factor is above 1: long waves bend the coating, and contact holds them more firmly.
     """
@@ -300,7 +298,7 @@ class _LongWaves:
     that of a wave of CONSTANT_WAVE_CELLS.
     """
 
-    def __init__(self, fine, width, springs, stiffening=1.0):
+    def __init__(self, fine, width, springs, stiffening):
         self.coarse, (self._compliance, stiffness) = fine.coarser, springs
         self._stiffness, self._stiffened = stiffening * stiffness, stiffening > 1
         self._wave = CONSTANT_WAVE_CELLS * np.sqrt(fine.grid.dx * fine.grid.dy)
