@@ -43,7 +43,7 @@ def notes_on(state, problem, contact, roughness):
     grid, notes, material = state.grid, list(problem.notes), problem.material
     notes += note_doubtful_moduli(material)
     modulus = elastic_modulus(material, contact, grid)
-    if state.bounds.capped and contact.max_pressure > 0:
+    if problem.hardness is not None and contact.max_pressure > 0:
         notes += note_hardness(problem, contact, modulus)
     if contact.max_pressure > MAX_ELASTIC_PRESSURE * modulus:
         name = " E*"

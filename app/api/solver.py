@@ -397,7 +397,7 @@ class ContactSolver(Derivatives):
             displacement=state.u,
             distance=synchronized(lambda: before.remove_from(distance.h_at(depth))),
             contact=state.in_contact().copy(),
-            plastic=state.bounds.plastic(state.p) if state.bounds.capped else None,
+            plastic=state.bounds.plastic(state.p),
             indentation_before=before.depth,
             hardness_field=hardness[self.hierarchy.slabs.rows] if np.ndim(hardness) else None,
             converged=outcome.converged,

@@ -105,7 +105,7 @@ class Strategy:
         hierarchy, full = self._hierarchy, None
         for level in hierarchy.levels:
             level.reset_sweeps()
-        if self._distances[-1].bounds.capped:
+        if self._distances[-1].bounds.largest_load < np.inf:
             state = self._new_state()
             if outcome := FullPlasticity(len(hierarchy.levels) - 1).solve(state, loading, history):
                 return state, outcome

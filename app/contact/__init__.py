@@ -3,8 +3,7 @@
 - *Problem.* `distance` has the undeformed distance h, and `bounds` the bounds of the pressure. `loading` and
   `prescribed_load` have the loadings. `state` has the contact set C, the pressure p and the displacement u, and the
   steps of Sec. 4.1 on them. `kernels` and `bounds_kernels` are their compiled loops.
-- *Hardness.* `capped_kernels` and `capped_certificate` are the compiled loops for an upper bound of the pressure.
-  `plastic_load` finds the approach to a load, `full_plasticity` is the solution under the largest load.
+- *Hardness.* `plastic_load` finds the approach to a load, `full_plasticity` is the solution under the largest load.
 - *Iteration.* `active_set` makes the steps of Sec. 4.1 in order, with any KSP. `stopping` has the test (5.1).
   `full_multigrid` is Sec. 4.3. `grid_sequence` is the loop over the grids, which all nested iterations share.
   `periodic_state` and `full_contact` are used on periodic patches only.

@@ -60,7 +60,7 @@ def active_set_or_search(state, solver, loading, stop, history):
     The root search is used on periodic patches, and with a hardness. Near full contact, or where cells become plastic,
     the slope of the load changes with every cell, so that Newton's method for the load may not converge.
     """
-    if loading.approach_is_known or not (state.grid.symbol or state.bounds.capped):
+    if loading.approach_is_known or state.patience == float("inf"):
         return active_set(state, solver, loading, stop, history)
     outcome = active_set(state, solver, loading, replace(stop, max_it=-(-stop.max_it // 2)), history)
     if outcome.converged or outcome.to_rounding:

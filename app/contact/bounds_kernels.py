@@ -1,102 +1,127 @@
-"""Compiled loops of `app.contact.bounds.PressureBounds`, for p >= 0.
+"""Compiled loops of `app.contact.bounds.PressureBounds`.
 
-Arrays are as in `app.contact.kernels`.
+`upper` is the hardness H, of shape (rows, nx), or None for p >= 0. For None numba compiles each loop without the
+branches for H. Outside the contact set C a cell with p >= H is plastic; any other cell is open. Other arrays are as in
+`app.contact.kernels`.
 """
 
 import numpy as np
 
 from app.base.numba_cache import njit
 from app.contact.kernels import gap
-from app.parallel.reductions import add_tuples, njit_reassoc, sum_row
+from app.parallel.reductions import add_row, add_tuples, njit_reassoc, sum_row
 
 NO_CELLS = 0, 0, 0, 0.0, 0.0, 0.0  # result of `activate` without cells
 
 
 @njit_reassoc
-def violation(p, admissible):
-    """Return how much a pressure violates p >= 0."""
-    return -p if admissible else abs(p)
+def clip(value, upper, j, i):
+    """Return a pressure of cell (j, i), limited to its bounds."""
+    if upper is None:
+        return max(value, 0.0)
+    return min(max(value, 0.0), upper[j, i])
 
 
 @njit_reassoc
-def projected_displacement(free, closed):
-    """Return a cell's displacement, with or without pressure.
+def violation(p, upper, j, i, admissible):
+    """Return how much a pressure of cell (j, i) violates its bounds."""
+    if upper is None:
+        return -p if admissible else abs(p)
+    return max(-p, p - upper[j, i]) if admissible else abs(p)
 
-    `closed` is the displacement that closes the gap, `free` that without pressure. Return `closed` if it needs p >= 0,
-    otherwise `free`.
+
+@njit_reassoc
+def is_plastic(p, upper, j, i):
+    """Return whether p is at the upper bound of cell (j, i)."""
+    if upper is None:
+        return False
+    return p >= upper[j, i]
+
+
+@njit_reassoc
+def clipped_displacement(free, closed, room, i):
+    """Return the displacement of cell i whose pressure is within bounds.
+
+    `closed` is the displacement that closes the gap. It is limited to the range from `free`, the displacement without
+    pressure, to `free + room[i]`, the displacement under the pressure H.
     """
-    return max(free, closed)
+    if room is None:
+        return max(free, closed)
+    return max(free, min(closed, free + room[i]))
 
 
 @njit_reassoc
-def _change_by_release_row(p, contact, change):
+def _change_row(p, upper, j, contact, change):
     for i in range(p.size):
-        change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
+        change[i] += clip(p[i], upper, j, i) - p[i] if contact[i] else 0.0
 
 
 @njit_reassoc
-def _release_row(p, contact, released):
+def _release_row(p, upper, j, contact, released):
     count = 0
     for i in range(p.size):
-        out = contact[i] & (p[i] < 0)
+        value = clip(p[i], upper, j, i)
+        out = contact[i] & (value != p[i])
         released[i] = out
         contact[i] &= not out
         count += out
-        p[i] = 0.0 if out else p[i]
+        p[i] = value if out else p[i]
     return count
 
 
 @njit()
-def release(p, contact, released, change):
-    """Remove cells with p < 0 from the contact set C.
+def release(p, upper, contact, released, change):
+    """Remove cells that violate a bound from C, with p set to the bound.
 
-    In these cells p is set to zero and `released` to true. Return their number. The change of p is added to `change`,
-    unless this array has size 0.
+    Cells with p < 0 or p > H are removed, and marked in `released`. Return their number. The change of p is added to
+    `change`, unless this array has size 0.
     """
     count = 0
     for j in range(p.shape[0]):
         if change.size:
-            _change_by_release_row(p[j], contact[j], change[j])
-        count += _release_row(p[j], contact[j], released[j])
+            _change_row(p[j], upper, j, contact[j], change[j])
+        count += _release_row(p[j], upper, j, contact[j], released[j])
     return count
 
 
 @njit_reassoc
-def _tension_row(p, contact):
-    total, negative = 0.0, 0.0
+def _violations_row(p, upper, j, contact):
+    total, outside = 0.0, 0.0
     for i in range(p.size):
         total += p[i]
-        negative -= p[i] if contact[i] & (p[i] < 0) else 0.0
-    return total, negative
+        outside += abs(p[i] - clip(p[i], upper, j, i)) if contact[i] else 0.0
+    return total, outside
 
 
 @njit()
-def tension(p, contact):
-    """Return the sum of p, and of -p in tensile contact cells."""
+def tension(p, upper, contact):
+    """Return the sum of p, and the sum of its violations of the bounds in C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
-        sums = add_tuples(sums, _tension_row(p[j], contact[j]))
+        sums = add_tuples(sums, _violations_row(p[j], upper, j, contact[j]))
     return sums
 
 
 @njit()
-def _overlap_row(b, depth, u, overlap):
+def _leave_row(b, depth, u, p, upper, j, leaves):
     for i in range(b.size):
-        overlap[i] = gap(u[i], b[i], depth) <= 0
+        e = gap(u[i], b[i], depth)
+        leaves[i] = e >= 0 if is_plastic(p[i], upper, j, i) else e <= 0
 
 
 @njit()
-def _predicted_overlap_row(b, depth, u, expected, overlap):
+def _predicted_leave_row(b, depth, u, p, upper, j, expected, leaves):
     for i in range(b.size):
-        overlap[i] = gap(u[i] + expected[i], b[i], depth) <= 0
+        e = gap(u[i] + expected[i], b[i], depth)
+        leaves[i] = (e >= 0) & (expected[i] < np.inf) if is_plastic(p[i], upper, j, i) else e <= 0
 
 
 @njit_reassoc
-def _activate_row(overlap, admissible, contact, released):
-    """Add overlapping admissible cells to C; return the counts of `activate`."""
+def _activate_row(leaves, admissible, contact, released):
+    """Add admissible cells that leave their bound to C; return the counts of `activate`."""
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
-        new = (not contact[i]) & admissible[i] & overlap[i]
+        new = (not contact[i]) & admissible[i] & leaves[i]
         contact[i] |= new
         cells += contact[i]
         added += new & (not released[i])
@@ -116,22 +141,12 @@ def _squares_row(b, depth, u, contact):
 
 
 @njit()
-def enter_row(enters, admissible, contact, released, b, depth, u, p):
-    """Add a row's cells marked in `enters` to C; see `activate`."""
-    cells, squares = _activate_row(enters, admissible, contact, released), (0.0, 0.0)
-    if cells[0]:
-        squares = _squares_row(b, depth, u, contact)
-    released[:] = False
-    return cells + squares + (sum_row(p),)
+def activate(b, depth, u, p, upper, admissible, contact, released, expected, leaves):
+    """Add cells to C that would leave their bound, and clear `released`.
 
-
-@njit()
-def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
-    """Add overlapping cells to the contact set C, and clear `released`.
-
-    Admissible cells overlap if ``h + u + expected <= 0``. `expected` is a predicted change of u; an array of size 0
-    stands for no change. `released` marks the cells that were removed from C just before. `overlap` is a work array of
-    shape (nx,).
+    Open cells enter C if they overlap, ``h + u + expected <= 0``, plastic cells if they have a gap, ``h + u + expected
+    >= 0``. `expected` is a predicted change of u; an array of size 0 stands for no change. `released` marks the cells
+    that were removed from C just before. `leaves` is a work array of shape (nx,).
 
     Return six numbers:
 
@@ -145,43 +160,59 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
     sums = NO_CELLS
     for j in range(b.shape[0]):
         if not expected.size:
-            _overlap_row(b[j], depth, u[j], overlap)
+            _leave_row(b[j], depth, u[j], p[j], upper, j, leaves)
         else:
-            _predicted_overlap_row(b[j], depth, u[j], expected[j], overlap)
-        sums = add_tuples(
-            sums, enter_row(overlap, admissible[j], contact[j], released[j], b[j], depth, u[j], p[j])
-        )
+            _predicted_leave_row(b[j], depth, u[j], p[j], upper, j, expected[j], leaves)
+        cells, squares = _activate_row(leaves, admissible[j], contact[j], released[j]), (0.0, 0.0)
+        if cells[0]:
+            squares = _squares_row(b[j], depth, u[j], contact[j])
+        released[j, :] = False
+        sums = add_tuples(sums, cells + squares + (sum_row(p[j]),))
     return sums
 
 
 @njit_reassoc
-def _project_row(p, cells, out):
+def _project_row(p, upper, j, cells, out):
     total = 0.0
     for i in range(p.size):
-        value = max(p[i], 0.0) if cells[i] else 0.0
+        value = clip(p[i], upper, j, i) if cells[i] else 0.0
         out[i] = value
         total += value
     return total
 
 
 @njit_reassoc
-def project(p, cells, out):
-    """Set `out` to max(p, 0) in `cells`, else 0; return its sum."""
+def project(p, upper, cells, out):
+    """Store p in `out`, clipped to its bounds; return the sum.
+
+    Outside of `cells` the stored pressure is 0. The sum is over `out`.
+    """
     total = 0.0
     for j in range(p.shape[0]):
-        total += _project_row(p[j], cells[j], out[j])
+        total += _project_row(p[j], upper, j, cells[j], out[j])
     return total
 
 
 @njit_reassoc
-def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
-    cells, added, removed, total, moves = 0, 0, 0, 0.0, 0.0
+def _exchange_row(
+    p, upper, j, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured, shift
+):  # fmt: skip
+    cells, added, removed, shifted, total, moves = 0, 0, 0, 0, 0.0, 0.0
     for i in range(p.size):
-        inside, new_w = contact[i], w[i] + change[i]
+        inside, new_w, value = contact[i], w[i] + change[i], np.float64(p[i])
         e = new_w - b[i]
-        leaves = inside & (p[i] < -slack)
+        leaves = inside & (value < -slack)
         enters = (not inside) & admissible[i] & (e < least_gap)
-        moved = p[i] * compliance if leaves else (e if enters else 0.0)
+        moved = value * compliance if leaves else (e if enters else 0.0)
+        if upper is not None:
+            full, above = plastic[j, i], value - upper[j, i]
+            hardens, softens = inside & (above > slack), full & (e > -least_gap)
+            enters = softens | (enters & (not full))
+            moved = above * compliance if hardens else (moved if leaves else (e if enters else 0.0))
+            leaves |= hardens
+            shift[i] = upper[j, i] if softens else (-upper[j, i] if hardens else 0.0)
+            plastic[j, i] = (full & (not softens)) | hardens
+            shifted += softens | hardens
         captured[i] = enters
         contact[i] = (inside & (not leaves)) | enters
         added += enters
@@ -189,16 +220,22 @@ def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compli
         cells += contact[i]
         total += new_w
         moves += moved * moved if abs(moved) <= far else np.inf
-    return cells, added, removed, total, moves
+    return cells, added, removed, shifted, total, moves
 
 
 @njit()
-def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
-    """Release and capture cells of the contact set in one pass.
+def exchange(
+    p, stored, upper, w, change, b, admissible, contact, plastic, slack, least_gap, compliance, far, captured, shift
+):  # fmt: skip
+    """Exchange cells of the contact set C with open and plastic cells, in one pass.
 
-    `w` is u minus the depth, and `change` is added to it later. Cells of the contact set with p < -slack are released
-    from it. Other admissible cells with a gap e = w + change - b < least_gap are captured: they enter the contact set,
-    and are marked in `captured`.
+    `w` is u minus the depth, and `change` is added to it later. Cells of C with p < -slack become open, cells with p >
+    H + slack become plastic. Open admissible cells with a gap e = w + change - b below `least_gap`, and plastic cells
+    with a gap above -`least_gap`, enter C and are marked in `captured`.
+
+    In `plastic` cells, `p` is the pressure minus H; elsewhere `p` is the pressure. `stored` is an earlier `p`. H is
+    added to `p` and `stored` where cells cease to be plastic, and subtracted where they become plastic. `shift` is a
+    work array of shape (nx,). Without H, `stored`, `plastic` and `shift` are None.
 
     Return five numbers:
 
@@ -207,13 +244,114 @@ def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance,
     3. released cells;
     4. sum of w + change;
     5. sum of squared moves, infinite if a cell moves by more than `far`. A captured cell moves by its gap, a released
-       cell by p times `compliance`.
+       cell by its violation of the bound times `compliance`.
     """
-    sums = 0, 0, 0, 0.0, 0.0
+    sums = 0, 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
         row = _exchange_row(
-            p[j], w[j], change[j], b[j], admissible[j], contact[j], slack, least_gap, compliance, far,
-            captured[j],
+            p[j], upper, j, w[j], change[j], b[j], admissible[j], contact[j], plastic, slack, least_gap, compliance,
+            far, captured[j], shift,
         )  # fmt: skip
+        sums = add_tuples(sums, row)
+        if upper is not None and row[3]:
+            add_row(p[j], 1.0, shift)
+            add_row(stored[j], 1.0, shift)
+    return sums[:3] + sums[4:]
+
+
+@njit_reassoc
+def _count_row(p, upper, admissible, factor):
+    plastic = 0
+    for i in range(p.size):
+        plastic += admissible[i] & (factor * p[i] >= upper[i])
+    return plastic
+
+
+@njit()
+def count_plastic(p, upper, admissible, factor):
+    """Count admissible cells with `factor` * p >= H."""
+    cells = 0
+    for j in range(p.shape[0]):
+        cells += _count_row(p[j], upper[j], admissible[j], factor)
+    return cells
+
+
+@njit_reassoc
+def _nearest_bound_row(p, upper, admissible):
+    total = 0.0
+    for i in range(p.size):
+        total += upper[i] if admissible[i] & (2 * p[i] > upper[i]) else 0.0
+    return total
+
+
+@njit()
+def sum_at_nearest_bound(p, upper, admissible):
+    """Return the sum of H over the admissible cells with p > H / 2."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        total += _nearest_bound_row(p[j], upper[j], admissible[j])
+    return total
+
+
+@njit_reassoc
+def _room_row(p, upper, contact, up):
+    cells = 0
+    if up:
+        for i in range(p.size):
+            cells += contact[i] & (p[i] < upper[i])
+    else:
+        for i in range(p.size):
+            cells += contact[i] & (p[i] > 0)
+    return cells
+
+
+@njit()
+def room(p, upper, contact, step):
+    """Count the cells of C where p has not reached a bound.
+
+    The bound is the upper one if `step` is positive, otherwise the lower one.
+    """
+    cells = 0
+    for j in range(p.shape[0]):
+        cells += _room_row(p[j], upper[j], contact[j], step > 0)
+    return cells
+
+
+@njit()
+def add_constant(p, upper, contact, step):
+    """Add the constant `step` to p on C, within the bounds.
+
+    Return the sum of the changes of p.
+    """
+    total = 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            if contact[j, i]:
+                value = clip(p[j, i] + step, upper, j, i)
+                total += value - p[j, i]
+                p[j, i] = value
+    return total
+
+
+@njit_reassoc
+def _local_load_row(b, depth, u, p, upper, j, admissible, t, compliance):
+    total, free = 0.0, 0
+    for i in range(b.size):
+        value = p[i] - (gap(u[i], b[i], depth) - t) / compliance
+        free += admissible[i] & (value > 0) & (value < upper[j, i])
+        total += clip(value, upper, j, i) if admissible[i] else 0.0
+    return total, free
+
+
+@njit()
+def local_load(b, depth, u, p, upper, admissible, t, compliance):
+    """Return the sum of pressures after all cells have approached by t.
+
+    Return also the number of cells whose pressure is then between its bounds. Cells do not act on each other: p changes
+    by (t - gap) / `compliance`, within the bounds.
+    """
+    sums = 0.0, 0
+    for j in range(b.shape[0]):
+        row = _local_load_row(b[j], depth, u[j], p[j], upper, j, admissible[j], t, compliance)
         sums = add_tuples(sums, row)
     return sums

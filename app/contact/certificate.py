@@ -66,7 +66,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact import capped_certificate
 from app.contact import certificate_kernels as loops
 from app.contact.state import Displacement
 from app.halfspace.product import DenseProduct
@@ -138,13 +137,10 @@ def _prove(state, enough, work):
     kernel = state.operator.kernel
     smallest = kernel.smallest_eigenvalue(grid)
     bounds, penetrates = state.bounds, np.empty(len(b), bool)
-    capped = bounds.capped and state.plastic_cells() > 0
+    upper = bounds.upper if state.plastic_cells() else None
     largest, sums = np.full(6, -np.inf), np.zeros(6)
-    if capped:
-        fields = b, depth, u, p, bounds.upper, admissible
-        capped_certificate.survey(*fields, smallest, largest[1:], sums)
-    else:
-        loops.survey(b, depth, u, p, admissible, smallest, not state.grid.symbol, penetrates, largest, sums)
+    lifts = upper is None and not state.grid.symbol
+    loops.survey(b, depth, u, p, upper, admissible, smallest, lifts, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     u_squares, energy, defect, to_p, moved, p_squares = sums
@@ -154,10 +150,10 @@ def _prove(state, enough, work):
     if tension > bounds.rounding * highest:
         gap = np.inf
     elif state.grid.symbol:
-        gap, energy, shifted = _close_gap(state, energy, enough, work, capped)
+        gap, energy, shifted = _close_gap(state, energy, enough, work, upper)
     else:
         gap = to_p + moved / (2 * smallest)
-        if capped:
+        if upper is not None:
             gap = min(defect, gap)  # either bound holds
         elif state.operator.kernel.is_positive(grid):
             gap = min(defect + _lift_penetrations(state, lift, energy, penetrates), gap)
@@ -168,7 +164,7 @@ def _prove(state, enough, work):
         diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
-    if capped and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
+    if upper is not None and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
         gap = error = 0.0
     without_energy = np.inf if gap > 0 else 0.0
     return Certificate(
@@ -207,7 +203,7 @@ def _lift_penetrations(state, most, energy, penetrates):
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
 
 
-def _close_gap(state, energy, enough, work, capped):
+def _close_gap(state, energy, enough, work, upper):
     """Return duality gap, p.Ap and rounding error on a periodic patch. Collective.
 
     The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g is the changed gap, and B the inverse of A (module
@@ -218,41 +214,33 @@ def _close_gap(state, energy, enough, work, capped):
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
     rounded = state.distance.neglected_gap + math.ulp(state.depth)  # of the mean gap
-    fields, depths, to_plastic, kernels = [state.distance.b, state.depth, state.u, state.p], 0.0, 0.0, loops
-    if capped:
-        fields += [state.bounds.upper, state.admissible, 1 / diagonal]
-        sums = state.sum(capped_certificate.gaps(*fields))
-        gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = sums
-        kernels = capped_certificate
-    else:
-        fields += [state.admissible, diagonal]
-        gaps, excess, to_p, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))
+    fields = state.distance.b, state.depth, state.u, state.p, upper, state.admissible, 1 / diagonal
+    gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))
     inside, mean, *_ = state.distance.statistics
     excess += total_u  # zero up to rounding, which matters near full contact
     if inside == n and not gaps and not depths:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     stretch, constant, elsewhere = _gap_with_mean(gaps, excess, inside, n, depths)
-    factors, to_gap = (stretch,), (1 + stretch) * to_p + constant * pressures  # p.g
-    if capped:
+    deepen, to_gap = 0.0, (1 + stretch) * to_p + constant * pressures  # p.g
+    if upper is not None:
         # If a factor up to 2 on open gaps does not suffice, overlaps get a larger one.
         rest = excess + stretch * gaps + (n - inside) * elsewhere + inside * constant
         negligible = max(1e-12 * abs(excess), n * rounded)
         deepen = rest / depths if depths else 0.0 if abs(rest) <= negligible else np.inf
-        factors, to_gap = (stretch, deepen), to_gap + (1 + deepen) * to_plastic
-        to_gap = to_gap if -1 <= deepen < np.inf else np.inf
+        to_gap = to_gap + (1 + deepen) * to_plastic if -1 <= deepen < np.inf else np.inf
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
     most, eps = state.operator.diagonal * squares, np.finfo(float).eps
-    if state.distance.is_flat or (capped and energy <= (_CONSTANT_ROUNDING * eps) ** 2 * most):
+    if state.distance.is_flat or (upper is not None and energy <= (_CONSTANT_ROUNDING * eps) ** 2 * most):
         energy = max(energy, eps * most)  # constant up to rounding: h is flat, or all cells are plastic
-    moved = (*fields, *factors, constant, elsewhere)
-    squares = state.sum([kernels.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
+    moved = *fields, stretch, deepen, constant, elsewhere
+    squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
     if squares > 0 and to_gap + curved > enough**2 * energy / 2:
         field = np.empty(state.u.shape) if work is None else work
         scale = np.sqrt(n / squares)  # the least w underflow in single precision
-        kernels.move(*moved, scale, field)  # w
+        loops.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w
-        curved = state.sum([kernels.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
+        curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
     return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
 

@@ -1,6 +1,10 @@
 """Compiled loops of `app.contact.certificate`.
 
-Arrays are as in `app.contact.kernels`. In inadmissible cells the gap e counts as zero.
+Arrays are as in `app.contact.bounds_kernels`. In inadmissible cells the gap e counts as zero.
+
+A change of p by w / slope moves the gap by w. The *reduced gap* of a cell is the g that minimises
+``p max(g, 0) + (H - p) max(-g, 0) + (g - e)^2 / (2 slope)``. So e is moved towards zero, by at most slope p from above,
+and by at most slope (H - p) from below. Without a hardness g >= 0.
 """
 
 import math
@@ -8,47 +12,78 @@ import math
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.bounds_kernels import violation
+from app.contact.bounds_kernels import is_plastic, violation
 from app.contact.kernels import gap
 from app.parallel.reductions import add_tuples, njit_reassoc
 
 
 @njit_reassoc
-def _gaps_row(b, depth, u, p, admissible, diagonal):
-    gaps, excess, to_p, pressures, squares, total_u, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+def _reduce(e, p, upper, j, i, slope):
+    """Return the reduced gap, and its difference from the gap without cancellation."""
+    above = slope * p
+    if upper is None:
+        return max(e - above, 0.0), max(-above, -e)
+    below = slope * (upper[j, i] - p)
+    if e > above:
+        return e - above, -above
+    if e < -below:
+        return e + below, below
+    return 0.0, -e
+
+
+@njit_reassoc
+def _price(g, p, upper, j, i):
+    """Return the contribution of a gap g to the duality gap.
+
+    An open gap contributes p g, an overlap (H - p) |g|; without a hardness every gap contributes p g.
+    """
+    if upper is None:
+        return p * g
+    return p * g if g >= 0 else -(upper[j, i] - p) * g
+
+
+@njit_reassoc
+def _gaps_row(b, depth, u, p, upper, j, admissible, slope):
+    gaps, depths, excess, open_price, plastic_price = 0.0, 0.0, 0.0, 0.0, 0.0
+    pressures, squares, total_u, free = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
-        near = p[i] / diagonal
-        g = max(e - near, 0.0)
-        gaps += g
-        excess += max(-near, -e)
-        to_p += p[i] * g
+        g, w = _reduce(e, p[i], upper, j, i, slope)
+        price = _price(g, p[i], upper, j, i)
+        gaps += max(g, 0.0)
+        open_price += price if g > 0 else 0.0
+        if upper is not None:
+            depths += max(-g, 0.0)
+            plastic_price += price if g < 0 else 0.0
+        excess += w
         pressures += p[i]
         squares += p[i] * p[i]
         total_u += u[i]
-        free += 0.0 if p[i] > 0 else 1.0
-    return gaps, excess, to_p, pressures, squares, total_u, free
+        free += 0.0 if (p[i] > 0) & (not is_plastic(p[i], upper, j, i)) else 1.0
+    return gaps, depths, excess, open_price, plastic_price, pressures, squares, total_u, free
 
 
 @njit()
-def gaps(b, depth, u, p, admissible, diagonal):
+def gaps(b, depth, u, p, upper, admissible, slope):
     """Return the sums that certify a pressure on a periodic patch.
 
-    The summed fields are: g = max(e - p / B_II, 0), g - e, p g, p, p p, and u. The last number counts the cells without
-    pressure. `diagonal` is B_II, where B is the inverse of A.
+    The summed fields are: the reduced gap g where it is open, -g where it overlaps, g minus the gap, `_price` of open
+    gaps, `_price` of overlaps, p, p p, and u. The last result is the number of cells with p at a bound.
     """
-    sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
-        sums = add_tuples(sums, _gaps_row(b[j], depth, u[j], p[j], admissible[j], diagonal))
+        sums = add_tuples(sums, _gaps_row(b[j], depth, u[j], p[j], upper, j, admissible[j], slope))
     return sums
 
 
 @njit_reassoc
-def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
+def _move_row(
+    b, depth, u, p, upper, j, admissible, slope, stretch, deepen, constant, elsewhere, scale, field
+):
     squares, product = 0.0, 0.0
     for i in range(b.size):
-        e, near = gap(u[i], b[i], depth), p[i] / diagonal
-        w = max(-near, -e) + (stretch * max(e - near, 0.0) + constant)
+        g, w = _reduce(gap(u[i], b[i], depth), p[i], upper, j, i, slope)
+        w += (stretch if g > 0 else deepen) * g + constant
         w = w if admissible[i] else elsewhere
         squares += w * w
         if field.size:
@@ -58,26 +93,27 @@ def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere
 
 
 @njit()
-def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
+def move(b, depth, u, p, upper, admissible, slope, stretch, deepen, constant, elsewhere, scale, field):
     """Return w.w and w.field; set `field` to scale*w.
 
-    w is the change from the gap e to the dual feasible gap, by the numbers of `certificate._gap_with_mean`.
-    If `field` has no columns, only w.w is computed.
+    w is the change from the gap e to the dual feasible gap. The dual feasible gap is the reduced gap, times 1 +
+    `stretch` where it is open and 1 + `deepen` where it overlaps, plus a constant. In inadmissible cells w is
+    `elsewhere`. If `field` has no columns, only w.w is computed.
     """
-    sums = 0.0, 0.0
+    sums, numbers = (0.0, 0.0), (slope, stretch, deepen, constant, elsewhere, scale)
     for j in range(b.shape[0]):
-        row = b[j], depth, u[j], p[j], admissible[j]
-        sums = add_tuples(sums, _move_row(*row, diagonal, stretch, constant, elsewhere, scale, field[j]))
+        row = b[j], depth, u[j], p[j], upper, j, admissible[j]
+        sums = add_tuples(sums, _move_row(*row, *numbers, field[j]))
     return sums
 
 
 @njit_reassoc
-def _scan_row(b, depth, u, p, admissible):
+def _scan_row(b, depth, u, p, upper, j, admissible):
     penetration, deepest, highest, u_squares = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         h = b[i] + depth if admissible[i] else 0.0
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
-        penetration = max(penetration, -e)
+        penetration = max(penetration, 0.0 if is_plastic(p[i], upper, j, i) else -e)
         deepest = max(deepest, abs(h))
         highest = max(highest, abs(p[i]))
         u_squares += u[i] * u[i]
@@ -85,22 +121,22 @@ def _scan_row(b, depth, u, p, admissible):
 
 
 @njit_reassoc
-def _survey_row(b, depth, u, p, admissible, smallest):
-    tension, product, highest = -np.inf, 0.0, -np.inf
+def _survey_row(b, depth, u, p, upper, j, admissible, smallest):
+    outside, product, highest = 0.0, 0.0, 0.0
     energy, defect, to_p, moved, p_squares = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
-        tension = max(tension, violation(p[i], admissible[i]))
-        product = max(product, abs(p[i] * e))
+        outside = max(outside, violation(p[i], upper, j, i, admissible[i]))
         highest = max(highest, p[i])
+        price = _price(e, p[i], upper, j, i)
+        product = max(product, abs(price) if abs(price) < np.inf else 0.0)
+        g, w = _reduce(e, p[i], upper, j, i, smallest)
         energy += p[i] * u[i]
-        defect += p[i] * e
-        near = smallest * p[i]
-        to_p += p[i] * max(e - near, 0.0)
-        change = min(near, e)
-        moved += change * change
+        defect += price
+        to_p += _price(g, p[i], upper, j, i)
+        moved += w * w
         p_squares += p[i] * p[i]
-    return tension, product, highest, energy, defect, to_p, moved, p_squares
+    return outside, product, highest, energy, defect, to_p, moved, p_squares
 
 
 @njit_reassoc
@@ -117,21 +153,23 @@ _NO_CONTACT = (0.0,) * 8  # result of `_survey_row` without pressure and overlap
 
 
 @njit()
-def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sums):
+def survey(b, depth, u, p, upper, admissible, smallest, lifts, penetrates, largest, sums):
     """Update maxima and sums of gaps and pressures.
 
-    `largest` gets the maxima of: -e / u, -e, |h|, the violation of p >= 0, |p e|, and p. `sums` gets the sums of: u u,
-    p u, p e, p g, w w, and p p. Here g = max(e - p times the smallest eigenvalue, 0) and w = g - e. In inadmissible
-    cells h and e count as zero. Rows without pressure and penetration are only scanned. ``penetrates[j]`` is set if e <
-    0 in row j. -e / u is computed only if `lifts` is true.
+    `largest` gets the maxima of: -e / u, -e of the cells with p < H, |h|, the violation of the bounds, |`_price`| of
+    the gap, and p. `sums` gets the sums of: u u, p u, `_price` of the gap e, `_price` of the reduced gap g, (g - e)^2,
+    and p p. `smallest`, the smallest eigenvalue of A, is the slope of the reduced gap. Rows without pressure and
+    penetration are only scanned. ``penetrates[j]`` is set if row j penetrates. -e / u is computed only if `lifts` is
+    true.
     """
     for j in range(b.shape[0]):
-        penetration, deepest, highest, u_squares = _scan_row(b[j], depth, u[j], p[j], admissible[j])
+        fields = b[j], depth, u[j], p[j], upper, j, admissible[j]
+        penetration, deepest, highest, u_squares = _scan_row(*fields)
         penetrates[j] = penetration > 0
         lift = _lift_row(b[j], depth, u[j], admissible[j]) if lifts and penetration > 0 else 0.0
         row = _NO_CONTACT
         if not (penetration <= 0 and highest <= 0):  # or NaN
-            row = _survey_row(b[j], depth, u[j], p[j], admissible[j], smallest)
+            row = _survey_row(*fields, smallest)
         for k, value in enumerate((lift, penetration, deepest) + row[:3]):
             largest[k] = max(largest[k], value)
         for k, value in enumerate((u_squares,) + row[3:]):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.contact import kernels
-from app.contact.bounds import CappedBounds, PressureBounds
+from app.contact.bounds import PressureBounds
 from app.halfspace.operator import wrap_vec
 from app.halfspace.window import local_bounds, window_from_bounds
 from app.parallel.reductions import sum_over, sums_and_minima
@@ -82,8 +82,7 @@ class UndeformedDistance:
         b = np.negative(shape, order="C")
         admissible = ~np.isnan(b)
         np.copyto(b, 0.0, where=~admissible)
-        bounds = PressureBounds(admissible) if hardness is None else CappedBounds(admissible, hardness)
-        self._set(b, operator, bounds)
+        self._set(b, operator, PressureBounds(admissible, hardness))
         self.depth, self.reference = 0.0, reference
         self.full_contact_pressures = -np.inf, np.inf
         self._slabs, self.patch = operator.slabs, operator.grid
@@ -179,8 +178,8 @@ def _measure(levels, comm):
     means = [_mean(part, cells) for part, cells in zip(np.moveaxis(-parts, 1, 0), counts, strict=True)]
     pairs = zip(levels, means, strict=True)
     squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in pairs]
-    carried = [np.sum(d.bounds.upper, where=d.admissible) if d.bounds.capped else np.inf for d in levels]
-    limited = [np.count_nonzero(np.isfinite(d.bounds.upper) & d.admissible) for d in levels]
+    carried = [d.bounds.carried for d in levels]
+    limited = [d.bounds.limited_cells for d in levels]
     squares, carried, limited = np.split(np.asarray(sum_over(comm, squares + carried + limited)), 3)
     rows = zip(levels, counts, means, squares, carried, limited, minima.reshape(-1, 5), strict=True)
     for distance, cells, (mean, rest), about_mean, upper, finite, (*box, touching) in rows:

@@ -43,7 +43,7 @@ class FullContact:
         depth = loading.depth_on(distance)
         if not distance.full_depth <= depth or distance.full_depth == np.inf:
             return None
-        if distance.bounds.capped and distance.statistics.mean < depth < np.inf:  # beyond full contact
+        if distance.max_depth == np.inf and distance.statistics.mean < depth < np.inf:  # beyond full contact
             return None
         prescribed, (least, most) = wanted < np.inf, distance.full_contact_pressures
         if prescribed and not least <= wanted <= most:

@@ -108,8 +108,5 @@ def copy_prolongation(transfer, coarse, state, beta):
     np.less_equal(gap, beta * max_u, out=state.contact)  # (4.1)
     state.contact &= state.admissible
     transfer.copy(coarse.p, p)
-    if state.bounds.capped:
-        plastic = state.bounds.plastic_after(p, gap, state.operator.diagonal)
-        state.bounds.project_sets(p, state.contact, plastic)
-    else:
-        state.bounds.project(p, state.contact, p)
+    plastic = state.bounds.plastic_after(p, gap, state.operator.diagonal)
+    state.bounds.project_sets(p, state.contact, plastic)

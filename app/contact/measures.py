@@ -118,9 +118,8 @@ def measure_contact(state):
 
 def _plastic_sums(state):
     """Return number and total depth of plastic cells [mm]."""
-    if not state.bounds.capped:
+    if (plastic := state.bounds.plastic(state.p)) is None:
         return 0, 0.0
-    plastic = state.bounds.plastic(state.p)
     return np.count_nonzero(plastic), float(np.maximum(-state.gap(), 0.0).sum(where=plastic))
 
 

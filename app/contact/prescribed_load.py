@@ -229,12 +229,11 @@ class PrescribedLoad(Loading):
         The load at this approach is estimated from the mean gap in contact. See `Loading.update`.
         """
         gaps = state.on_contact_or_overlap()
-        capped = state.bounds.capped
-        if not gaps.cells and not (capped and state.plastic_cells()):
+        if not gaps.cells and not state.plastic_cells():
             state.first_contact()
         depth = state.depth
         least_plastic = 0 if state.grid.symbol else MAX_PLASTIC_FRACTION * gaps.cells
-        if capped and state.plastic_cells() > least_plastic:
+        if state.plastic_cells() > least_plastic:
             stiffness = PLASTIC_STIFFNESS_RATIO * least_stiffness(state)
             expected, step = np.nan, self._plastic_step(state, gaps, stiffness)
         else:
@@ -296,7 +295,7 @@ class PrescribedLoad(Loading):
             state.distribute_load(self.load)
         else:
             return update._replace(added=1)  # continue: there must be contact
-        if state.bounds.capped and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
+        if state.plastic_cells() and not isclose(state.load, self.load, rel_tol=LOAD_ROUNDING):
             self.update(state)  # C is empty, or all its cells are at a bound
             return update._replace(added=1)
         state.depth += state.on_contact_or_overlap().mean
@@ -304,7 +303,7 @@ class PrescribedLoad(Loading):
 
     def meet(self, state):
         """Add missing load if cells are plastic; see `Loading.meet`."""
-        if state.bounds.capped and state.plastic_cells():
+        if state.plastic_cells():
             state.reach_load(self.load)
 
     def scale_pressure(self, pressure, total, cell_area):

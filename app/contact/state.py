@@ -23,7 +23,6 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.contact.bounds import PressureBounds
 from app.halfspace.operator import wrap_vec
 from app.parallel.reductions import minimum_over, sum_over
 
@@ -76,7 +75,6 @@ class Gaps(NamedTuple):
 
 
 _NO_FIELD = np.zeros((0, 0))
-_PATIENCE_WITH_HARDNESS = 2  # iterations in which the number of changed cells may stagnate
 _MAX_LOAD_STEPS = 60  # steps of `ContactState.reach_sum`, each of which brings a cell to a bound or ends
 _LOAD_ROUNDING = 1e-15  # relative rounding error of a sum of pressures
 
@@ -129,7 +127,7 @@ class ContactState:
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.displacement_status = Displacement.EXACT if u is None else displacement_status
         self._released = np.zeros(operator.local_shape, bool)
-        self.patience = _PATIENCE_WITH_HARDNESS if self.bounds.capped else np.inf
+        self.patience = self.bounds.patience
         self.contact = operator.mask
         self.contact[...] = False
 
@@ -186,7 +184,7 @@ class ContactState:
 
     def not_plastic(self):
         """Return a mask of the admissible cells with p < H."""
-        return self.bounds.not_plastic(self.p) if self.bounds.capped else self.admissible
+        return self.bounds.not_plastic(self.p)
 
     def _local_plastic_cells(self):
         """Count this rank's plastic cells, again only if p has changed."""
@@ -195,10 +193,12 @@ class ContactState:
             self._local_plastic = self.bounds.count_plastic(self.p)
         return self._local_plastic
 
-    def plastic_cells(self):
-        """Return the number of plastic cells. Collective."""
+    def plastic_cells(self, factor=1.0):
+        """Return the number of cells with factor * p >= H, by default of plastic cells. Collective."""
         if not self.bounds.capped:
             return 0
+        if factor != 1:
+            return int(self.sum([self.bounds.count_plastic(self.p, factor)])[0])
         local = self._local_plastic_cells()
         if self._plastic_cells is None:
             self._plastic_cells = int(self.sum([local])[0])
@@ -338,12 +338,10 @@ class ContactState:
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)
-        plastic = self.bounds.capped and (pressure is not None or self._local_plastic_cells())
-        p = self._p if pressure is None else pressure
-        fields = self.u, p, self.admissible, self.contact, self._released
-        expected, row = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
-        bounds = self.bounds if plastic else PressureBounds
-        sums = bounds.activate(self.distance.b, self.distance.depth, *fields, expected, row)
+        plastic = pressure is not None or self.plastic_cells() > 0
+        p, expected = self._p if pressure is None else pressure, _NO_FIELD if expected is None else expected
+        fields = self.distance.b, self.distance.depth, self.u, p, self.contact, self._released
+        sums = self.bounds.activate(*fields, expected, plastic)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)
         update = Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)
@@ -364,7 +362,7 @@ class ContactState:
         If a cell reached the hardness, a constant is added to p on C instead, and u is computed.
         """
         factor = load / present_load
-        if not (self.bounds.capped and self.sum([self.bounds.count_plastic(self.p, max(factor, 1.0))])[0]):
+        if not self.plastic_cells(max(factor, 1.0)):
             return self.scale(factor)
         self.reach_load(load)
         return self.compute_displacement(exact=True)

@@ -29,7 +29,7 @@ def lift(transfer, coarse, state):
     """
     circulant_inverse(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
-    p, bounds, closable = state.values, state.bounds, state.admissible
+    p, bounds, closable, plastic = state.values, state.bounds, state.admissible, None
     if bounds.capped:
         transfer.copy(coarse.p, p)
         plastic = state.admissible & ~state.contact & (p > 0)
@@ -39,10 +39,7 @@ def lift(transfer, coarse, state):
     transfer.interpolate(coarse.u, p)  # 1. p stores T until 3.
     _close_gaps(state.distance.b, state.depth, state.u, closable, state.contact, p)  # 2.
     circulant_inverse(state.operator).apply(p, p)  # 3.
-    if bounds.capped:
-        after = bounds.project_sets(p, state.contact, plastic)
-    else:
-        after = bounds.project(p, state.contact, p)
+    after = bounds.project_sets(p, state.contact, plastic)
     state.contact &= bounds.between(p)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
     before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])

@@ -11,8 +11,7 @@ import zlib
 import numpy as np
 
 from app.base.numba_cache import as_writable
-from app.contact import full_plasticity, prescribed_load
-from app.contact.bounds import PressureBounds
+from app.contact import bounds_kernels, full_plasticity, prescribed_load
 from app.contact.loading import PrescribedApproach
 from app.methods.periodic.state import PrimalState
 from app.parallel.reductions import sums_and_minima
@@ -139,8 +138,8 @@ class CappedPrimalState(PrimalState):
         state = self.state
         if self._sets in self._left:
             return self._exchange_worst(solver, *limits)
-        fields = solver.carried, state.values, self.w, solver.change, state.distance.b, state.admissible
-        return state.bounds.exchange(*fields, state.contact, self.plastic, *limits)
+        fields = solver.carried, state.values, self.w, solver.change, state.distance.b, state.contact
+        return state.bounds.exchange(*fields, self.plastic, *limits)
 
     def _exchange_worst(self, solver, slack, least_gap, compliance, far, captured):
         """Exchange only the cell that violates the conditions most.
@@ -206,9 +205,7 @@ class CappedPrimalState(PrimalState):
         Outside C, p is set to a bound.
         """
         state, upper = self.state, self.state.bounds.upper
-        total = PressureBounds.project(
-            as_writable(state.p), state.contact, p
-        )  # to the last bit as without a hardness
+        total = bounds_kernels.project(as_writable(state.p), None, state.contact, p)
         limited = self.plastic | (p > upper)
         if limited.any():
             np.copyto(p, upper, where=limited)

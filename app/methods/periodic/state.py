@@ -200,9 +200,9 @@ class PrimalState:
         force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)
         room = self._guess_sources(weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
-        rows, work = solver.guess_halo, stencil.make_work(solver.guess_sweeps, shape[1], np.float32)
+        rows, work = solver.guess_halo, stencil.make_projected_work(solver.guess_sweeps, shape[1], room)
         sources, bound = (force, *rows(force)), (lowest, *rows(lowest))
-        above = tuple(field[:0] for field in bound) if room is None else (room, *rows(room))
+        above = (None,) * 3 if room is None else (room, *rows(room))
         if self.extrapolates:
             stencil.sweep_projected(*sources, *bound, *above, weights, solver.guess_sweeps, x, work)
         else:
@@ -268,7 +268,7 @@ class PrimalState:
     def _exchange_cells(self, solver, *limits):
         """Exchange cells of this rank; see `app.contact.bounds_kernels.exchange`."""
         state = self.state
-        fields = solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact
+        fields = solver.carried, None, self.w, solver.change, state.distance.b, state.contact, None
         return state.bounds.exchange(*fields, *limits)
 
     def _keep_contact(self, solver, released):

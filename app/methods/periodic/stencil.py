@@ -10,8 +10,7 @@ at each end. Work arrays are in single precision, which is enough for a precondi
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.contact.bounds_kernels import projected_displacement
-from app.contact.capped_kernels import clipped_displacement
+from app.contact.bounds_kernels import clipped_displacement
 from app.parallel.reductions import (
     add_row,
     copy_row,
@@ -34,17 +33,24 @@ def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
 
 
 @njit_reassoc
-def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
-    for i in range(source.size):
-        neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
-        out[i + 1] = projected_displacement(source[i] - neighbours, lowest[i])
-
-
-@njit_reassoc
 def _clipped_row(source, lowest, room, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
         neighbours = stencil_sum(above, here, below, i, wx, wy, wd)
-        out[i + 1] = clipped_displacement(source[i] - neighbours, lowest[i], room[i])
+        out[i + 1] = clipped_displacement(source[i] - neighbours, lowest[i], room, i)
+
+
+@njit_reassoc
+def _first_clipped_row(source, lowest, room, out):
+    for i in range(source.size):
+        out[i] = clipped_displacement(source[i], lowest[i], room, i)
+
+
+@njit()
+def _row_of(rooms, k):
+    """Return row k, or None if there are no rows."""
+    if rooms is None:
+        return None
+    return rooms[k]
 
 
 @njit_reassoc
@@ -307,38 +313,29 @@ def sweep_projected(
 
     A sweep is ``y = f - N x``, then ``x = max(y, min(low, y + room))``. f is the right-hand side divided by B3_00; N
     are the neighbours in the 3 x 3 centre B3 of B, divided by B3_00. x starts from y = f. `low` is the displacement
-    that closes the gap. `room` is the displacement by the highest pressure on a cell; an array of size 0
-    means that there is no highest pressure. Arrays are float32. Halos must have at least ``steps - 1`` rows.
+    that closes the gap. `room` is the displacement by the highest pressure on a cell; None means
+    that there is no highest pressure. Arrays are float32. Halos must have at least ``steps - 1`` rows.
     """
     rows, nx = f.shape
     if not rows:
         return
     halo, (_, wx, wy, wd), (sources, lowest, swept, rooms) = len(f_before), weights, work
-    capped = len(room) > 0
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
             source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
             copy_slab_row(t, f, f_before, f_after, source)
             copy_slab_row(t, low, low_before, low_after, bound)
-            if capped:
-                above = rooms[t % (steps + 1)]
-                copy_slab_row(t, room, room_before, room_after, above)
-                for i in range(nx):
-                    first[i + 1] = clipped_displacement(source[i], bound[i], above[i])
-            else:
-                for i in range(nx):
-                    first[i + 1] = max(source[i], bound[i])
+            if room is not None:
+                copy_slab_row(t, room, room_before, room_after, rooms[t % (steps + 1)])
+            _first_clipped_row(source, bound, _row_of(rooms, t % (steps + 1)), first[1:-1])
             wrap_ends(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
                 row, k = swept[m, j % 3], j % (steps + 1)
                 above, here, below = swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3]
-                if capped:
-                    _clipped_row(sources[k], lowest[k], rooms[k], above, here, below, wx, wy, wd, row)
-                else:
-                    _projected_row(sources[k], lowest[k], above, here, below, wx, wy, wd, row)
+                _clipped_row(sources[k], lowest[k], _row_of(rooms, k), above, here, below, wx, wy, wd, row)
                 wrap_ends(row, row.size - 2, 1)
         j = t - steps + 1
         if halo <= j < halo + rows:
@@ -369,11 +366,13 @@ def add_centre(d, before, after, weights, work, out):
             _add_row(work[(j - 2) % 3], work[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
 
 
-def make_work(steps, nx, kind=bool):
-    """Return the work arrays for a number of sweeps.
-
-    `kind` is the dtype of the second array: bool for `sweep`; float32 for `sweep_projected`, which has one more array.
-    """
+def make_work(steps, nx):
+    """Return the work arrays of `sweep` for a number of sweeps."""
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
-    work = sources, np.empty((steps + 1, nx), kind), swept
-    return work if kind is bool else (*work, np.empty_like(sources))
+    return sources, np.empty((steps + 1, nx), bool), swept
+
+
+def make_projected_work(steps, nx, room):
+    """Return the work arrays of `sweep_projected`, with or without a `room`."""
+    sources, _, swept = make_work(steps, nx)
+    return sources, np.empty_like(sources), swept, None if room is None else np.empty_like(sources)
