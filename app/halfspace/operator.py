@@ -79,7 +79,8 @@ class InfluenceOperator(MatMethods):
     the target grid has the largest work array. All other products and preconditioners use the beginning of this work
     array, one at a time (`storage`). The products of the iteration are in single precision or have fewer cells, so they
     leave the end of the array unused. The end holds vectors of the Krylov method (`spare_fields`), because the
-    iteration does not use the double precision product.
+    iteration does not use the double precision product. A preconditioner that needs more than the iteration's product
+    has a work array of its own.
     """
 
     def __init__(
@@ -152,8 +153,8 @@ class InfluenceOperator(MatMethods):
         """Return unused parts of `storage` as work fields.
 
         There is one field for each numpy type in `types`, of shape `local_shape`; None if the storage is too small.
-        Neither the product of this operator nor the products `others` of other grids overwrite the fields. Collective
-        on first use.
+        Neither `product` and the `multipliers` of this operator nor the products `others` of other grids overwrite the
+        fields. Collective on first use.
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):
@@ -213,8 +214,14 @@ class InfluenceOperator(MatMethods):
         return kind(quadrant_rows(grid, kernel), grid.shape, layout, grid.repeats)
 
     def layout(self, dtype=None):
-        """Return the `Layout` of products with the precision `dtype`."""
-        dtype = self.dtype if dtype is None else dtype
+        """Return the `Layout` of products with the precision `dtype`. Collective without `dtype`.
+
+        Without `dtype` it is the layout of what the iteration uses together with `product`. This takes no more of the
+        `storage` than `product` does, because the `spare_fields` have the rest.
+        """
+        if dtype is None:
+            lender = self.product if isinstance(self.product, EvenMultiplier) else self.storage
+            return Layout(self.slabs, self.comm, self.dtype, lender, self.spectra)
         return Layout(self.slabs, self.comm, dtype, self.storage, self.spectra)
 
     # -- set-up ------------------------------------------------------------------------------------------

@@ -37,16 +37,11 @@ class Storage:
     """
 
     def __init__(self, sizes, rank, comm):
-        self._sizes = tuple(sizes)
-        pages = [-(-size // mmap.PAGESIZE) for size in self._sizes]
+        pages = [-(-size // mmap.PAGESIZE) for size in sizes]
         self.starts = mmap.PAGESIZE * np.concatenate([[0], np.cumsum(pages, dtype=np.int64)])
         self.all = None if comm is None else _map_shared(comm, int(self.starts[-1]))
-        size = self._sizes[rank] if rank < len(self._sizes) else 0
+        size = sizes[rank] if rank < len(sizes) else 0
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
-
-    def suits(self, sizes):
-        """Return whether each rank's shared memory has the bytes in `sizes`."""
-        return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 
 def _map_shared(comm, size):

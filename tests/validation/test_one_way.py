@@ -7,7 +7,7 @@ import pytest
 from running import assert_solves_lcp, solve
 from scipy.optimize import nnls
 
-from app import ContactProblem, ContactSolver, Cylinder, Grid, InputError, Material
+from app import ContactProblem, ContactSolver, Cylinder, Grid, InputError, Material, Sphere
 from app.halfspace.love import love_coefficients
 from app.halfspace.one_way_kernel import patch_kernel
 from app.halfspace.stress.subsurface import SubsurfaceStress, max_shear
@@ -131,6 +131,37 @@ def test_random_layers_equal_dense_solutions(seed):
         error = dense.energy(solution.pressure - expected)
         assert error <= (solution.error_bound + 1e-12) * dense.energy(expected)
         np.testing.assert_allclose(solution.pressure, expected, rtol=0, atol=1e-4 * expected.max())
+
+
+STIFF_CASES = [
+    *product([0.1, 1.0, 2.0, 30.0], [(32, 32), (40, 24)], ["load", "approach", "hard"]),
+    *((contrast, (16, 70), "load") for contrast in (2.0, 30.0)),
+    *((contrast, (64, 64), loading) for contrast in (2.0, 30.0) for loading in ("load", "hard")),
+]
+
+
+@pytest.mark.parametrize(("contrast", "shape", "loading"), STIFF_CASES)
+def test_coated_bodies_are_solved_alike_in_both_directions(contrast, shape, loading):
+    """A stiff coating of contrast 2 is padded past the free boundary only, whichever direction this is."""
+    (ny, nx), half = shape, shape[0] / shape[1]
+    grids = {
+        "y": Grid.from_domain(nx, ny, (-1, 1, -half, half), "y"),
+        "x": Grid.from_domain(ny, nx, (-half, half, -1, 1), "x"),
+    }
+    material = Material.coated((contrast * 1e5, 1e5), (0.3, 0.3), 0.2)
+    prescribed = {"approach": 0.01} if loading == "approach" else {"load": 100.0}
+    found = {}
+    for periodic, grid in grids.items():
+        problem = ContactProblem(grid, material, Sphere(10.0), hardness=500.0 if loading == "hard" else None)
+        with ContactSolver(problem, "fast", {"lcp_rtol": 1e-8}) as solver:
+            found[periodic] = solver.solve(**prescribed)
+        assert found[periodic].converged and found[periodic].fallbacks == 0
+        assert found[periodic].error_bound < 1e-4
+    along_x, along_y = found["x"], found["y"]
+    close = {"rtol": 0, "atol": 1e-5 * along_y.max_pressure}
+    np.testing.assert_allclose(along_x.pressure.T, along_y.pressure, **close)
+    assert along_x.approach == pytest.approx(along_y.approach, rel=1e-6)
+    assert along_x.operator_applications < 1.3 * along_y.operator_applications + 5
 
 
 def rough_gap(ny, nx, seed=0):

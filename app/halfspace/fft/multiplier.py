@@ -110,7 +110,7 @@ class Layout(NamedTuple):
     slabs: object = None  # Slabs; None: this rank has all rows.
     comm: object = None  # Ranks that share the grid; the ranks of a `Communicator` may also share memory.
     dtype: object = np.float64
-    workspace: object = None  # Multiplier that lends its working storage, if this is large enough.
+    workspace: object = None  # Multiplier that lends its working storage, if its own part is large enough.
     spectra: object = None  # SpectrumCache
 
 
@@ -140,10 +140,10 @@ class EvenMultiplier:
         self._spectrum = None
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
-        sizes = [columns * rows * complex_type.itemsize for rows in self.slabs.counts]
-        lent = layout.workspace and layout.workspace._storage
-        suits = lent is not None and lent.suits(sizes)
-        self._storage = lent if suits else Storage(sizes, self.slabs.rank, self.comm)
+        self._sizes = sizes = [columns * rows * complex_type.itemsize for rows in self.slabs.counts]
+        lender = layout.workspace
+        suits = lender is not None and lender._lends(sizes)
+        self._storage = lender._storage if suits else Storage(sizes, self.slabs.rank, self.comm)
         self._transformed = np.ndarray(columns * self.slabs.local, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
         self._exchange = Exchange(self._groups, self._transformed, self.comm, self._storage)
@@ -155,6 +155,10 @@ class EvenMultiplier:
         self._column_plans = [in_y.plans(group.count % STRIP) for group in self._groups]
         self._column_work = in_y.length, in_y.data, in_y.transforms, in_y.transforms.view(self.dtype)
         self._scratch = _scratch((2 * _in_strip(pairs) * columns,), complex_type)
+
+    def _lends(self, sizes):
+        """Return whether this multiplier's own part of the storage has enough bytes for each rank."""
+        return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
     def load_or_make(self, key, make):
         """Take the spectrum from the operator's cache, or compute it. Collective.
