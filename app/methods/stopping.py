@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from app.contact.certificate import estimate
 from app.contact.stopping import ROUNDING_RESIDUAL, StoppingTest
 
+UNPROVED = "the certificate fails however small the residual"
 IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may be small in its patch
 
 
@@ -55,13 +56,18 @@ class InexactStop(StoppingTest):
             return max(coarse_rtol, ROUNDING_RESIDUAL) * min(norm, h_on_contact)
         return min(self.rtol * norm, max(IN_CONTACT * self.rtol, ROUNDING_RESIDUAL) * h_on_contact)
 
+    @property
+    def at_rounding(self):
+        """True if rtol is so small that rounding limits the error."""
+        return IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL
+
     def certified(self, state, work=None):
         """Return whether the certificate proves an error of at most `error_bound`.
 
         Collective. On coarse grids nothing is tested, and the result is true; also if rtol is so small that rounding
         limits the error. `work` is an array that may be overwritten.
         """
-        if not self.final or IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL:
+        if not self.final or self.at_rounding:
             return True
         return estimate(state, self.error_bound, work).error_bound <= self.error_bound
 

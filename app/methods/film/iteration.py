@@ -9,6 +9,7 @@ from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.film.cg import ConstrainedCG
 from app.methods.progress import HalvingTest
 from app.methods.safeguard import solve_safeguarded
+from app.methods.stopping import UNPROVED
 
 MAX_CHANGED_FRACTION = 0.005  # largest fraction of C that changes on the last contact set of a coarse grid
 MAX_LOAD_RATIO = 2.0  # largest factor by which p is scaled to the load; otherwise CG adds the missing load
@@ -80,6 +81,8 @@ def constrained_active_set(state, solver, loading, stop, history):
                 if stop.certified(state):
                     return Outcome(True, CONVERGED, k, residual)
                 stop, progress = stop.tighter(0.1), HalvingTest()
+                if stop.at_rounding:
+                    return Outcome(False, UNPROVED, k, residual)
         progress.update(update.residual, otherwise=update.changed < fewest)
         fewest = min(fewest, update.changed)
         if progress.stagnates:

@@ -13,7 +13,8 @@ The steps are as in `app.contact.active_set.active_set`, with six differences:
 - *Coarse grids* are left early: when the residual is small, almost no pressure is negative, and a load is nearly met.
   The contact set may still change then.
 
-If there is no progress, the iteration raises `NeedsSafeguard`, and `app.methods.safeguard` continues.
+If there is no progress, or no small residual satisfies the certificate, the iteration raises `NeedsSafeguard`, and
+`app.methods.safeguard` continues.
 """
 
 from typing import NamedTuple
@@ -24,6 +25,7 @@ from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
 from app.methods.progress import HalvingTest, NeedsSafeguard
+from app.methods.stopping import UNPROVED
 
 MAX_RELEASED_SHARE = 0.01  # largest share of the load that a coarse grid releases without updating u
 MAX_COARSE_LOAD_MISS = 3.0  # largest error of the approach to a load on a coarse grid, in its tolerance
@@ -57,6 +59,8 @@ def inexact_active_set(state, solver, loading, stop, history):
         sets.record(solved, exchanged)
         if sets.progress.stagnates:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+        if (exchanged.done or exchanged.too_loose) and sets.stop.at_rounding:
+            raise NeedsSafeguard(Outcome(False, UNPROVED, k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
 from app.contact.periodic_state import contact_state
+from app.contact.state import Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.kernel import UNIT
 from app.halfspace.operator import InfluenceOperator
@@ -147,6 +148,26 @@ def test_failed_linear_solver_starts_the_safeguard(monkeypatch):
     solution = solve(punch(64), 0.01, "fast")
     assert failed and solution.converged and solution.fallbacks == 1
     assert solution.load == pytest.approx(expected.load, rel=1e-5)
+
+
+@pytest.mark.parametrize("load", [None, 1e5])
+def test_failed_certificate_starts_the_safeguard(load, monkeypatch):
+    """No residual is small enough for a pressure that is negative outside C; the safeguard projects it."""
+    improve = TrackingSolver.improve
+
+    def leaves_tension(solver, state, *how):
+        result = improve(solver, state, *how)
+        if state.grid.n == 64**2:
+            state.values[0, 0] = -1.0
+            state.displacement_status = Displacement.STALE
+        return result
+
+    expected = solve(punch(64), 0.01, "fast", load)
+    monkeypatch.setattr(TrackingSolver, "improve", leaves_tension)
+    solution = solve(punch(64), 0.01, "fast", load)
+    assert_solves_lcp(solution)
+    assert solution.fallbacks == 1 and solution.error_bound < 0.01
+    np.testing.assert_allclose(solution.load, expected.load, rtol=1e-5)
 
 
 class Uphill:
