@@ -25,33 +25,72 @@ def active_set(state, solver, loading, stop, history):
     Collective over the ranks of `state`, which has the initial contact set and pressure. `solver` is a LinearSolver or
     DirectSolver of the same operator. Return the Outcome.
     """
-    if not start_grid(state, solver, loading, history):  # Sec. 4.1, 1
-        return Outcome(loading.allows_no_contact, NO_CONTACT)
-    for k in range(1, stop.max_it + 1):
+    return ActiveSet(state, solver, loading, stop).run(history)
+
+
+class ActiveSet:
+    """The paper's iteration on one grid; a subclass may change its steps. Collective.
+
+    The parameters are as in `active_set`.
+    """
+
+    too_many = TOO_MANY_ITERATIONS
+
+    def __init__(self, state, solver, loading, stop):
+        self.state, self.solver, self.loading, self.stop = state, solver, loading, stop
+
+    def run(self, history):
+        """Iterate; return the Outcome."""
+        state, solver, loading = self.state, self.solver, self.loading
+        if not start_grid(state, solver, loading, history):  # Sec. 4.1, 1
+            return Outcome(loading.allows_no_contact, NO_CONTACT)
+        for k in range(1, self.stop.max_it + 1):
+            correction, its, failure = self.solve(k)  # steps 2 and 3
+            state.add(correction)
+            state.release_tensile()  # Sec. 4.1, (4.a)
+            state.compute_displacement()  # u = A p, after the release: any other order oscillates
+            self.move()
+            update = state.activate_penetrating()  # Sec. 4.1, (4.b)
+            history.add(state, solver, update, its)
+            residual = update.residual / state.distance.norm()
+            if reason := failure_reason(failure, residual):
+                return Outcome(False, reason, k, residual)
+            if self.passes(update):
+                update = loading.settle(state, update) if self.stop.final else update
+                if self.passes(update) and self.accepts():
+                    return Outcome(True, CONVERGED, k, residual)
+            if reason := self.gives_up(update, history):
+                if rounding := reason == BELOW_ROUNDING:
+                    loading.settle(state, update)
+                return Outcome(False, reason, k, residual, to_rounding=rounding)
+        return Outcome(False, self.too_many.format(self.stop.max_it), self.stop.max_it, residual)
+
+    def solve(self, k):
+        """Solve for the contact set of iteration k; return correction, iterations and failure."""
+        state = self.state
         state.before_iteration(k)  # periodic patches only
-        solver.set_contact()  # Sec. 4.1, 2
-        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # Sec. 4.1, 3
-        state.add(correction)
-        state.release_tensile()  # Sec. 4.1, (4.a)
-        state.compute_displacement()  # u = A p, after the release: any other order oscillates
-        loading.update(state)  # the approach under a prescribed load
-        update = state.activate_penetrating()  # Sec. 4.1, (4.b)
-        history.add(state, solver, update, its)
-        residual = update.residual / state.distance.norm()
-        if reason := failure_reason(failure, residual):
-            return Outcome(False, reason, k, residual)
-        if (
+        self.solver.set_contact()  # Sec. 4.1, 2
+        return self.solver.solve(state.defect(), self.stop.allowed(state))  # Sec. 4.1, 3
+
+    def move(self):
+        """Change the approach under a prescribed load."""
+        self.loading.update(self.state)
+
+    def passes(self, update):
+        """Return whether an update passes the test."""
+        return (
             not update.changed  # Sec. 4.1, 5
-            and stop(state, update.residual)  # Sec. 4.1, 6
-        ):
-            update = loading.settle(state, update) if stop.final else update
-            if not update.changed and stop(state, update.residual):
-                return Outcome(True, CONVERGED, k, residual)
-        is_rounding = update.residual <= ROUNDING_RESIDUAL * update.h_on_contact
-        if not update.changed and is_rounding and history.stagnates():
-            loading.settle(state, update)
-            return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
-    return Outcome(False, TOO_MANY_ITERATIONS.format(stop.max_it), stop.max_it, residual)
+            and self.stop(self.state, update.residual)  # Sec. 4.1, 6
+        )
+
+    def accepts(self):
+        """Return whether a pressure that passes is the solution."""
+        return True
+
+    def gives_up(self, update, history):
+        """Return why the iteration ends although the test fails; an empty text if it continues."""
+        is_rounding = not update.changed and update.residual <= ROUNDING_RESIDUAL * update.h_on_contact
+        return BELOW_ROUNDING if is_rounding and history.stagnates() else ""
 
 
 def active_set_or_search(state, solver, loading, stop, history):

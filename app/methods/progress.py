@@ -1,5 +1,6 @@
 """Test of an iteration's progress, and the exception for missing progress."""
 
+STAGNATES = "the residual stagnates"
 PATIENCE = 8  # iterations within which a residual must be halved
 
 

@@ -1,13 +1,11 @@
 """The active set iteration on one grid, with a prescribed load as constraint."""
 
-from functools import partial
 from math import sqrt
 
-from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
-from app.contact.history import Outcome
+from app.contact.active_set import NO_CONTACT, ActiveSet
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.film.cg import ConstrainedCG
-from app.methods.progress import HalvingTest
+from app.methods.progress import STAGNATES, HalvingTest
 from app.methods.safeguard import solve_safeguarded
 from app.methods.stopping import UNPROVED
 
@@ -31,7 +29,10 @@ def solve_film(hierarchy, number, state, solver, loading, stop, history, first=F
     Parameters and result are as in `active_set`; `number` is the number of the level in the hierarchy. If `first` is
     true, this is the first grid. A prescribed load then starts from contact of all cells below the mean height.
     """
-    solve = partial(constrained_active_set, state, solver, stop=stop, history=history)
+
+    def solve(loading):
+        return ConstrainedActiveSet(state, solver, loading, stop).run(history)
+
     if first and loading.approach_is_known:
         outcome = loading.first_solve(state, solve)
     else:
@@ -44,56 +45,67 @@ def solve_film(hierarchy, number, state, solver, loading, stop, history, first=F
     return solve_safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 
-def constrained_active_set(state, solver, loading, stop, history):
-    """Solve the contact problem (2.8)-(2.10) on one grid.
+class ConstrainedActiveSet(ActiveSet):
+    """Iteration on one grid, with a prescribed load as constraint of the linear solver. Collective.
 
-    Collective. Parameters and result are as in `active_set`. With a KSP other than ConstrainedCG, the loading changes
-    the approach.
+    With a KSP other than ConstrainedCG, the loading changes the approach. The parameters are as in `active_set`.
     """
-    if not start_grid(state, solver, loading, history):
-        return Outcome(loading.allows_no_contact, NO_CONTACT)
-    progress, fewest = HalvingTest(), float("inf")
-    for k in range(1, stop.max_it + 1):
-        constrain = bool(_constrained_cg(solver)) and not loading.approach_is_known
-        constrain = constrain and state.cells_in_contact() > 0
-        if not constrain:  # with the constraint A is regular in full contact, too
+
+    too_many = "{} active set iterations were not enough"
+
+    def __init__(self, *args):
+        super().__init__(*args)
+        self._progress, self._fewest = HalvingTest(), float("inf")
+        self._constrained = self._unproved = False
+
+    def solve(self, k):
+        """Solve for the contact set and, under a load, for the approach; see `ActiveSet.solve`."""
+        state, solver, by_load = self.state, self.solver, not self.loading.approach_is_known
+        self._constrained = by_load and bool(_constrained_cg(solver)) and state.cells_in_contact() > 0
+        if not self._constrained:  # with the constraint A is regular in full contact, too
             state.before_iteration(k)
         solver.set_contact()  # makes a new KSP after an interrupt
         if cg := _constrained_cg(solver):
-            cg.total = _missing_sum(state, loading) if constrain else None
-        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
-        state.add(correction)
-        if constrain:
+            cg.total = _missing_sum(state, self.loading) if self._constrained else None
+        result = solver.solve(state.defect(), self.stop.allowed(state))
+        if self._constrained:
             state.depth -= cg.shift
-        state.release_tensile()
-        state.compute_displacement()
-        if not constrain:
-            loading.update(state)
-        update = state.activate_penetrating()
-        history.add(state, solver, update, its)
-        residual = update.residual / state.distance.norm()
-        if reason := failure_reason(failure, residual):
-            return Outcome(False, reason, k, residual)
-        few = 0 if stop.final else MAX_CHANGED_FRACTION * update.cells
-        if update.changed <= few and update.residual <= stop.allowed(state, update.h_on_contact):
-            update = loading.settle(state, update) if stop.final else update
-            if update.changed <= few and update.residual <= stop.allowed(state, update.h_on_contact):
-                if stop.certified(state):
-                    return Outcome(True, CONVERGED, k, residual)
-                stop, progress = stop.tighter(0.1), HalvingTest()
-                if stop.at_rounding:
-                    return Outcome(False, UNPROVED, k, residual)
-        progress.update(update.residual, otherwise=update.changed < fewest)
-        fewest = min(fewest, update.changed)
-        if progress.stagnates:
-            # If the cells in contact are flat, the displacement by the mean pressure replaces h.
-            flat = sqrt(update.cells) * state.operator.diagonal * state.load / state.grid.area
-            size = max(update.h_on_contact, flat)
-            if not update.changed and update.residual <= ROUNDING_RESIDUAL * size:
-                loading.settle(state, update)
-                return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
-            return Outcome(False, "the residual stagnates", k, residual)
-    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+        return result
+
+    def move(self):
+        """Change the approach under a prescribed load, unless the solver did."""
+        if not self._constrained:
+            super().move()
+
+    def passes(self, update):
+        """Return whether an update passes the test; on coarse grids a few cells may change."""
+        few = 0 if self.stop.final else MAX_CHANGED_FRACTION * update.cells
+        return update.changed <= few and update.residual <= self.stop.allowed(self.state, update.h_on_contact)
+
+    def accepts(self):
+        """Return whether the certificate is satisfied; if not, make the test stricter."""
+        if self.stop.certified(self.state):
+            return True
+        self.stop, self._progress = self.stop.tighter(0.1), HalvingTest()
+        self._unproved = self.stop.at_rounding
+        return False
+
+    def gives_up(self, update, history):
+        """Return why the iteration ends; see `ActiveSet.gives_up`.
+
+        It ends if neither the residual nor the number of changed cells falls.
+        """
+        state = self.state
+        self._progress.update(update.residual, otherwise=update.changed < self._fewest)
+        self._fewest = min(self._fewest, update.changed)
+        if self._unproved:
+            return UNPROVED
+        if not self._progress.stagnates:
+            return ""
+        # If the cells in contact are flat, the displacement by the mean pressure replaces h.
+        flat = sqrt(update.cells) * state.operator.diagonal * state.load / state.grid.area
+        size = max(update.h_on_contact, flat)
+        return STAGNATES if update.changed or update.residual > ROUNDING_RESIDUAL * size else BELOW_ROUNDING
 
 
 def _constrained_cg(solver):

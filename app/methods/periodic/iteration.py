@@ -14,7 +14,7 @@ from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
-from app.methods.progress import HalvingTest, NeedsSafeguard
+from app.methods.progress import STAGNATES, HalvingTest, NeedsSafeguard
 
 MAX_CHANGED_FRACTION = 0.005  # largest fraction of cells that change on the last contact set of a coarse grid
 AIM_FRACTION = 0.5  # aim over allowed error: the preconditioned residual underestimates the error
@@ -85,7 +85,7 @@ def primal_active_set(primal, solver, stop, history):
         fewest_changed = min(update.changed, fewest_changed)
         if progress.stagnates:
             if not (stop.final and norm <= ROUNDING_RESIDUAL * primal.largest() * np.sqrt(primal.cells)):
-                raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+                raise NeedsSafeguard(Outcome(False, STAGNATES, k, residual))
             return Outcome(False, BELOW_ROUNDING, k, _finish_unsolved(primal, solver))
     if stop.final:
         residual = _finish_unsolved(primal, solver)
