@@ -1,12 +1,18 @@
 """A proved error bound of any pressure.
 
 Let ``f(p) = p.Ap / 2 + h.p``. The contact problem is ``min f(p), p >= 0``, and its dual is
-``max -q.Aq / 2, h + A q >= 0``. Any feasible pair p, q bounds the difference of p from the solution p* in the energy
-norm,
+``max -q.Aq / 2, h + A q >= 0``. Let G = f(p) + q.Aq / 2 be the duality gap of a feasible pair p, q, and D the distance
+of p and q in the energy norm. Then
 
-    ||p - p*||_A^2 / 2 <= f(p) - f(p*) <= f(p) + q.Aq / 2.
+    ||p - p*||_A^2 / 2 + ||q - p*||_A^2 / 2 <= (f(p) - f(p*)) + (f(p*) + q.Aq / 2) = G
 
-Below, u = A p and e = h + u is the gap.
+because f and the dual are quadratic with the matrix A, and p* is the solution of both. By the triangle inequality the
+error of p is at most D larger than that of q, so
+
+    ||p - p*||_A <= (D + sqrt(4 G - D^2)) / 2,
+
+which grows with G and D, from sqrt(G) for q = p to sqrt(2 G). So upper bounds of G and D suffice. Below, u = A p, and
+e = h + u is the gap.
 
 *Free patch.* There are two ways to a dual feasible q that cost no product; the smaller bound is taken. The first way
 lifts the cells that penetrate, because all entries of A are positive: ``q = (1 + t) p + w`` lifts all cells a little by
@@ -46,8 +52,8 @@ from below. On a free patch w = 0 gives a second bound. If no cell is plastic, t
 feasible here, too. On a periodic patch B_II replaces 1 / smallest, and the mean of w is made zero as above, by a factor
 on the gaps or on the overlaps that are left.
 
-*Prescribed load.* Both bounds hold if p has the prescribed load, because f at the computed approach and f under the
-load then differ by a constant.
+*Prescribed load.* Both bounds hold if p has the prescribed load: f at the computed approach and f under the load then
+differ by a constant, and so do the duals, where the approach of the solution is an unknown like q.
 
 *Rounding.* u is A p only up to an error d. The bounds are valid for the problem with h + d, whose solution differs from
 the solution with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. The error of a product by FFT is about
@@ -146,24 +152,24 @@ def _prove(state, enough, work):
     u_squares, energy, defect, to_p, moved, p_squares = sums
     if np.isnan(sums).any() or not np.isfinite(moved + energy):  # comparisons with NaN would pass
         return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
-    shifted = 0.0
+    shifted = squares = 0.0
     if tension > bounds.rounding * highest:
         gap = np.inf
     elif state.grid.symbol:
-        gap, energy, shifted = _close_gap(state, energy, enough, work, upper)
+        gap, squares, energy, shifted = _close_gap(state, energy, enough, work, upper)
     else:
-        gap = to_p + moved / (2 * smallest)
+        gap, squares = to_p + moved / (2 * smallest), moved / smallest
         if upper is not None:
-            gap = min(defect, gap)  # either bound holds
+            gap, squares = _best([defect, gap], [0.0, squares])
         elif state.operator.kernel.is_positive(grid):
-            gap = min(defect + _lift_penetrations(state, lift, energy, penetrates), gap)
-        gap = float(gap)
+            lifted, distances = _lift_penetrations(state, lift, energy, penetrates)
+            gap, squares = _best([gap, *(defect + lifted)], [squares, *distances])
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
     if state.grid.symbol and state.grid.n <= DenseProduct.largest:
         diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
-    error = np.sqrt(2 * gap) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
+    error = _largest_error(gap, squares) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
     if upper is not None and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
         gap = error = 0.0
     without_energy = np.inf if gap > 0 else 0.0
@@ -176,6 +182,19 @@ def _prove(state, enough, work):
     )
 
 
+def _largest_error(gap, squares):
+    """Return a bound of ||p - p*||_A, from upper bounds of the duality gap and of ||p - q||_A^2."""
+    gap = np.maximum(gap, 0.0)
+    squares = np.minimum(squares, 2 * gap)
+    return (np.sqrt(squares) + np.sqrt(4 * gap - squares)) / 2
+
+
+def _best(gaps, squares):
+    """Return the duality gap and ||p - q||_A^2 of the pair with the least bound; each bound holds."""
+    best = np.argmin(_largest_error(gaps, squares))
+    return float(gaps[best]), float(squares[best])
+
+
 def _is_plastic_everywhere(state):
     """Return whether all admissible cells are plastic, gap-free. Collective."""
     if state.plastic_cells() < state.distance.statistics.cells:
@@ -186,9 +205,9 @@ def _is_plastic_everywhere(state):
 
 
 def _lift_penetrations(state, most, energy, penetrates):
-    """Return the least duality gap by lifting penetrations. Collective.
+    """Return duality gaps without p.e, and ||p - q||_A^2, by lifting penetrations. Collective.
 
-    This is the first way of the module docstring, on a free patch, with t up to `most`. `energy` is p.u, and
+    This is the first way of the module docstring, on a free patch, for several t up to `most`. `energy` is p.u, and
     `penetrates` marks the rows with penetration.
     """
     sums = np.zeros((3, _LIFTS + 1))  # of -e u, e e, u u
@@ -200,11 +219,12 @@ def _lift_penetrations(state, most, energy, penetrates):
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # No row of A sums to more than the displacement in the middle of twice the patch under unit pressure.
     norm = state.operator.kernel.middle_displacement([2 * side for side in grid.sides[::-1]])
-    return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
+    distances = shares * (shares * energy + 2 * to_u) + norm * squares
+    return shares * energy + to_u + distances / 2, distances
 
 
 def _close_gap(state, energy, enough, work, upper):
-    """Return duality gap, p.Ap and rounding error on a periodic patch. Collective.
+    """Return duality gap, ||p - q||_A^2, p.Ap and rounding error on a periodic patch. Collective.
 
     The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g is the changed gap, and B the inverse of A (module
     docstring). If the bound ``||B|| w.w`` of w.Bw already shows an error below `enough`, it replaces w.Bw, which saves
@@ -235,14 +255,15 @@ def _close_gap(state, energy, enough, work, upper):
     moved = *fields, stretch, deepen, constant, elsewhere
     squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
-    if squares > 0 and to_gap + curved > enough**2 * energy / 2:
+    if squares > 0 and _largest_error(to_gap + curved, 2 * curved) > enough * math.sqrt(max(energy, 0.0)):
         field = np.empty(state.u.shape) if work is None else work
         scale = np.sqrt(n / squares)  # the least w underflow in single precision
         loops.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w
         curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM_ERROR * np.finfo(inverse.dtype).eps * most
-    return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
+    shifted = n * rounded * math.sqrt(diagonal / max(free, 1.0))
+    return float(to_gap + curved), float(2 * curved), float(energy), shifted
 
 
 def _gap_with_mean(gaps, excess, inside, n, depths=0.0):

@@ -6,9 +6,10 @@ import numpy as np
 import periodic
 import pytest
 from cases import periodic_rough
+from scipy.optimize import lsq_linear
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.contact.certificate import certify, estimate
+from app.contact.certificate import _largest_error, certify, estimate
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
@@ -183,3 +184,35 @@ def test_certificate_is_kept_until_the_state_changes():
         assert estimate(state) is certificate
         change()
         assert estimate(state) is not certificate
+
+
+@pytest.mark.parametrize("capped", [False, True], ids=["free", "capped"])
+def test_largest_error_holds_for_any_feasible_pair(capped):
+    """The pair's duality gap G and distance D bound the error, more sharply than G alone."""
+    rng, shares = np.random.default_rng(7), []
+    for _ in range(300):
+        n = int(rng.integers(1, 7))
+        root = rng.normal(size=(n, n))
+        a, h = root @ root.T + 10.0 ** rng.uniform(-4, 0) * np.eye(n), rng.normal(size=n)
+        upper = rng.uniform(0.1, 2, n) if capped else np.full(n, np.inf)
+        solution = bounded_least_squares(a, h, upper)
+        p = np.clip(solution + 10.0 ** rng.uniform(-4, 0) * rng.normal(size=n), 0, upper)
+        q = solution + 10.0 ** rng.uniform(-4, 0) * rng.normal(size=n)
+        e = h + a @ q
+        if capped:
+            dual = upper @ np.maximum(-e, 0)
+        else:  # to a feasible q
+            q, dual = np.linalg.solve(a, np.maximum(e, 0) - h), 0.0
+        gap = p @ a @ p / 2 + h @ p + q @ a @ q / 2 + dual
+        squares = (p - q) @ a @ (p - q)
+        error = np.sqrt((p - solution) @ a @ (p - solution))
+        bound = _largest_error(gap, squares)
+        assert error <= bound * (1 + 1e-6) + 1e-7 and bound <= np.sqrt(2 * max(gap, 0)) * (1 + 1e-12)
+        shares.append(error / max(bound, 1e-300))
+    assert max(shares) > 0.6
+
+
+def bounded_least_squares(a, h, upper):
+    """Solve min p.Ap / 2 + h.p, 0 <= p <= upper."""
+    root = np.linalg.cholesky(a)
+    return lsq_linear(root.T, -np.linalg.solve(root, h), (0, upper), method="bvls", tol=1e-15).x
