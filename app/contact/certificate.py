@@ -62,7 +62,9 @@ the solution with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most.
 coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)`` replaces sqrt(A_II), with ``||row of
 A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n cells, let m be one
 unit in the last place of the depth, plus the mean gap that full contact neglects. Spread over the k cells without
-pressure, m changes the pressure by about ``n m sqrt(B_II / k)``.
+pressure, m changes the pressure by about ``n m sqrt(B_II / k)``. If cells are plastic, u may be much smaller than the
+depth. Then m is one unit in the last place of u, plus the rounding error of the depth: the gap of elastic cells has no
+other error, and no other gap matters.
 """
 
 import math
@@ -83,7 +85,7 @@ _NEGLIGIBLE_BOUND = 1e-5  # error bound below which a product is spent only if a
 _ROUNDING_FACTOR = 4.0  # factor on the expected rounding error of a product
 _TRANSFORM_ERROR = 50.0  # error of w.Bw over its largest possible value, in units of the precision of B
 _CONSTANT_ROUNDING = 1e3  # deviation of a pressure that is constant up to rounding, in units of its precision
-_GAP_ULPS = 4  # rounding error of a gap, in units in the last place of depth or displacement
+_GAP_ULPS = 4  # rounding error of a gap, in units in the last place of depth or displacements
 _LOAD_RTOL = 1e-6  # allowed relative error of a prescribed load
 
 
@@ -156,7 +158,7 @@ def _prove(state, enough, work):
     if tension > bounds.rounding * highest:
         gap = np.inf
     elif state.grid.symbol:
-        gap, squares, energy, shifted = _close_gap(state, energy, enough, work, upper)
+        gap, squares, energy, shifted = _close_gap(state, energy, u_squares, enough, work, upper)
     else:
         gap, squares = to_p + moved / (2 * smallest), moved / smallest
         if upper is not None:
@@ -199,9 +201,11 @@ def _is_plastic_everywhere(state):
     """Return whether all admissible cells are plastic, gap-free. Collective."""
     if state.plastic_cells() < state.distance.statistics.cells:
         return False
-    highest = [field.max(where=state.admissible, initial=-np.inf) for field in (state.gap(), np.abs(state.u))]
-    gap, u = (-np.asarray(state.minimum(np.negative(highest)))).tolist()
-    return gap <= _GAP_ULPS * math.ulp(max(u, abs(state.depth)))
+    fields = state.gap(), np.abs(state.u), state.p
+    maxima = [field.max(where=state.admissible, initial=-np.inf) for field in fields]
+    gap, u, highest = (-np.asarray(state.minimum(np.negative(maxima)))).tolist()
+    rounding = np.finfo(float).eps * (u + state.operator.diagonal * highest)
+    return gap <= _GAP_ULPS * max(rounding, state.distance.depth_rounding(state.depth))
 
 
 def _lift_penetrations(state, most, energy, penetrates):
@@ -223,7 +227,7 @@ def _lift_penetrations(state, most, energy, penetrates):
     return shares * energy + to_u + distances / 2, distances
 
 
-def _close_gap(state, energy, enough, work, upper):
+def _close_gap(state, energy, u_squares, enough, work, upper):
     """Return duality gap, ||p - q||_A^2, p.Ap and rounding error on a periodic patch. Collective.
 
     The duality gap is ``p.g + w.Bw / 2`` with ``w = g - e``; g is the changed gap, and B the inverse of A (module
@@ -233,7 +237,12 @@ def _close_gap(state, energy, enough, work, upper):
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
-    rounded = state.distance.neglected_gap + math.ulp(state.depth)  # of the mean gap
+    rounded = math.ulp(state.depth)  # of the mean gap
+    if upper is not None:
+        rounded = max(
+            state.distance.depth_rounding(state.depth), min(rounded, math.ulp(math.sqrt(u_squares)))
+        )
+    rounded += state.distance.neglected_gap
     fields = state.distance.b, state.depth, state.u, state.p, upper, state.admissible, 1 / diagonal
     gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))
     inside, mean, *_ = state.distance.statistics

@@ -55,13 +55,16 @@ class UndeformedDistance:
     depth : float
         The approach beyond the reference [mm].
     neglected_gap : float
-        Mean gap that is treated as full contact, because it may be rounding [mm].
+        Mean gap that is treated as full contact, or an error of the prescribed mean gap, because of rounding [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None in a window.
     full_depth : float
         Largest depth below full contact [mm]; infinite unless the patch is periodic without holes.
     max_depth : float
         Largest allowed depth [mm]: `full_depth`, or infinite if some pressures have an upper bound.
+    plastic_depth : float
+        Depth from which all cells are at the hardness [mm]. Known on periodic patches without holes with one hardness
+        for all cells, whose displacement is then zero; else infinite.
     zero_load_depth : float
         Depth of first touch, below which there is no load [mm]. Also known in a window.
     full_contact_pressures : (float, float)
@@ -75,7 +78,7 @@ class UndeformedDistance:
         Window around all admissible cells; None if there are none.
     """
 
-    neglected_gap, max_depth, full_depth = 0.0, np.inf, np.inf
+    neglected_gap, max_depth, full_depth, plastic_depth = 0.0, np.inf, np.inf, np.inf
     _norm = None  # at this depth, once computed
 
     def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
@@ -132,6 +135,14 @@ class UndeformedDistance:
         rounding = _ROUNDING_ULPS * ulp(max(abs(self.reference), abs(depth)))
         return approach if abs(approach) > rounding else 0.0
 
+    def depth_rounding(self, depth):
+        """Return the rounding error of a depth, as an approach minus the reference [mm].
+
+        Shapes of this size have the same error. It is 0 if such differences are exact, by Sterbenz' lemma.
+        """
+        is_exact = not self.reference or 2 * abs(depth) <= abs(self.reference)
+        return 0.0 if is_exact else ulp(depth)
+
     @property
     def max_searched_depth(self):
         """Largest depth [mm] tried when searching for a load."""
@@ -159,6 +170,15 @@ class UndeformedDistance:
             self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
         return self._norm
 
+    def _local_minima(self):
+        """Return the numbers of this rank whose minima over the ranks `_measure` uses."""
+        b, box = self.b, local_bounds(self.admissible, self._slabs)
+        touching = -b.max(initial=-np.inf, where=self.admissible)
+        if not self.bounds.capped:
+            return touching, 0.0, 0.0, 0.0, *box
+        upper = self.bounds.upper
+        return touching, b.min(initial=np.inf), upper.min(initial=np.inf), -upper.max(initial=0.0), *box
+
     def destroy(self):
         """Free the vector `rhs`. Collective."""
         self.rhs.destroy()
@@ -170,9 +190,7 @@ def _measure(levels, comm):
     counts, parts = [np.count_nonzero(d.admissible) for d in levels], np.zeros((size, 2 * len(levels)))
     # Each rank adds zeros to the others' sums, so that none is rounded.
     parts[rank] = np.ravel([kernels.compensated_sum(d.b, d.admissible) for d in levels])
-    minima = [
-        [*local_bounds(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
-    ]
+    minima = [d._local_minima() for d in levels]
     sums, minima = sums_and_minima(comm, [*counts, *parts.ravel()], np.ravel(minima))
     counts, parts = sums[: len(levels)], sums[len(levels) :].reshape(size, len(levels), 2)
     means = [_mean(part, cells) for part, cells in zip(np.moveaxis(-parts, 1, 0), counts, strict=True)]
@@ -181,8 +199,9 @@ def _measure(levels, comm):
     carried = [d.bounds.carried for d in levels]
     limited = [d.bounds.limited_cells for d in levels]
     squares, carried, limited = np.split(np.asarray(sum_over(comm, squares + carried + limited)), 3)
-    rows = zip(levels, counts, means, squares, carried, limited, minima.reshape(-1, 5), strict=True)
-    for distance, cells, (mean, rest), about_mean, upper, finite, (*box, touching) in rows:
+    rows = zip(levels, counts, means, squares, carried, limited, minima.reshape(-1, 8), strict=True)
+    for distance, cells, (mean, rest), about_mean, upper, finite, minimum in rows:
+        touching, lowest_b, softest, minus_hardest, *box = minimum
         distance.bounds.largest_load = float(upper) * distance.patch.cell_area
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
@@ -190,6 +209,8 @@ def _measure(levels, comm):
         if distance.patch.symbol and cells == distance.patch.n:
             distance.full_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
             distance.max_depth = np.inf if finite else distance.full_depth  # plastic cells may overlap
+            if finite and softest == -minus_hardest:
+                distance.plastic_depth = float(-lowest_b)
 
 
 def _mean(parts, cells):

@@ -1,7 +1,8 @@
 """Solutions with all cells at a bound: open, or at the hardness.
 
-Under the largest load all cells are at the hardness, and the solution costs one product. Under a smaller load all cells
-may be at a bound, too. The load is then the same at all approaches of an interval, and the result has the lower end.
+Under the largest load all cells are at the hardness, and the solution costs one product. So it does at the approaches
+that are known to have this load, see `UndeformedDistance.plastic_depth`. Under a smaller load all cells may be at a
+bound, too. The load is then the same at all approaches of an interval, and the result has the lower end.
 """
 
 import math
@@ -34,19 +35,26 @@ class FullPlasticity:
     def solve(self, state, loading, history):
         """Solve if the load is the largest possible. Collective.
 
-        Many approaches are possible under the largest load. The smallest of these approaches is chosen. Return the
-        Outcome, or None under a smaller load.
+        Many approaches are possible under the largest load. If the load is prescribed, the smallest of these approaches
+        is chosen. Return the Outcome, or None if the load is smaller, or not known.
         """
-        bounds, load = state.bounds, loading.load
-        if load is None or load < (1 - LOAD_ROUNDING) * bounds.largest_load:
+        bounds, load, depth = state.bounds, loading.load, loading.depth_on(state.distance)
+        if load is None:
+            is_largest = state.distance.plastic_depth <= depth < np.inf
+        else:
+            is_largest = load >= (1 - LOAD_ROUNDING) * bounds.largest_load
+        if not is_largest:
             return None
         history.start(state, self)
         state.contact[...] = False
         np.copyto(state.values, bounds.upper, where=state.admissible)
         state.compute_displacement(exact=True)
-        state.depth = 0.0
-        gap = state.gap()
-        state.depth = -float(state.minimum(-gap[state.admissible].max(initial=-np.inf)))
+        if load is None:
+            state.depth = depth
+        else:
+            state.depth = 0.0
+            gap = state.gap()
+            state.depth = -float(state.minimum(-gap[state.admissible].max(initial=-np.inf)))
         cells = state.distance.statistics.cells
         history.add(state, self, Update(cells, cells, 0, 0.0), 0)
         return Outcome(True, ALL_PLASTIC, 1, 0.0, to_rounding=True)

@@ -14,6 +14,8 @@ periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth
 A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """
 
+from math import ulp
+
 import numpy as np
 
 
@@ -141,18 +143,18 @@ class PrescribedApproach(Loading):
 
     def first_solve(self, state, solve):
         """Solve from contact in all cells with h <= 0; see `Loading`."""
-        state.depth = self.depth_on(state.distance)
+        self.set_depth(state)
         state.start_from_interpenetration()
         return solve(self)
 
     def resume(self, state, load):
         """Set the prescribed depth; see `Loading.resume`."""
-        state.depth = self.depth_on(state.distance)
+        self.set_depth(state)
 
     def begin(self, state):
         """Set the prescribed depth on this grid; see `Loading.begin`."""
         # The depth on the coarser grid may differ: at full contact, or under a mean gap.
-        state.depth = self.depth_on(state.distance)
+        self.set_depth(state)
 
 
 class PrescribedMeanGap(PrescribedApproach):
@@ -186,3 +188,8 @@ class PrescribedMeanGap(PrescribedApproach):
     def depth_on(self, distance):
         """Return the depth for the mean gap; see `Loading.depth_on`."""
         return self._depth + (distance.statistics.mean - self._mean)
+
+    def set_depth(self, state):
+        """Set the depth, whose rounding error is an error of the mean gap; see `Loading.set_depth`."""
+        super().set_depth(state)
+        state.distance.neglected_gap = ulp(state.depth)

@@ -53,7 +53,7 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
         _check_mean_gap(value, grid, holes, rounding)
         # Without the reference, which would cost digits.
         depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
-        depth = _without_rounding(depth, mean, distance.touching, np.inf)
+        depth = _without_rounding(depth, mean, distance, np.inf)
         return PrescribedMeanGap(distance, depth, value)
     if uniform_compliance and distance.bounds.capped:
         what, advice = f"approach {format_exact(value)}", "use load, mean_pressure or mean_gap"
@@ -62,25 +62,29 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
         return PrescribedApproach(value)
     size = max(abs(value), abs(reference))
     if distance.max_depth == np.inf and not holes and value - full > _ROUNDING_ULPS * ulp(size):
-        return PrescribedApproach(value)  # plastic cells overlap
+        if not distance.depth_rounding(value - reference):
+            return PrescribedApproach(value)
+        return PrescribedApproach(value, _without_rounding(value - reference, size, distance, np.inf))
     if value - full > rounding and not holes:
         limit = f"it must be at most {full!r} mm, full contact"
         what = f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative"
         raise InputError(f"{what}; {limit}")
     value, mean = (value, np.inf) if holes else (min(value, full), mean)
-    return PrescribedApproach(value, _without_rounding(value - reference, size, distance.touching, mean))
+    return PrescribedApproach(value, _without_rounding(value - reference, size, distance, mean))
 
 
-def _without_rounding(depth, size, touching, full):
-    """Round a depth to first touch or full contact if close.
+def _without_rounding(depth, size, distance, full):
+    """Round a depth to first touch, full contact or full plasticity if close.
 
-    `touching` and `full` are the depths of first touch and full contact. A depth is close to them if it differs only by
-    the rounding of numbers as large as `size`, from which it was computed. Then pressures or gaps would have no correct
-    digits.
+    `full` is the depth of full contact, infinite if plastic cells may overlap. A depth is close to these depths if it
+    differs only by the rounding of numbers as large as `size`, from which it was computed. Then pressures or gaps would
+    have no correct digits.
     """
-    rounding = _ROUNDING_ULPS * ulp(size)
+    rounding, touching = _ROUNDING_ULPS * ulp(size), distance.touching
     if full - depth <= rounding:
         return full
+    if 0 < distance.plastic_depth - depth <= rounding:
+        return distance.plastic_depth
     return touching if 0 < depth - touching <= rounding else depth
 
 

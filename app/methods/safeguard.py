@@ -84,8 +84,10 @@ def projected_newton(state, solver, stop, history):
                 break
             alpha *= 0.5
         else:
-            _update_contact(state, gap, before)  # including the cells that the system left out
-            return Outcome(False, "rounding leaves no step that makes it better", k, residual)
+            update = _update_contact(state, gap, before)  # including the cells that the system left out
+            exact = state.displacement_status is Displacement.EXACT
+            solved = exact and update.residual <= stop.rtol * state.distance.norm() and stop.certified(state)
+            return Outcome(solved, "rounding leaves no step that makes it better", k, residual)
         np.add(p, change, out=state.values)
         state.project()  # rounding
         state.u[...], gap = trial_u, trial_gap

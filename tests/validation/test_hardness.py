@@ -12,7 +12,7 @@ import pytest
 from cases import hertz, periodic_rough, punch, self_affine
 from hypothesis import given
 
-from app import ContactProblem, Grid, InputError, Material
+from app import ContactProblem, ContactSolver, Grid, InputError, Material
 from app.reference import CappedLineContact, CappedSphere, CappedWestergaard
 from app.verification.dense import DenseProblem
 from app.verification.solving import random_problem, solved
@@ -382,3 +382,42 @@ def test_default_method_on_periodic_patches(case):
 )
 def test_other_methods(case, method):
     assert_right_or_says_not(*case, method)
+
+
+@pytest.mark.parametrize("periodic", ["spectral", "love", "x", ""])
+@pytest.mark.parametrize("hardness", [1e-9, 4e-7, 1e-5])
+def test_approaches_at_the_level_of_a_plateau_are_solved(hardness, periodic):
+    """Near the highest plateau the pressure differs from the hardness by the few last digits of the approach."""
+    n, rng = 8, np.random.default_rng(1)
+    gap = 0.025 * rng.integers(0, 6, (n, n))
+    grid = Grid(n, n, 1 / n, 1 / n, periodic=periodic)
+    problem = ContactProblem(grid, Material.from_contact_modulus(1.0), gap, hardness=hardness)
+    dense = DenseProblem(problem)
+    with ContactSolver(problem) as solver:
+        for level in np.unique(gap)[[1, 3, -1]]:
+            for ulps in (0, 1, -1, -6, -60, -6e3):
+                approach = level + ulps * np.spacing(level)
+                solution = solver.solve(approach=approach)
+                expected = dense.at(approach)
+                assert solution.converged, (level, ulps, solution.message)
+                found = solution.pressure
+                if grid.symbol:  # constants have no energy, but rounding has
+                    found, expected = found - found.mean(), expected - expected.mean()
+                # The bound of a constant pressure is relative to the rounding of its energy.
+                rounding = np.sqrt(np.spacing(1.0) * dense.matrix[0, 0] * grid.n) * hardness
+                size = max(dense.energy(found), rounding if grid.symbol else 0.0)
+                assert dense.energy(found - expected) <= solution.error_bound * size + 1e-16 * hardness
+
+
+@pytest.mark.parametrize("periodic", ["spectral", "love"])
+def test_mean_gap_and_load_of_full_plasticity_are_those_of_its_approach(periodic):
+    rng, n = np.random.default_rng(2), 8
+    gap = 0.31 + 0.025 * rng.integers(0, 6, (n, n))
+    grid = Grid(n, n, 1 / n, 1 / n, periodic=periodic)
+    problem = ContactProblem(grid, Material.from_contact_modulus(1.0), gap, hardness=4e-7)
+    with ContactSolver(problem) as solver:
+        by_load = solver.solve(load=4e-7)
+        for approach in (by_load.approach, gap.max(), 2 * gap.max()):
+            solution = solver.solve(approach=approach)
+            assert solution.converged and (solution.pressure == 4e-7).all() and solution.error_bound == 0
+            assert solution.approach == approach and solution.load == by_load.load
