@@ -170,7 +170,7 @@ def _address_space():
 
 def _lines(path):
     try:
-        return Path(path).read_text().splitlines()
+        return Path(path).read_text("utf-8", "replace").splitlines()
     except OSError:
         return []
 

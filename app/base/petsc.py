@@ -1,11 +1,12 @@
 """Functions petsc4py 3.18 lacks, and workarounds for newer releases.
 
-``TAO_REASONS``, ``restricts_by_transpose`` and ``unwrap_errors`` hide differences between releases of petsc4py.
+``TAO_REASONS``, ``restricts_by_transpose`` and ``calling_petsc`` hide differences between releases of petsc4py.
 """
 
 import atexit
 import ctypes
 import gc
+import locale
 import os
 import re
 import signal
@@ -73,7 +74,8 @@ def _finalize():
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed
             stream.flush()
-    PETSc._finalize()  # does nothing if it has ended
+    with calling_petsc():
+        PETSc._finalize()  # does nothing if it has ended
     _ignore_closed_pipes()  # Python writes once more
 
 
@@ -174,10 +176,31 @@ def to_input_error(error):
     return error
 
 
-class unwrap_errors:
-    """Context manager that raises exceptions of Python callbacks unwrapped.
+@cache
+def _switch_locale():
+    """Return a function that gives this thread another locale and returns the one before, and a neutral locale.
 
-    Newer petsc4py wraps these exceptions in PETSc.Error.
+    In the neutral locale a number has a point and "I" is a capital "i". Texts stay in UTF-8 where the system can. The
+    process's locale, which other threads use, does not change.
+    """
+    try:
+        libc = ctypes.CDLL(None)
+        create, switch = libc.newlocale, libc.uselocale
+    except (AttributeError, OSError):  # another C library
+        return lambda name: None, None
+    create.argtypes, switch.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p), (ctypes.c_void_p,)
+    create.restype = switch.restype = ctypes.c_void_p
+    every = sum(1 << number for number in {locale.LC_CTYPE, locale.LC_NUMERIC})
+    return switch, create(every, b"C.UTF-8", None) or create(every, b"C", None)
+
+
+class calling_petsc:
+    """Context manager for calls of PETSc that read options or call Python.
+
+    PETSc reads numbers and compares words by the rules of the locale: "0.5" is no number in German, and "i" is not the
+    small "I" in Turkish. So this thread has a neutral locale inside the block.
+
+    Exceptions of Python callbacks are raised unwrapped. Newer petsc4py wraps these exceptions in PETSc.Error.
 
     Inside the block no garbage is collected, because petsc4py formats texts while an exception is set. Since Python
     3.12 garbage may be collected at that moment; then a callback of a weak reference fails, the exception is lost, and
@@ -187,8 +210,11 @@ class unwrap_errors:
     def __enter__(self):
         self._collects = gc.isenabled()
         gc.disable()
+        switch, neutral = _switch_locale()
+        self._locale = switch(neutral)
 
     def __exit__(self, kind, error, trace):
+        _switch_locale()[0](self._locale)
         if self._collects:
             gc.enable()
         cause = _unwrapped(error)

@@ -126,7 +126,7 @@ def _read_instruments(path, channel):
         output = Path(folder, "heights.npz")
         process = subprocess.run(
             [python, "-P", worker, path, output, channel], env=environment, stdin=subprocess.DEVNULL,
-            capture_output=True, text=True, check=False,
+            capture_output=True, encoding="utf-8", errors="replace", check=False,
         )  # fmt: skip
         if process.returncode or not output.exists():
             errors = process.stderr.strip().splitlines() or ["its reader died"]

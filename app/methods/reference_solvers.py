@@ -10,7 +10,7 @@ import time
 import numpy as np
 from petsc4py import PETSc
 
-from app.base.petsc import TAO_REASONS, error_message, unwrap_errors
+from app.base.petsc import TAO_REASONS, calling_petsc, error_message
 from app.contact.history import Outcome, make_entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
@@ -126,7 +126,7 @@ class _ReferenceSolver:
     def _configure(self, solver):
         """Set PETSc's options on `solver`; free everything if one is invalid."""
         try:
-            with unwrap_errors():
+            with calling_petsc():
                 solver.setFromOptions()
         except BaseException:
             self.destroy()  # PETSc's solver refers to our callbacks, which refer to it
@@ -191,7 +191,7 @@ class Tao(_ReferenceSolver):
         self.tao.setVariableBounds((lower, upper))
         self.tao.setTolerances(**self._default_tolerances(gatol=allowed, grtol=0, gttol=0))
         try:
-            with unwrap_errors():
+            with calling_petsc():
                 self.tao.solve(p)
         except BaseException:
             self._interrupted = True  # vectors stay locked: make another Tao
@@ -247,7 +247,7 @@ class SnesVI(_ReferenceSolver):
         self.snes.setVariableBounds(lower, upper)
         self.snes.setTolerances(**self._default_tolerances(rtol=0, atol=allowed, stol=0))
         try:
-            with unwrap_errors():
+            with calling_petsc():
                 self.snes.solve(None, p)
         except BaseException:
             self.snes.getKSP().reset()  # it would keep its number of unknowns

@@ -10,7 +10,7 @@ import math
 from petsc4py import PETSc
 
 from app.base.errors import format_exact
-from app.base.petsc import unwrap_errors
+from app.base.petsc import calling_petsc
 from app.options.solver_options import temporary_options
 
 
@@ -67,7 +67,7 @@ class LinearSolver:
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
         forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})
-        with temporary_options(self._prefix, {}, forced), unwrap_errors():
+        with temporary_options(self._prefix, {}, forced), calling_petsc():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # else PETSc computes a norm, by a product
@@ -143,7 +143,7 @@ class LinearSolver:
         if (atol := self._atol_for(allowed)) is not None:
             self.ksp.setTolerances(atol=atol)
         try:
-            with unwrap_errors():
+            with calling_petsc():
                 self.ksp.solve(b, x)
                 if self._view:
                     self.ksp.viewFromOptions(self._view)

@@ -27,7 +27,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError
-from app.base.petsc import unwrap_errors
+from app.base.petsc import calling_petsc
 from app.halfspace.mat_methods import check_unscaled
 from app.halfspace.operator import InfluenceOperator, get_operator
 from app.multigrid.direct import stored_matrix
@@ -115,7 +115,7 @@ class ContactMG:
             mat = pc.getOperators()[1]
             if self._cycle is not None and mat != self._mat:
                 self.reset(pc)
-            with unwrap_errors():
+            with calling_petsc():
                 if self._cycle is None:
                     self._make(pc, mat)
                 else:
@@ -137,7 +137,7 @@ class ContactMG:
         if self._cycle is None:
             self.setUp(pc)
         try:
-            with unwrap_errors():
+            with calling_petsc():
                 self._cycle.apply(x, y)
         except BaseException:
             x.incRef()  # an interrupted PCMG keeps x and would free it

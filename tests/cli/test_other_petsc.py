@@ -33,7 +33,7 @@ from petsc4py import PETSc
 
 from app.parallel.slabs import Slabs
 from app.halfspace.operator import InfluenceOperator
-from app.base.petsc import unwrap_errors
+from app.base.petsc import calling_petsc
 
 # The multigrid PC in a KSP of a user's own, for two contact sets, also after an interrupted cycle
 comm = MPI.COMM_WORLD
@@ -68,7 +68,7 @@ for kind, interrupted in (("gmres", 7), ("cg", 3), ("richardson", 0)):
 
     InfluenceOperator.SOR = stop
     try:
-        with unwrap_errors():
+        with calling_petsc():
             ksp.solve(b, p)
         assert not interrupted
     except KeyboardInterrupt:

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from running import solve
 
 from app import Grid, InputError
-from app.base.petsc import unwrap_errors
+from app.base.petsc import calling_petsc
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid import ContactMG
 from app.multigrid.hierarchy import Hierarchy
@@ -173,7 +173,7 @@ def test_invalid_numbers_of_levels_are_refused(comm, grid, levels, message):
     with (
         temporary_options("", {}, {"pc_mg_levels": levels}),
         pytest.raises(InputError, match=message),
-        unwrap_errors(),
+        calling_petsc(),
     ):
         ksp.setUp()
     for part in (ksp, *parts):
@@ -185,7 +185,7 @@ def test_a_scaled_mat_is_refused(comm):
     _, ksp, parts = ready(comm)
     parts[0].scale(2.0)
     message = "ContactMG: needs a Mat that is neither scaled nor shifted"
-    with pytest.raises(InputError, match=message), unwrap_errors():
+    with pytest.raises(InputError, match=message), calling_petsc():
         ksp.setUp()
     for part in (ksp, *parts):
         part.destroy()
@@ -217,7 +217,7 @@ def test_an_interrupted_cycle_can_be_repeated(comm, place, call, monkeypatch):
     p.set(0)
     with monkeypatch.context() as patch:
         patch.setattr(*place, interrupted)
-        with pytest.raises(KeyboardInterrupt), unwrap_errors():
+        with pytest.raises(KeyboardInterrupt), calling_petsc():
             ksp.solve(b, p)
     ksp.reset()
     ksp.setOperators(mat)

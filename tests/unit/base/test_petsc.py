@@ -11,13 +11,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import ContactProblem, Grid, InputError, Material, solve
-from app.base.petsc import _forget_last_exception, unwrap_errors
+from app.base.petsc import _forget_last_exception, calling_petsc
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("as it was")])
 def test_exceptions_of_callbacks_are_unwrapped(error):
     error.__cause__ = reason = LookupError()
-    with pytest.raises(type(error)) as caught, unwrap_errors():
+    with pytest.raises(type(error)) as caught, calling_petsc():
         try:
             try:
                 raise error
@@ -34,7 +34,7 @@ def test_frames_of_an_unwrapped_exception_are_freed_when_it_is_handled():
     def interrupted():
         field = np.zeros(1)
         frames.append(weakref.ref(field))
-        with unwrap_errors():
+        with calling_petsc():
             try:
                 raise KeyboardInterrupt
             except KeyboardInterrupt as cause:
@@ -46,7 +46,7 @@ def test_frames_of_an_unwrapped_exception_are_freed_when_it_is_handled():
 
 
 def test_errors_of_petsc_are_unchanged():
-    with pytest.raises(PETSc.Error), unwrap_errors():
+    with pytest.raises(PETSc.Error), calling_petsc():
         raise PETSc.Error(73)
 
 

@@ -7,7 +7,7 @@ from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
 from app import Material
-from app.base.petsc import unwrap_errors
+from app.base.petsc import calling_petsc
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.kernel import UNIT
@@ -29,7 +29,7 @@ def preconditioner(operator, **options):
     pc.setOperators(mat)
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(Circulant())
-    with SolverOptions("", {name: str(value) for name, value in options.items()}).inserted(), unwrap_errors():
+    with SolverOptions("", {name: str(value) for name, value in options.items()}).inserted(), calling_petsc():
         pc.setFromOptions()
         pc.setUp()
     x, y = mat.createVecs()
@@ -236,7 +236,7 @@ def test_extension_of_a_thin_stiff_layer_decays():
     pc.setType(PETSc.PC.Type.PYTHON)
     circulant = Circulant()
     pc.setPythonContext(circulant)
-    with SolverOptions("", {"pc_circulant_extend": "8"}).inserted(), unwrap_errors():
+    with SolverOptions("", {"pc_circulant_extend": "8"}).inserted(), calling_petsc():
         pc.setFromOptions()
         pc.setUp()
     residual = operator.mask.astype(float)
