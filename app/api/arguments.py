@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from importlib import import_module
 from inspect import signature
 from types import ModuleType
@@ -10,10 +11,11 @@ from app.base.errors import InputError, check_type, format_distinct, format_erro
 from app.base.numba_cache import check_compiler
 from app.base.petsc import check_cells
 from app.contact.history import Listener
+from app.io.files import disk_reserved
 from app.options.method import make_settings
 from app.options.option_table import to_texts
 from app.options.solver_options import SolverOptions, options_with_prefix
-from app.options.viewers import check_viewers
+from app.options.viewers import check_viewers, estimate_files
 from app.problems.problem import Problem
 
 MIN_LOVE_THICKNESS = 1e-3  # of a layer over the side of the patch; the sums over images are long below
@@ -53,6 +55,17 @@ def parse_arguments(problem, method, options, prefix, listeners):
     check_viewers(settings.texts)
     _check_python_types(settings.texts)
     return settings, SolverOptions(prefix, settings.texts, ignored)
+
+
+def check_disks(texts, cells=None):
+    """Raise InputError unless the disks have space for the files of viewers.
+
+    `texts` are the options of a solver of so many `cells`. Without `cells`, the files are written already: a disk that
+    has no space for more may have lost the ends of texts, which PETSc does not report.
+    """
+    with ExitStack() as stack:
+        for path, size in estimate_files(texts, cells or 0).items():
+            stack.enter_context(disk_reserved(path, size if cells else None))
 
 
 def _check_layer(grid, coating):

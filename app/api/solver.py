@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
-from app.api.arguments import parse_arguments
+from app.api.arguments import check_disks, parse_arguments
 from app.api.derivatives import Derivatives
 from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
@@ -152,6 +152,7 @@ class ContactSolver(Derivatives):
             check_equal_on_ranks(self.comm, arguments, "grid, material or options")
             self.comm.shares_memory = self.settings.shared_memory
             check_memory(self.comm, problem, grid, self.settings)
+            call_collectively(self.comm, check_disks, self.settings.texts, grid.n, only_root=True)
             with self.options.inserted():
                 self._set_up()
             if unused := self.options.unused(self.comm):

@@ -35,6 +35,7 @@ from app.multigrid import direct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.solver_cache import SolverCache
+from app.options.viewers import estimate_files
 
 
 class Strategy:
@@ -96,7 +97,8 @@ class Strategy:
         try:
             state, outcome = self._run(loading, history, start)
         except PETSc.Error as error:
-            raise to_input_error(error) from error.__cause__
+            files = estimate_files(self._settings.texts, 0)
+            raise to_input_error(error, files) from error.__cause__
         if move_to_lower_end(state, loading.load):
             outcome = outcome._replace(converged=True, reason=CONTACT_PLASTIC, residual=0.0)
         return state, outcome

@@ -148,6 +148,7 @@ def log_reduction():
 # PETSc's codes of errors of incompatible types: unsupported, wrong argument or state, missing method, unknown type, no
 # factorisation
 _INCOMPATIBLE = (56, 60, 62, 73, 75, 83, 86, 92)
+_FILE_WRITE, _EXTERNAL_LIBRARY = 67, 76
 
 
 def error_message(error):
@@ -168,12 +169,18 @@ def _unwrapped(error):
     return error
 
 
-def to_input_error(error):
-    """Return an InputError if PETSc's `error` means incompatible solvers, else `error`."""
+def to_input_error(error, files=()):
+    """Return an InputError if PETSc's `error` means incompatible solvers or a full disk, else `error`.
+
+    PETSc does not name the file that it cannot write; it is one of the `files`.
+    """
     inner = _unwrapped(error)
-    if isinstance(inner, PETSc.Error) and inner.ierr in _INCOMPATIBLE:
-        return InputError(f"solver options: {error_message(inner)}")
-    return error
+    if not isinstance(inner, PETSc.Error):
+        return error
+    message = error_message(inner)
+    if inner.ierr == _FILE_WRITE or (inner.ierr == _EXTERNAL_LIBRARY and "H5" in message):
+        return InputError(f"{' or '.join(files)}: cannot be written; is the disk full? {message}")
+    return InputError(f"solver options: {message}") if inner.ierr in _INCOMPATIBLE else error
 
 
 @cache

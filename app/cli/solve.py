@@ -5,7 +5,7 @@ Run ``mpiexec -n 2 python -m app.solve -options_file petsc_options/hertz.opts ..
 
 import sys
 
-from app.base.errors import InputError
+from app.base.errors import InputError, call_collectively
 from app.cli import session
 
 
@@ -23,6 +23,7 @@ def main(parsed):
     from petsc4py import PETSc
 
     with session.imports_uncollected():
+        from app.api.arguments import check_disks
         from app.api.refinement import refine
         from app.api.solver import ContactSolver
         from app.api.summary import refinement_table, summary
@@ -88,7 +89,8 @@ def main(parsed):
                 if request.stiffness:
                     solution = solver.with_stiffness(solution)
             notes = solution.notes
-    (refined if request.refine_until else solver).options.insert_for_good(request.texts)
+    options = (refined if request.refine_until else solver).options
+    options.insert_for_good(request.texts)
     with PETSc.Log.Stage("Output"):
         facts |= solution.count_patches()
     with finished:
@@ -101,4 +103,5 @@ def main(parsed):
         session.print_output("  the solution is not saved; -output F.h5 saves it for app.plot and app.report")
     for line in notes:
         session.warn(line)
+    call_collectively(MPI.COMM_WORLD, check_disks, options.texts, only_root=True)
     return status if solution.converged else 3

@@ -132,6 +132,33 @@ def report_write_errors(name):
         raise InputError(f"{name}: cannot be written: {reason}") from None
 
 
+@contextmanager
+def disk_reserved(path, size=None):
+    """Reserve disk space for a file of `size` bytes; after the block the file is as before.
+
+    By default, reserve a block more than the file has. Devices have no size, but may refuse to be written. Raises
+    InputError.
+    """
+    path, existed = Path(path), os.path.lexists(path)
+    if path.is_char_device():
+        with report_write_errors(path), path.open("wb", buffering=0) as device:
+            device.write(b"")
+    if existed and not path.is_file():
+        yield
+        return
+    try:
+        with report_write_errors(path), path.open("ab") as file:
+            before = file.tell()
+            try:
+                os.posix_fallocate(file.fileno(), 0, size or before + os.fstat(file.fileno()).st_blksize)
+                yield
+            finally:
+                file.truncate(before)
+    finally:
+        if not existed:
+            remove(path)
+
+
 def write_text(path, text):
     """Write a text (UTF-8) atomically."""
     with atomic_file(path) as temporary:

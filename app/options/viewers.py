@@ -11,10 +11,13 @@ from pathlib import Path
 from app.base.errors import InputError, shorten
 
 _KINDS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
+_NO_FILES = "draw", "socket", "saws", "string"
 _VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_(view\w*|converged_reason)")
 # Options at which PETSc aborts unless they are shown as text; some may be drawn, too.
 _DRAWABLE = re.compile(r"(\w+_)?ksp_monitor(_true_residual|_solution)?")
 _TEXT_ONLY = re.compile(r"(\w+_)?ksp_monitor_(short|range|max|singular_value)|snes_converged_reason")
+_VECTORS = re.compile(r"(\w+_)?(ksp_view_(solution|rhs|final_residual)|(snes|tao)_view_solution)")
+_MIN_BYTES = 4096  # of a file of text
 _AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw_lg))?)?"
 
 
@@ -24,8 +27,27 @@ def check_viewers(texts):
     `texts` maps names of options to their texts.
     """
     for name, text in texts.items():
-        if any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY)):
+        if _is_viewer(name):
             check_viewer(name, text)
+
+
+def estimate_files(texts, cells):
+    """Return the files of viewers and their smallest sizes [bytes], by path.
+
+    `texts` are the options of a solver of so many `cells`.
+    """
+    sizes = {}
+    for name, text in texts.items():
+        kind, file, *_ = [*text.split(":"), ""]
+        if _is_viewer(name) and file and kind not in _NO_FILES:
+            per_cell = 8 if kind in ("binary", "hdf5") else 2
+            size = _MIN_BYTES + per_cell * cells * bool(_VECTORS.fullmatch(name))
+            sizes[file] = max(size, sizes.get(file, 0))
+    return sizes
+
+
+def _is_viewer(name):
+    return any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY))
 
 
 def check_viewer(name, text):
@@ -40,7 +62,7 @@ def check_viewer(name, text):
             raise InputError(f"-{name} {text}: must be empty, ascii:FILE or draw")
     elif _TEXT_ONLY.fullmatch(name) and not re.fullmatch(_AS_TEXT, text, re.IGNORECASE):
         raise InputError(f"-{name} {text}: must be empty or ascii:FILE")
-    if kind not in ("draw", "socket"):
+    if kind not in _NO_FILES:
         check_output(name, text, file)
 
 

@@ -129,6 +129,47 @@ def test_full_disk_keeps_existing_files(name, given, tmp_path, capsys):
     assert sorted(folder.iterdir()) == before
 
 
+VIEWERS = "ksp_view_solution hdf5", "ksp_view_solution binary", "ksp_view_solution ascii", "ksp_view_rhs hdf5"
+
+
+@pytest.mark.parametrize("viewer", [*VIEWERS, "ksp_view ascii", "ksp_monitor ascii"])
+@pytest.mark.parametrize("folder", ["old", "new"])
+def test_a_viewer_of_petsc_on_a_full_disk_is_refused(viewer, folder, cli_here, tmp_path):
+    name, kind = viewer.split()
+    file = tmp_path / "view"
+    if folder == "old":
+        file.write_text("an earlier one")
+    with full_disk(1000):
+        done = cli_here("-grid", 16, f"-{name}", f"{kind}:{file}", methods=("hertz", "norm"))
+    assert (done.returncode, done.stderr) == (2, f"error: {file}: cannot be written: File too large\n")
+    assert file.read_text() == "an earlier one" if folder == "old" else not file.exists()
+
+
+def test_a_viewer_of_petsc_on_a_full_device_is_refused(cli_here):
+    done = cli_here("-grid", 8, "-ksp_view", ":/dev/full", methods=("hertz", "norm"))
+    assert (done.returncode, done.stderr) == (
+        2, "error: /dev/full: cannot be written: No space left on device\n",
+    )  # fmt: skip
+
+
+@pytest.mark.ranks(2)
+@pytest.mark.parametrize(("kind", "kib"), [("hdf5", 8), ("binary", 48), ("ascii", 48)])
+def test_a_disk_that_a_viewer_fills_ends_all_ranks(kind, kib, ranks, tmp_path):
+    """Full from the start, or after the first of the solves, each of which appends a vector."""
+    command = (
+        *solve_arguments("hertz", "fmg_v11"),
+        "-grid",
+        "64",
+        "-ksp_view_solution",
+        f"{kind}:{tmp_path}/view",
+    )
+    script = f'ulimit -f {kib}; trap "" XFSZ; exec "$@"'
+    done = run("-c", script, "sh", sys.executable, *command, ranks=ranks, program="bash", timeout=LIMIT)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) == (2, 1), done.stderr
+    assert f"{tmp_path}/view: cannot be written" in errors[0]
+
+
 @pytest.mark.parametrize("name", [name for name in WRITERS if name != "xdmf"])
 def test_read_only_folder_is_refused(name, given, capsys):
     command, source, target, words = WRITERS[name]
