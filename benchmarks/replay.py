@@ -27,7 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid
-from app.base.petsc import _counter
+from app.base.petsc import logged_reductions
 from app.contact.full_multigrid import GridSequence
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
@@ -73,18 +73,14 @@ NETWORKS = [
 # -- recording -----------------------------------------------------------------------------------------------
 
 
-def _of_petsc():
-    return sum(_counter(f"petsc_{kind}_ct").value for kind in ("allreduce", "gather"))
-
-
 class _Events(list):
     """Record of a message, with PETSc's own messages on the same grid."""
 
     def append(self, event):
         """Add an event; sums will be counted by PETSc, too."""
-        petsc = _of_petsc() - self._ours
+        petsc = logged_reductions() - self._ours
         if petsc > self._before:
-            super().append(("petsc", self._key, int(petsc - self._before)))
+            super().append(("petsc", self._key, petsc - self._before))
         self._before = petsc
         self._ours += event[0] == "sum"
         if event[0] in ("sum", "product", "kernel"):
@@ -94,7 +90,7 @@ class _Events(list):
     def clear(self):
         """Begin."""
         super().clear()
-        self._ours, self._key, self._before = 0, ALL, _of_petsc()
+        self._ours, self._key, self._before = 0, ALL, logged_reductions()
 
     def __init__(self):
         self.clear()

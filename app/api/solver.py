@@ -286,7 +286,7 @@ class ContactSolver(Derivatives):
         return add_uniform_displacement(solution, uniform) if uniform else solution
 
     def _solve_loading(self, loading, start):
-        started, traffic = time.perf_counter(), self.comm.traffic.copy()
+        started, traffic = time.perf_counter(), self.comm.count_traffic()
         products = self.hierarchy.operator_applications()
         self._strategy.check_loading(loading, self._largest)
         if loading.misses_contact(self._distances[-1]):
@@ -391,7 +391,7 @@ class ContactSolver(Derivatives):
         approach, moments = loading.solved_approach(state), measure_moments(state)
         notes = notes_on(state, self.problem, measured, self._roughness)
         # Rank 0 has a part of every grid and window.
-        counted = applied, history.entries, self.comm.traffic.since(traffic)
+        counted = applied, history.entries, self.comm.count_traffic().since(traffic)
         applied, history.entries, traffic = self.comm.bcast(counted)
         return Solution(
             pressure=state.p,

@@ -145,6 +145,11 @@ def log_reduction():
     _counter("petsc_allreduce_ct").value += 1
 
 
+def logged_reductions():
+    """Return the number of this rank's reductions, broadcasts and gathers so far, PETSc's own included."""
+    return int(sum(_counter(f"petsc_{kind}_ct").value for kind in ("allreduce", "gather")))
+
+
 # PETSc's codes of errors of incompatible types: unsupported, wrong argument or state, missing method, unknown type, no
 # factorisation
 _INCOMPATIBLE = (56, 60, 62, 73, 75, 83, 86, 92)

@@ -3,14 +3,14 @@
 Every message between ranks goes through a `Communicator`. `app.parallel.rank_groups` chooses which ranks share a grid.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from app.base.errors import InputError, OtherRankError, format_error
 from app.base.mpi import MPI
-from app.base.petsc import log_messages, log_reduction, to_input_error
+from app.base.petsc import log_messages, log_reduction, logged_reductions, to_input_error
 
 
 @dataclass
@@ -49,6 +49,10 @@ class Communicator(MPI.Intracomm):
         self = super().__new__(cls, comm)
         self.traffic = traffic or Traffic()
         return self
+
+    def count_traffic(self):
+        """Return the counts until now; reductions are those of the whole process, PETSc's own included."""
+        return replace(self.traffic, small_collectives=logged_reductions())
 
     def plain(self):
         """Return this communicator as `MPI.Intracomm`, for functions rejecting subclasses."""

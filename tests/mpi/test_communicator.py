@@ -5,7 +5,7 @@ import pytest
 from cases import hertz, punch
 
 from app import ContactSolver
-from app.base.petsc import _counter
+from app.base.petsc import _counter, logged_reductions
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.kernel import UNIT
 from app.methods.multilevel_operators import multilevel_influence
@@ -95,3 +95,17 @@ def test_message_count_of_a_solve_follows_the_model(comm, problem, monkeypatch):
         assert traffic.all_to_alls == 2 * shared[0] + shared[1]
     assert traffic.small_collectives <= 2 * steps + 3 * sets + 6 * levels + 10
     assert first.attributes["all_to_alls"] == traffic.all_to_alls > 0
+
+
+@pytest.mark.mpi(2)
+@pytest.mark.parametrize("method", ["norm", "fmg_v11", "fast"])
+def test_reductions_of_a_solve_are_those_that_petsc_counts(comm, method):
+    """PETSc's CG sums twice a step, by itself; some sums compare arguments before the solve and numbers after it."""
+    with ContactSolver(hertz(32), method) as solver:
+        before = logged_reductions()
+        solution = solver.solve(approach=0.1)
+        counted = logged_reductions() - before
+    if comm.rank == 0:
+        assert counted - 5 <= solution.traffic.small_collectives <= counted
+    if method == "norm":
+        assert solution.traffic.small_collectives > 2 * solution.inner_iterations
