@@ -58,9 +58,13 @@ class Strategy:
     def __init__(self, settings, hierarchy: Hierarchy):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, None
         self.solver = self._make_solver()
+        self._cache = self._make_cache()
 
     def _make_solver(self):
         return LinearSolver(self._hierarchy)
+
+    def _make_cache(self):
+        return SolverCache(LinearSolver, self._hierarchy, self.solver)
 
     def prepare(self):
         """Create the operators that depend only on the grids, for all solves."""
@@ -147,7 +151,8 @@ class Strategy:
         return contact_state(self._hierarchy.target, self._distances[-1])
 
     def destroy(self):
-        """Free the solver."""
+        """Free the solver, and the cached solvers of the levels."""
+        self._cache.destroy()
         if self.solver is not None:
             self.solver.destroy()
 
@@ -197,7 +202,7 @@ class ActiveSet(Strategy):
         settings = self._settings
         return full_multigrid(
             self._hierarchy, self._distances, loading, self._stop(), history, settings.nested, settings.beta,
-            lift.lift if settings.prolongation == "lift" else None, self.solver,
+            lift.lift if settings.prolongation == "lift" else None, self._cache,
         )  # fmt: skip
 
 
@@ -215,7 +220,7 @@ class Film(ActiveSet):
         if start is None:
             return full_multigrid(
                 hierarchy, self._distances, loading, self._stop(), history, settings.nested, settings.beta,
-                interpolate_pressure, self.solver, iterate,
+                interpolate_pressure, self._cache, iterate,
             )  # fmt: skip
         state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
         return state, iterate(last, state, self.solver, loading, self._stop(), history)
@@ -245,18 +250,12 @@ class Inexact(Strategy):
     def _first_solver_level(self):
         return 0
 
-    def destroy(self):
-        """Free the levels' cached solvers, too; see `Strategy.destroy`."""
-        self._cache.destroy()
-        super().destroy()
-
 
 class Fast(Inexact):
     """Strategy ``fast``, default on free patches: TrackingCG in windows."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-        self._cache = WindowCache(hierarchy, self.solver)
         operator = hierarchy.levels[hierarchy.finest_unwindowed]
         if operator.active:
             self._cache.solver(hierarchy.finest_unwindowed, operator)  # raises for wrong options
@@ -264,6 +263,9 @@ class Fast(Inexact):
     def _make_solver(self):
         hierarchy = self._hierarchy
         return None if hierarchy.may_be_windowed(hierarchy.target) else TrackingSolver(hierarchy)
+
+    def _make_cache(self):
+        return WindowCache(self._hierarchy, self.solver)
 
     def _first_solver_level(self):
         return int(direct.starts_directly(self._hierarchy, 0))
@@ -293,13 +295,12 @@ class Fast(Inexact):
 class Primal(Inexact):
     """Strategy ``primal``, the default on periodic patches: CarryingCG."""
 
-    def __init__(self, settings, hierarchy):
-        super().__init__(settings, hierarchy)
-        self._cache = SolverCache(PrimalSolver, hierarchy, self.solver)
-
     def _make_solver(self):
         primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
         return PrimalSolver(self._hierarchy)
+
+    def _make_cache(self):
+        return SolverCache(PrimalSolver, self._hierarchy, self.solver)
 
     def _solve(self, loading, history, start):
         nested, stop = self._settings.nested, _inexact_stop(self._settings)

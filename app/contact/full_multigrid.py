@@ -11,14 +11,11 @@ from app.contact.active_set import active_set_or_search
 from app.contact.grid_sequence import GridSequence
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
-from app.multigrid.direct import DirectSolver, starts_directly
-from app.multigrid.linear_solver import LinearSolver
+from app.multigrid.direct import starts_directly
 from app.parallel.communicator import propagate_errors
 
 
-def full_multigrid(
-    hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver, iterate=None
-):
+def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, cache, iterate=None):
     """Solve on the grids from coarsest to target.
 
     Collective. The ranks of a grid solve on it, and broadcast the result to the ranks that join on the next grid.
@@ -37,8 +34,8 @@ def full_multigrid(
         Option -lcp_beta: tolerance (4.1) of a grid's first contact set, divided by the largest displacement.
     prolong : callable or None
         Function used instead of the prolongation by copy; see `prolongate`.
-    target_solver : LinearSolver
-        Linear solver of the target grid.
+    cache : SolverCache
+        Linear solvers of the grids.
     iterate : callable, optional
         Function ``iterate(number, state, solver, loading, stop, history, first)`` that solves on a grid instead of
         `active_set_or_search`; `first` is true on the first grid.
@@ -60,12 +57,8 @@ def full_multigrid(
                 state.start_from_interpenetration()
             coarse.destroy()
         if level.active:
-            if grids.at_target:
-                solver = target_solver
-            elif coarse is None and not iterate and starts_directly(hierarchy, number):
-                solver = DirectSolver(level, number)
-            else:
-                solver = LinearSolver(hierarchy, number)
+            is_direct = coarse is None and not iterate and starts_directly(hierarchy, number)
+            solver = (cache.direct if is_direct else cache.solver)(number, level)
             test = grids.stopping_test(stop)
             solve = partial(active_set_or_search, state, solver, stop=test, history=history)
             with propagate_errors(grids.waiting_ranks(state)):
@@ -76,8 +69,7 @@ def full_multigrid(
                 else:
                     outcome = solve(loading)  # Sec. 4.3, (3.b)
             grids.record(outcome, state.depth)
-            if solver is not target_solver:
-                solver.destroy()
+            cache.release_solver(level)
         grids.broadcast_to_next(state)
         coarse = state
     return state, grids.outcome

@@ -3,6 +3,8 @@
 The cache has the solvers of small grids and the solver of the target grid.
 """
 
+from app.multigrid.direct import DirectSolver
+
 MAX_CACHED_CELLS = 256 * 256  # largest number of cells of a grid or window whose solver is kept
 
 
@@ -19,7 +21,8 @@ class SolverCache:
     """
 
     def __init__(self, kind, hierarchy, target=None):
-        self._kind, self._hierarchy, self._target, self._solvers = kind, hierarchy, target, {}
+        self._kind, self._hierarchy, self._target = kind, hierarchy, target
+        self._solvers, self._direct = {}, {}
 
     def prepare(self, first=0):
         """Make the solvers of small levels without windows, from `first` on. Collective."""
@@ -37,6 +40,15 @@ class SolverCache:
             self._solvers[operator] = self._kind(self._hierarchy, number, operator)
         return self._solvers[operator]
 
+    def direct(self, number, operator):
+        """Get or make the direct solver of level `number`.
+
+        The level is the coarsest one, or a finer one if the coarsest has no admissible cell.
+        """
+        if operator not in self._direct:
+            self._direct[operator] = DirectSolver(operator, number)
+        return self._direct[operator]
+
     def release_solver(self, operator):
         """Free a large grid's solver; of the target only arrays. Collective."""
         if self._is_of_target(operator):
@@ -53,6 +65,7 @@ class SolverCache:
 
     def destroy(self):
         """Free all cached solvers. Collective."""
-        for solver in self._solvers.values():
-            solver.destroy()
-        self._solvers.clear()
+        for solvers in (self._solvers, self._direct):
+            for solver in solvers.values():
+                solver.destroy()
+            solvers.clear()

@@ -8,7 +8,6 @@ the next window with the same FFT length, for example in the next step of a load
 from app.halfspace.fft.multiplier import SpectrumCache
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.solver import TrackingSolver
-from app.multigrid.direct import DirectSolver
 from app.multigrid.solver_cache import SolverCache, is_large
 
 
@@ -24,7 +23,7 @@ class WindowCache(SolverCache):
 
     def __init__(self, hierarchy, target=None):
         super().__init__(TrackingSolver, hierarchy, target)
-        self._windows, self._spectra, self._direct = {}, {}, {}
+        self._windows, self._spectra = {}, {}
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Return the operator of a window. Collective over `comm`.
@@ -46,15 +45,6 @@ class WindowCache(SolverCache):
             operator.exact_product = verification  # until `close`: it holds a field of all cells
         operator.grid = grid
         return operator
-
-    def direct(self, number, operator):
-        """Return the direct solver of level `number`.
-
-        The level is the coarsest one, or a finer one if the coarsest has no admissible cell.
-        """
-        if operator not in self._direct:
-            self._direct[operator] = DirectSolver(operator, number)
-        return self._direct[operator]
 
     def close(self, operator):
         """Finish with a window: count its work, and free its operator. Collective.
@@ -81,7 +71,5 @@ class WindowCache(SolverCache):
     def destroy(self):
         """Free all solvers and window operators."""
         super().destroy()
-        for solver in self._direct.values():
-            solver.destroy()
         self._windows.clear()
         self._spectra.clear()
