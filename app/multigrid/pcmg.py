@@ -7,7 +7,8 @@ PETSc's PCMG runs the cycles; its operators are masked by the contact set::
 All options are PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by ``-mg_levels_*``
 (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``. The defaults are the
 paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve. If the KSP needs a symmetric
-preconditioner, the smoother after the coarse grid is the adjoint of the smoother before it.
+preconditioner, the smoother after the coarse grid is the adjoint of the smoother before it. Cycles without smoothers
+after it, ``-pc_mg_type additive`` and ``-pc_mg_levels 1``, then have symmetric sweeps.
 
 =============================  ===============================================  ========================
 Sec. 4.2                       here                                             in
@@ -44,9 +45,14 @@ _SMOOTHER = {
 _OTHER_SWEEPS = ("symmetric", "backward", "local_symmetric", "local_backward", "local_forward")
 # KSPs that need a symmetric preconditioner, for short recurrences or orthogonality
 _NEED_SYMMETRY = (
-    "cg groppcg pipecg pipecgrr pipelcg pipeprcg pipecg2 cr pipecr minres symmlq qcg nash stcg gltr chebyshev"
+    "cg groppcg pipecg pipecgrr pipelcg pipeprcg pipecg2 cr pipecr minres symmlq qcg nash stcg gltr chebyshev lsqr"
 ).split()
-_OF_LEVELS = re.compile(r"mg_levels_(\d+_)?(?!up_)(.+)")
+_OF_LEVELS = re.compile(r"mg_levels_(\d+_)?(up_)?(.+)")
+_ONE_WAY = re.compile(r"(?<=^pc_sor_)(local_)?(forward|backward)$")
+_WITHOUT_ADJOINT = "full", "kaskade"  # cycles whose adjoint is no cycle of PETSc
+_MAX_ASYMMETRY = (
+    1e-2  # |x.My - y.Mx| / |x| |My| of a cycle M; rounding makes 1e-13, one-way sweeps make 0.05 to 0.3
+)
 _DIRECT = {
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "bjacobi",
@@ -103,7 +109,10 @@ class ContactMG:
     operators = _transfers = _mats = ()
     _cycle = _mat = _coarse = None
     _contact = -1  # version of the contact set that was restricted last
-    _symmetric = False  # True if the KSP needs a symmetric cycle
+    _needs_symmetry = ""  # type of the KSP, if it needs a symmetric cycle
+    _applied = None  # copies of x and y of the first application, before symmetry is checked; () afterwards
+    _adjoint = None  # ContactMG whose cycle is the adjoint of this one
+    _is_adjoint = False
 
     def setFromOptions(self, pc):
         """Reset, so that the next set-up reads options."""
@@ -121,14 +130,16 @@ class ContactMG:
                 else:
                     self._restrict_contact()
                     self._cycle.setUp()
+            if self._adjoint is not None:
+                self._adjoint.setUp(pc)
         except BaseException:
             self.reset(pc)
             raise
 
     def preSolve(self, pc, ksp, b, x):
         """Make the cycle symmetric if the KSP needs a symmetric preconditioner."""
-        if ksp.getType() in _NEED_SYMMETRY and not self._symmetric:
-            self._symmetric = True
+        if ksp.getType() in _NEED_SYMMETRY and not self._needs_symmetry:
+            self._needs_symmetry = ksp.getType()
             self.reset(pc)
             self.setUp(pc)
 
@@ -143,6 +154,40 @@ class ContactMG:
             x.incRef()  # an interrupted PCMG keeps x and would free it
             self.reset(pc)
             raise
+        if self._needs_symmetry and self._applied != ():
+            self._check_symmetry(x, y)
+
+    def applyTranspose(self, pc, x, y):
+        """Compute y from x by the adjoint of the cycles."""
+        if self._needs_symmetry:
+            return self.apply(pc, x, y)
+        if self._adjoint is None:
+            self._adjoint = ContactMG()
+            self._adjoint._is_adjoint = True
+        self._adjoint.apply(pc, x, y)
+
+    def _check_symmetry(self, x, y):
+        """Raise InputError if two applications on a contact set show that the cycle is not symmetric.
+
+        Methods such as CG would stagnate. The check needs no more cycles.
+        """
+        if self._applied is None:
+            self._applied = x.copy(), y.copy()
+            return
+        first_x, first_y = self._applied
+        difference = abs(first_x.dot(y) - x.dot(first_y))
+        allowed = _MAX_ASYMMETRY * min(first_x.norm() * y.norm(), x.norm() * first_y.norm())
+        self._forget_applied(())
+        if difference > allowed:
+            raise InputError(
+                f"-ksp_type {self._needs_symmetry}: needs a symmetric preconditioner, and these smoothers before and "
+                "after the coarse grid (-mg_levels_*, -mg_levels_up_*) are not adjoint; choose -ksp_type fcg or gmres"
+            )
+
+    def _forget_applied(self, value=None):
+        for vec in self._applied or ():
+            vec.destroy()
+        self._applied = value
 
     def view(self, pc, viewer):
         """Print the PCMG with its levels to a viewer."""
@@ -151,6 +196,10 @@ class ContactMG:
 
     def reset(self, pc):
         """Free all PETSc objects until the next use."""
+        if self._adjoint is not None:
+            self._adjoint.reset(pc)
+            self._adjoint = None
+        self._forget_applied()
         # Also the Mat: PETSc's garbage_cleanup may call this, and loses what Python drops inside it.
         for part in (self._cycle, self._coarse, *self._mats, self._mat):
             if part is not None:
@@ -175,15 +224,36 @@ class ContactMG:
         cycle.setType(PETSc.PC.Type.MG)
         cycle.setMGLevels(len(self.operators))
         self._set_levels(pc.comm)
-        self._symmetric |= options.getString("ksp_type", "") in _NEED_SYMMETRY
-        defaults = _default_options(options.getAll(), self._symmetric)
-        forced = {"pc_type": "mg", "pc_mg_levels": str(len(self.operators))}
+        if (ksp_type := options.getString("ksp_type", "")) in _NEED_SYMMETRY:
+            self._needs_symmetry = self._needs_symmetry or ksp_type
+        defaults, forced = self._cycle_options(options)
+        forced |= {"pc_type": "mg", "pc_mg_levels": str(len(self.operators))}
         with temporary_options(prefix, defaults, forced):
             cycle.setFromOptions()
             self._restrict_contact()
             cycle.setUp()  # levels read their options now
             # Fails now, on all ranks, instead of in a cycle on the rank of the coarsest grid.
             cycle.getMGCoarseSolve().getPC().setUpOnBlocks()
+
+    def _cycle_options(self, options):
+        """Return defaults of the cycle's options, and options that replace the user's."""
+        kind, galerkin = (options.getString(f"pc_mg_{name}", "").lower() for name in ("type", "galerkin"))
+        if galerkin not in ("", "none", "external"):
+            raise InputError(
+                f"-pc_mg_galerkin {galerkin}: coarser grids have operators of their own; must be none"
+            )
+        several = len(self.operators) > 1
+        texts, one_smoother = options.getAll(), kind == "additive" or not several
+        wanted = f"-ksp_type {self._needs_symmetry} needs" if self._needs_symmetry else "the transpose is of"
+        if several and kind in _WITHOUT_ADJOINT and (self._needs_symmetry or self._is_adjoint):
+            raise InputError(
+                f"-pc_mg_type {kind}: {wanted} a symmetric cycle; choose -pc_mg_type multiplicative or additive, or "
+                "-ksp_type fcg or gmres"
+            )
+        defaults = _default_options(texts, self._needs_symmetry and not one_smoother)
+        if self._needs_symmetry and one_smoother:
+            return defaults, _symmetric_sweeps(defaults | texts)
+        return defaults, _transposed_smoothers(defaults | texts, one_smoother) if self._is_adjoint else {}
 
     def _set_levels(self, comm):
         """Set the PCMG's operators, transfers and coarsest matrix."""
@@ -215,6 +285,8 @@ class ContactMG:
             transfer.restrict_contact()
         for operator in self.operators[:-1]:
             operator.mask_changed()
+        if self._applied:
+            self._forget_applied()  # of another contact set
         for mat in self._mats:
             mat.stateIncrease()
         if self._coarse:
@@ -259,12 +331,40 @@ def _default_options(options, symmetric):
     return defaults
 
 
+def _smoothers(options):
+    """Return the options of smoothers before and after the coarse grid: (level, name) -> text."""
+    found = {"": {}, "up_": {}}
+    for name, text in options.items():
+        if match := _OF_LEVELS.fullmatch(name):
+            level, after, option = match.groups(default="")
+            found[after][level, option] = text or ""
+    return found[""], found["up_"]
+
+
+def _adjoint_of(smoother, after=""):
+    """Return the options of a smoother's adjoint, which is `after` the coarse grid if that is ``up_``."""
+    turned = {"forward": "backward", "backward": "forward"}
+    return {
+        f"mg_levels_{level}{after}{_ONE_WAY.sub(lambda m: (m[1] or '') + turned[m[2]], option)}": text
+        for (level, option), text in smoother.items()
+    }
+
+
 def _adjoint_smoothers(options):
     """Return options of smoothers after the coarse grid: adjoints of those before."""
-    turned = {"forward": "backward", "backward": "forward"}
-    adjoint, one_way = {"pc_mg_distinct_smoothup": ""}, r"(?<=^pc_sor_)(local_)?(forward|backward)$"
-    for name, text in options.items():
-        if level := _OF_LEVELS.fullmatch(name):
-            option = re.sub(one_way, lambda m: (m[1] or "") + turned[m[2]], level[2])
-            adjoint[f"mg_levels_{level[1] or ''}up_{option}"] = text or ""
-    return adjoint
+    return {"pc_mg_distinct_smoothup": "", **_adjoint_of(_smoothers(options)[0], "up_")}
+
+
+def _symmetric_sweeps(options):
+    """Return options by which all sweeps are symmetric; None: removed."""
+    names = (name for name in options if (match := _OF_LEVELS.fullmatch(name)) and _ONE_WAY.search(match[3]))
+    return {**dict.fromkeys(names), "mg_levels_pc_sor_symmetric": ""}
+
+
+def _transposed_smoothers(options, one_smoother):
+    """Return options that exchange smoothers before and after the coarse grid, and make them adjoint."""
+    before, after = _smoothers(options)
+    transposed = dict.fromkeys(name for name in options if _OF_LEVELS.fullmatch(name))
+    if one_smoother or "pc_mg_distinct_smoothup" not in options:
+        return transposed | _adjoint_of(before)
+    return transposed | _adjoint_of(after) | _adjoint_of(before, "up_")

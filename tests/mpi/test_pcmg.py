@@ -133,6 +133,51 @@ def test_cycle_is_symmetric_for_a_ksp_that_needs_it(comm):
         part.destroy()
 
 
+CYCLES = [{}, {"pc_mg_cycle_type": "w"}, {"pc_mg_type": "additive"}, {"pc_mg_levels": "1"}]
+AFTER = {"ksp_type": "richardson", "ksp_max_it": "2", "pc_type": "sor", "pc_sor_backward": ""}
+DISTINCT = {"pc_mg_distinct_smoothup": "", "mg_levels_1_up_pc_sor_omega": "0.5"} | with_prefix(
+    "mg_levels_up_", AFTER
+)
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize("options", [*CYCLES, DISTINCT, {"mg_levels_ksp_max_it": "2"}])
+def test_transpose_is_the_adjoint_of_the_cycle(comm, options):
+    """Also on the next contact set."""
+    operator, ksp, (mat, p, b) = ready(comm)
+    pc, vectors = ksp.getPC(), [mat.createVecRight() for _ in range(4)]
+    u, v, mu, tv = vectors
+    rng = np.random.default_rng(comm.rank)
+    with temporary_options("", {}, options):
+        for _ in range(2):
+            for vec in (u, v):
+                vec.setArray((rng.normal(size=operator.local_shape) * operator.mask).reshape(-1))
+            pc.setUp()
+            pc.apply(u, mu)
+            pc.applyTranspose(v, tv)
+            assert u.dot(tv) == pytest.approx(mu.dot(v), abs=1e-13 * mu.norm() * v.norm())
+            operator.mask[...] = contact_sets(FREE)[1][operator.slabs.rows]
+            mat.assemble()
+    for part in (ksp, mat, p, b, *vectors):
+        part.destroy()
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize("kind", ["bicg", "cgne", "lsqr", "transpose"])
+def test_methods_that_multiply_by_the_transpose(comm, kind):
+    _, ksp, (mat, p, b) = ready(comm)
+    if kind != "transpose":
+        ksp.setType(kind)
+    (ksp.solveTranspose if kind == "transpose" else ksp.solve)(b, p)
+    assert ksp.getConvergedReason() > 0
+    residual = b.duplicate()
+    mat.mult(p, residual)
+    residual.aypx(-1, b)
+    assert residual.norm() < 1000 * RTOL * b.norm()
+    for part in (ksp, mat, p, b, residual):
+        part.destroy()
+
+
 @pytest.mark.mpi(1, 2)
 def test_options_are_read_under_the_prefix_of_the_pc(comm):
     """Two solvers of one program have different cycles; the user's options stay."""

@@ -164,6 +164,8 @@ class Membrane:
             z += self._cycle(0, r) * (operator.grid.cell_area / self._squeeze)
             z *= operator.mask
 
+    applyTranspose = apply
+
     def _set_contact(self):
         operator, membranes = self._operator, self._membranes
         grid = operator.grid

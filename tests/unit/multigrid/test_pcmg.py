@@ -6,7 +6,7 @@ import pytest
 from cases import hertz
 from operators import asymmetry
 
-from app import ContactSolver, solve
+from app import ContactSolver, InputError, solve
 
 
 def asymmetry_of(solver, contact):
@@ -22,15 +22,22 @@ CYCLES = [
     ("norm", {"pc_mg_cycle_type": "w", "mg_levels_ksp_max_it": 2}),
     ("norm", {"mg_levels_2_pc_sor_omega": 0.5, "mg_levels_pc_sor_backward": ""}),
     ("norm", {"mg_levels_pc_sor_symmetric": ""}),
+    ("norm", {"pc_mg_type": "additive", "mg_levels_2_pc_sor_backward": ""}),
+    ("norm", {"pc_mg_levels": 1}),
     ("fmg_v11", {}),  # whose file says forward
+    ("fmg_v11", {"pc_mg_type": "additive"}),
+    ("fmg_v11", {"pc_mg_levels": 1}),
     ("fmg_fft", {}),
 ]
 
 
-@pytest.mark.parametrize("kind", ["cg", "minres"])
+NORMS = {"cg": "natural", "minres": "preconditioned", "lsqr": "unpreconditioned"}
+
+
+@pytest.mark.parametrize("kind", NORMS)
 @pytest.mark.parametrize(("method", "options"), CYCLES)
 def test_cycle_is_symmetric_for_krylov_methods_that_need_it(kind, method, options):
-    options = {"ksp_type": kind, "ksp_norm_type": "natural" if kind == "cg" else "preconditioned"} | options
+    options = {"ksp_type": kind, "ksp_norm_type": NORMS[kind]} | options
     with warnings.catch_warnings(), ContactSolver(hertz(32), method, options | {"pc_type": "mg"}) as solver:
         warnings.simplefilter("ignore", RuntimeWarning)
         assert asymmetry_of(solver, solver.solve(approach=0.1).contact) < 1e-14
@@ -40,6 +47,23 @@ def test_cycle_is_that_of_the_method_file_otherwise():
     for method, options in (("fmg_v11", {}), ("norm", {"pc_type": "mg", "ksp_type": "fcg"})):
         with ContactSolver(hertz(32), method, options) as solver:
             assert asymmetry_of(solver, solver.solve(approach=0.1).contact) > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "message"),
+    [
+        ("norm", {"pc_mg_type": "kaskade"}, "-pc_mg_type kaskade: -ksp_type cg needs a symmetric cycle"),
+        ("fmg_v11", {"pc_mg_type": "full"}, "-pc_mg_type full: -ksp_type cg needs a symmetric cycle"),
+        ("mg_v10", {}, "-ksp_type cg: needs a symmetric preconditioner"),
+        ("fmg_v01", {}, "-ksp_type cg: needs a symmetric preconditioner"),
+        ("norm", {"pc_mg_distinct_smoothup": ""}, "-ksp_type cg: needs a symmetric preconditioner"),
+        ("norm", {"pc_mg_galerkin": "both"}, "-pc_mg_galerkin both: .* must be none"),
+    ],
+)
+def test_cycles_that_a_method_cannot_use_are_refused(method, options, message):
+    options = {"ksp_type": "cg", "ksp_max_it": 100, "pc_type": "mg"} | options
+    with pytest.raises(InputError, match=message):
+        solve(hertz(32), approach=0.1, method=method, options=options)
 
 
 def test_multigrid_speeds_up_conjugate_gradients():
