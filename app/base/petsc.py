@@ -19,6 +19,7 @@ from functools import cache, wraps
 import numpy as np
 from petsc4py import PETSc
 
+from app.base.arithmetic import default_arithmetic
 from app.base.errors import InputError
 from app.base.memory import set_malloc_option
 from app.base.mpi import MPI
@@ -100,11 +101,11 @@ _LOCK = threading.RLock()
 
 
 def synchronized(function):
-    """Decorate a function so that one thread at a time runs it."""
+    """Decorate a function so that one thread at a time runs it, in default arithmetic."""
 
     @wraps(function)
     def locked(*args, **kwargs):
-        with _LOCK:
+        with _LOCK, default_arithmetic():
             return function(*args, **kwargs)
 
     return locked

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
+from app.base.arithmetic import default_arithmetic
 from app.io.files import atomic_file
 
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # distinct for colour-blind readers
@@ -110,7 +111,7 @@ def with_style(draw):
 
     @wraps(draw)
     def wrapper(*args, **kwargs):
-        with matplotlib.rc_context(_current.get().rc):
+        with matplotlib.rc_context(_current.get().rc), default_arithmetic():
             return draw(*args, **kwargs)
 
     return wrapper

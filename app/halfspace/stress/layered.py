@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.base.arithmetic import in_default_arithmetic
 from app.base.errors import InputError
 from app.base.units import format_lengths
 from app.halfspace.stress import subsurface
@@ -128,6 +129,7 @@ class LayeredStress(SubsurfaceStress):
         """Return the largest von Mises stress; see `SubsurfaceStress.maximum`."""
         return self.maxima()[0]
 
+    @in_default_arithmetic
     def maxima(self):
         """Return the largest von Mises and shear stress in both materials."""
         mises, shear = zip(*self._by_material, strict=True)
@@ -143,6 +145,7 @@ class LayeredStress(SubsurfaceStress):
             parts.append(np.concatenate([[self._below], deeper if deeper.size else [2 * t]]))
         return [self._search(part, von_mises, subsurface.shear_where_large) for part in parts]
 
+    @in_default_arithmetic
     def layer_maxima(self):
         """Return the `LayerMaxima` of both materials and the interface."""
         largest = [at for at, _ in self._by_material]

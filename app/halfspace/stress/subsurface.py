@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.base import views
+from app.base.arithmetic import in_default_arithmetic
 from app.base.errors import InputError, is_number
 from app.base.units import format_quantity
 
@@ -140,6 +141,7 @@ class SubsurfaceStress:
         """
         return views.load().plot_stress(self)
 
+    @in_default_arithmetic
     def plane(self, depth):
         """Return the stress on a horizontal plane, below the cell centres.
 
@@ -147,6 +149,7 @@ class SubsurfaceStress:
         """
         return self._sums.plane(_checked(depth))
 
+    @in_default_arithmetic
     def section(self, depths, x=None, y=None):
         """Return the stress on a vertical plane.
 
@@ -166,11 +169,13 @@ class SubsurfaceStress:
         sums = self._make_sums(self.pressure.T, transposed)
         return np.stack([sums.row(depth, x)[[1, 0, 2, 3, 5, 4]] for depth in depths], axis=1)
 
+    @in_default_arithmetic
     def line(self, depths, x, y):
         """Return the stress on a vertical line, (6, depths) [N/mm2]; lengths in mm."""
         _check_places(x=x, y=y)
         return np.stack([self._sums.point(depth, x, y) for depth in check_depths(depths)], axis=1)
 
+    @in_default_arithmetic
     def maximum(self):
         """Return the largest von Mises stress, a `StressMaximum`.
 
@@ -181,6 +186,7 @@ class SubsurfaceStress:
         """
         return self._search(None, von_mises)[0]
 
+    @in_default_arithmetic
     def maxima(self):
         """Return the largest von Mises and shear stress, each a `StressMaximum`."""
         return self._search(None, von_mises, shear_where_large)
