@@ -7,8 +7,9 @@ name, so that a command can start PETSc with its own options first.
 from functools import partial
 from importlib import import_module
 
-from app.base import packages, petsc_path, views  # noqa: F401  petsc4py can be imported from here on
+from app.base import packages, petsc_path, user_folder, views  # noqa: F401  petsc_path finds petsc4py
 
+user_folder.ensure_home()
 packages.install()
 views.load = partial(import_module, "app.api.views")
 

@@ -11,7 +11,6 @@ Options are PETSc's and the options in `app.options.method`. Each solver puts it
 prefix of its own, and only during set-up and solves.
 """
 
-import time
 import weakref
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -28,6 +27,8 @@ from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
 from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
+from app.base.mpi import MPI
+from app.base.numba_cache import clock, report_compilation
 from app.base.petsc import Resources, mpi_comm, synchronized
 from app.base.usage import usage
 from app.contact import measures
@@ -128,7 +129,7 @@ class ContactSolver(Derivatives):
 
     @synchronized
     def __init__(self, problem, method=None, options=None, comm=None, prefix=None, listeners=()):
-        started, comm = time.perf_counter(), mpi_comm(comm)
+        started, comm = clock(), mpi_comm(comm)
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, synchronized(self._resources.free))
         self.problem, self._outer_comm = problem, mpi_abort.abort_on_exception(comm)
@@ -164,7 +165,7 @@ class ContactSolver(Derivatives):
         except BaseException:
             self.close()
             raise
-        self.setup_seconds = time.perf_counter() - started
+        self.setup_seconds = clock() - started
 
     def __repr__(self):
         grid, closed = self.problem.grid, "" if self._finalizer.alive else ", closed"
@@ -254,6 +255,7 @@ class ContactSolver(Derivatives):
                 listener.begin(self.settings)
                 stack.callback(listener.end)
             solution = self._note_late_options(self._solve(values, start))
+        report_compilation()
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")
         if not self.quiet:
@@ -286,7 +288,7 @@ class ContactSolver(Derivatives):
         return add_uniform_displacement(solution, uniform) if uniform else solution
 
     def _solve_loading(self, loading, start):
-        started, traffic = time.perf_counter(), self.comm.count_traffic()
+        started, traffic = clock(), self.comm.count_traffic()
         products = self.hierarchy.operator_applications()
         self._strategy.check_loading(loading, self._largest)
         if loading.misses_contact(self._distances[-1]):
@@ -378,7 +380,7 @@ class ContactSolver(Derivatives):
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
         proof = certify(state, self.settings.error_bound)  # may take a product
-        applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
+        applied, seconds = self.hierarchy.operator_applications() - products, clock() - started
         measured = measures.measure_contact(state)
         if measured.contact_cells and not measured.max_pressure:
             state.contact[...] = False  # bodies that just touch have no contact area
@@ -393,6 +395,7 @@ class ContactSolver(Derivatives):
         # Rank 0 has a part of every grid and window.
         counted = applied, history.entries, self.comm.count_traffic().since(traffic)
         applied, history.entries, traffic = self.comm.bcast(counted)
+        seconds = self.comm.allreduce(seconds, MPI.MIN)  # of the rank that waited least for a compilation
         return Solution(
             pressure=state.p,
             displacement=state.u,

@@ -43,12 +43,14 @@ def summary(facts, grid, output=None):
     ranks = format_count(facts["ranks"], "rank")
     if facts["solving_ranks"] < facts["ranks"]:
         ranks = f"{facts['solving_ranks']} of {ranks}"
+    compiling = facts.get("compile_seconds")
+    compiled = f", compiling, once: {compiling:.3g} s" if compiling else ""
     lines += [
         f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (relative, energy norm), "
         f"largest penetration {facts['largest_penetration']:.2g} mm, residual {facts['residual']:.3g}",
         f"{format_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
         f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
-        f"{facts['solve_seconds']:.3g} s on {ranks}, set-up {facts['setup_seconds']:.3g} s",
+        f"{facts['solve_seconds']:.3g} s on {ranks}, set-up {facts['setup_seconds']:.3g} s{compiled}",
     ]
     if output:
         lines.append(f"result in {output}")

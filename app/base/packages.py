@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from app.base import mpi
+from app.base import mpi, user_folder
 from app.base.missing_packages import SOURCES, missing
 
 _COMPILED = {"h5py", "matplotlib", "numba", "petsc4py", "scipy"}
@@ -53,6 +53,8 @@ class CompiledPackageFinder:
         """Import a module; shorten an error due to a wrong numpy."""
         if name == "petsc4py":
             mpi.MPI  # noqa: B018  in a wheel, petsc4py needs the library that mpi4py loads
+        if name == "matplotlib":
+            user_folder.ensure_matplotlib_folder()
         cls._loading, printed, error = True, io.StringIO(), None
         try:
             # h5py and petsc4py start MPI.

@@ -16,7 +16,6 @@ def main(parsed):
     """
     # The session starts MPI and PETSc first.
     import shlex
-    import time
     import warnings
     from contextlib import nullcontext
 
@@ -28,6 +27,7 @@ def main(parsed):
         from app.api.solver import ContactSolver
         from app.api.summary import refinement_table, summary
         from app.base.mpi import MPI
+        from app.base.numba_cache import clock, compile_seconds
         from app.cli import monitor
         from app.cli.load_path import load_path_summary, run_path
         from app.cli.problem_options import Request, format_help, suggest_names
@@ -43,7 +43,7 @@ def main(parsed):
         raise InputError(
             "nothing to solve; to begin with: -options_file petsc_options/hertz.opts; all options: -help"
         )
-    started = time.perf_counter()
+    started = clock()
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"), suggest_names(parsed):
         request, solver = Request(parsed, MPI.COMM_WORLD), None
@@ -52,7 +52,7 @@ def main(parsed):
             solver = ContactSolver(
                 request.problem, request.method, request.options, prefix="", listeners=listeners
             )
-            facts["setup_seconds"] = time.perf_counter() - started
+            facts["setup_seconds"] = clock() - started
     facts |= {"title": request.title} if request.title else {}
 
     def save(solution, file, steps=None):
@@ -98,6 +98,7 @@ def main(parsed):
             save(solution, request.output, steps)
     if text:
         session.print_output(text)
+    facts["compile_seconds"] = compile_seconds()
     session.print_output(summary(solution.attributes | facts, solution.grid, request.output))
     if not request.output:
         session.print_output("  the solution is not saved; -output F.h5 saves it for app.plot and app.report")

@@ -1,11 +1,11 @@
 """History of a solve, its listeners, and its outcome."""
 
-import time
 from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
 from app.base.errors import format_distinct, format_exact
+from app.base.numba_cache import clock
 from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
@@ -68,7 +68,7 @@ class History:
 
     def start(self, state, solver):
         """Start a grid's record, and call the listeners."""
-        self._started, self._iteration, self._work = time.perf_counter(), 0, solver.work_units
+        self._started, self._iteration, self._work = clock(), 0, solver.work_units
         for listener in self.listeners:
             listener.start(state, solver.level)
 
@@ -76,7 +76,7 @@ class History:
         """Record an iteration: its `Update` and inner iterations. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
-        work, seconds = self._work - before, time.perf_counter() - self._started
+        work, seconds = self._work - before, clock() - self._started
         self.record(make_entry(state, solver.level, self._iteration, update, inner, work, seconds), state)
 
     def record(self, entry, state):

@@ -5,11 +5,10 @@ tao -tao_type tron``). SNESVI solves the complementarity problem (``-lcp_type sn
 ``-tao_*``, ``-snes_*``, ``-ksp_*`` and ``-pc_*``.
 """
 
-import time
-
 import numpy as np
 from petsc4py import PETSc
 
+from app.base.numba_cache import clock
 from app.base.petsc import TAO_REASONS, calling_petsc, error_message
 from app.contact.history import Outcome, make_entry
 from app.contact.state import Displacement, Update
@@ -56,7 +55,7 @@ class _ReferenceSolver:
             state.values[...] = start.pressure
             state.project()
         self._state, self._history, self._entry = state, history, None
-        self._last_inner, self._last_products, self._started = 0, self.operator.products, time.perf_counter()
+        self._last_inner, self._last_products, self._started = 0, self.operator.products, clock()
         lower, upper = state.bounds.vecs(state.pressure)
         self._h.setArray(np.where(state.admissible, -(state.distance.b + state.depth), 0.0).reshape(-1))
         acceptable = self.stop.allowed(state)
@@ -109,7 +108,7 @@ class _ReferenceSolver:
         cells, added, dropped = (int(count) for count in state.sum(counts))
         before[...] = contact
         inner, work = self.inner - self._last_inner, float(self.operator.products - self._last_products)
-        seconds, update = time.perf_counter() - self._started, Update(cells, added, dropped, norm)
+        seconds, update = clock() - self._started, Update(cells, added, dropped, norm)
         self._entry = make_entry(state, self.level, iteration, update, inner, work, seconds)
         self._last_inner, self._last_products = self.inner, self.operator.products
 

@@ -44,3 +44,11 @@ def test_a_line_contact_has_its_mean_width(periodic, axis):
     solution = solve(problem, load=3.0)
     width = solution.contact.any(axis=0 if axis == "x" else 1).sum() * 2 / 64
     assert f"mean width of the contact in {axis} {width:.6g} mm" in summary(solution.attributes, grid)
+
+
+def test_the_time_of_compilation_is_apart_from_those_of_set_up_and_solve():
+    grid = Grid.from_domain(8, 8, (-1, 1, -1, 1))
+    found = solve(ContactProblem(grid, Material.from_contact_modulus(1e5), np.eye(8)), load=10)
+    line = f"{found.solve_seconds:.3g} s on 1 rank, set-up {found.setup_seconds:.3g} s"
+    for seconds, end in ((0.0, "\n"), (43.12, ", compiling, once: 43.1 s\n")):
+        assert line + end in summary(found.attributes | {"compile_seconds": seconds}, found.grid) + "\n"

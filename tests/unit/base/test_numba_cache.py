@@ -209,3 +209,72 @@ def test_solves_compile_no_loop_twice_for_equal_numbers():
     done = run("-W", "ignore", "-c", SIGNATURES)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[-1] == "0", done.stdout
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", ["empty", "cut", "noise", "flipped", "swapped", "folder"])
+def test_a_damaged_cache_is_compiled_again(tmp_path, monkeypatch, suffix, damage):
+    """Also if a file is a whole one of another loop."""
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
+    assert (loops.twice(1.5), loops.four_times(1.5)) == (3, 6)
+    files = sorted((tmp_path / "__pycache__").glob(f"*.{suffix}"))
+    contents = [file.read_bytes() for file in files]
+    for file, content, other in zip(files, contents, contents[1:] + contents[:1], strict=True):
+        file.unlink()
+        if damage == "folder":
+            file.mkdir()
+            continue
+        middle = len(content) // 2
+        flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+        ways = {"empty": b"", "cut": content[:-9], "noise": bytes(range(256)) * 9, "flipped": flipped}
+        file.write_bytes({**ways, "swapped": other}[damage])
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
+    assert (loops.twice(1.5), loops.four_times(1.5)) == (3, 6)
+    assert not loops.twice.stats.cache_hits
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
+    assert loops.twice(1.5) == 3
+    assert bool(loops.twice.stats.cache_hits) == (damage != "folder")
+
+
+def test_the_cache_next_to_the_source_serves_a_user_who_cannot_write_there(tmp_path, monkeypatch):
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
+    assert loops.twice(1.5) == 3
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "of the user"))
+    loops = import_loops(tmp_path, LOOPS, monkeypatch)
+    assert (loops.twice(1.5), loops.four_times(1.5)) == (3, 6)
+    assert sum(loops.twice.stats.cache_hits.values()) == 1
+    saved = {file.name.split("-")[0] for file in tmp_path.glob("of the user/*/*.nbc")}
+    assert saved == {"loops_of_a_test.four_times", "loops_of_a_test.twice_inner"}
+
+
+def test_without_any_writable_folder_loops_are_compiled(tmp_path, monkeypatch):
+    def fail(*_):
+        raise FileNotFoundError("no usable temporary folder")
+
+    monkeypatch.setattr(numba_cache, "_make_cache", fail)
+    assert import_loops(tmp_path, LOOPS, monkeypatch).four_times(1.5) == 6
+
+
+def test_the_clock_stands_still_during_compilation_which_is_reported_once(tmp_path, monkeypatch, capsys):
+    loops, now = import_loops(tmp_path, LOOPS, monkeypatch), [0.0]
+    monkeypatch.setattr(numba_cache, "_times", numba_cache._Times())
+    monkeypatch.setattr(numba_cache, "on_first_compile", numba_cache.announce_compilation)
+    monkeypatch.setattr(numba_cache.time, "perf_counter", lambda: now[0])
+    compile_ = loops.four_times._compiler.compile
+
+    def slow(*arguments):
+        now[0] += 40
+        return compile_(*arguments)
+
+    monkeypatch.setattr(loops.four_times._compiler, "compile", slow)
+    before = numba_cache.clock()
+    assert loops.four_times(1.5) == 6
+    assert (now[0], numba_cache.clock(), numba_cache.compile_seconds()) == (40, before, 40)
+    for _ in range(2):
+        numba_cache.report_compilation()
+    assert capsys.readouterr().err.splitlines() == [
+        "note: compiling loops, once; this may take a minute", "note: compiling, once: 40 s",
+    ]  # fmt: skip
+    now[0] += 2
+    assert numba_cache.clock() == before + 2
