@@ -31,6 +31,7 @@ from app.parallel import mpi_abort
 from app.problems.problem import Problem
 
 MAX_CELLS = 4096**2
+MIN_GRIDS = 3  # grids to solve at least; two differences show an order of convergence
 
 
 class Refinement(NamedTuple):
@@ -79,11 +80,11 @@ def refine(
 ):
     """Solve a problem on finer and finer grids.
 
-    Collective over `comm`. Each grid has twice as many cells in both directions as the grid before. Errors are
-    estimated from the changes between the last grids (`app.contact.grid_errors`). If only one grid is solved so far,
-    errors are estimated from the coarse grids of the nested iteration. -lcp_rtol is halved for each grid, because the
-    error that the stopping test (5.1) leaves in the shortest waves of the pressure is inversely proportional to the
-    wavelength.
+    Collective over `comm`. Each grid has twice as many cells in both directions as the grid before. At least two grids
+    are solved after the first one, unless there is no pressure. Errors are estimated from the changes between the last
+    grids (`app.contact.grid_errors`). On the first two grids they are estimated from the coarse grids of the nested
+    iteration, if there are any. -lcp_rtol is halved for each grid, because the error that the stopping test (5.1)
+    leaves in the shortest waves of the pressure is inversely proportional to the wavelength.
 
     Parameters
     ----------
@@ -107,8 +108,8 @@ def refine(
     Returns
     -------
     Refinement
-        The last grid is the first one that is fine enough, or on which the solver does not converge. Otherwise it is
-        the finest grid that `most_cells` and memory allow.
+        The last grid is the first one after two others that is fine enough, or one on which the solver does not
+        converge. Otherwise it is the finest grid that `most_cells` and memory allow.
 
     Raises
     ------
@@ -141,19 +142,25 @@ def refine(
             loading.pop("start", None)  # of the first grid
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
             values = solution.load, solution.approach, solution.max_pressure, solution.contact_area
-            numbers.append(GridNumbers(*values, grid.cell_area))
-            if len(numbers) > 1:
+            numbers.append(GridNumbers(*values))
+            if len(numbers) >= MIN_GRIDS or np.isnan(errors.largest):
                 [prescribed] = (kind for kind, number in loading.items() if number is not None)
-                errors = estimate_errors(numbers, solver.touching, prescribed).with_contact_edge(solution)
+                change = solution.discretisation_error
+                errors = estimate_errors(numbers, solver.touching, prescribed, change)
+                errors = errors.add_contact_edge(solution, change, problem.hardness)
             rows.append(_row(solution, errors))
+            small = errors.largest_of(quantities) <= until
             # Without a pressure there is nothing to refine.
-            reached = solution.converged and (errors.largest_of(quantities) <= until or not solution.load)
+            reached = solution.converged and ((small and len(rows) >= MIN_GRIDS) or not solution.load)
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
                 if solution.converged and not reached:
                     cells = f"{grid.nx} x {grid.ny} cells"
                     reason = "most_cells= (-refine_max)" if 4 * grid.n > most_cells else "memory"
-                    short = f"stopped at {cells} by {reason}: estimated errors are still above {format_exact(until)}"
+                    doubt = f"estimated errors are still above {format_exact(until)}"
+                    if small:
+                        doubt = f"{len(rows)} of at least {MIN_GRIDS} grids are solved, so the errors are not confirmed"
+                    short = f"stopped at {cells} by {reason}: {doubt}"
                     solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
                     solution = solver.with_stiffness(solution)

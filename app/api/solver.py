@@ -415,7 +415,9 @@ class ContactSolver(Derivatives):
             work_units=sum([entry["work_units"] for entry in history.entries]),
             operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
-            **outcome.grid_errors.with_contact_edge(measured)._asdict(),
+            **outcome.grid_errors.add_contact_edge(
+                measured, outcome.discretisation_error, hardness
+            )._asdict(),
             fallbacks=outcome.fallbacks,
             **measured._asdict(),
             **moments._asdict(),

@@ -200,6 +200,8 @@ def format_grids(rows):
 def refinement_table(refined, until, quantities):
     """Return a text: the table of grids, and whether the largest estimated error is below `until`."""
     state = "is below" if refined.reached else "is NOT below"
+    if not refined.reached and refined.errors.largest_of(quantities) <= until:
+        state = "is NOT confirmed to be below"
     errors = f"the largest error of {', '.join(map(label_of, quantities))}"
     return f"{format_grids(refined.rows)}{errors} {state} {format_exact(until)}"
 

@@ -1,29 +1,42 @@
 """Discretisation errors, estimated from the last grids.
 
 Let one grid be twice as fine as another. If a number converges with order k, its values on the two grids differ by 2^k
-- 1 times the error on the finer grid. An area counted in cells converges with order 1, with much scatter. Loads,
-approaches and maximum pressures of smooth bodies, or of rough ones whose shortest waves are resolved, converge with
-orders of 1.5 to 2. The error on the finest grid is taken as the largest of
+- 1 times the error on the finer grid. The order is that of the last two differences, between a lowest and a highest
+order. The maximum pressure converges with order 2 where the pressure is smooth, and with lower orders while a peak is
+not resolved. Loads and approaches converge like the energy, with orders 1 (sharp edges) to 2. The lowest order is taken
+if two differences have different signs, and 1 if there is one difference.
 
-- the last difference, and half the difference before it, because two grids may agree by chance. For the area, which
-  scatters, also a quarter of the difference before that. If there are fewer grids, these are multiplied by 1.5;
-- the sum of the geometric series that begins with the last two differences (three for the area), if they have one sign.
-  The sum is at most ten times the last difference, also if the differences do not decrease, as for the maximum pressure
-  at a sharp edge. For the area, differences below the scatter of cells on the edge of a round contact do not count.
+Differences between coarse grids may be small by chance. Three other numbers show how much a grid resolves:
+
+- The difference before the last one, extrapolated with `USUAL_ORDER`.
+- The rms change of the pressure. It converges with order 1, because the pressure has an edge; a maximum that converges
+  with order 2 has an error like its square. A change above `MAX_PRESSURE_CHANGE` means that the grid does not resolve
+  the pressure, and that the maximum pressure is no better than the pressure.
+- The share of the contact area that lies on the contact edge (`GridErrors.add_contact_edge`), which grows if few cells
+  span the contact or its spots.
+
+Areas are counted in cells, so they have a scatter and no order.
 
 docs/load-paths.md says how often this holds. Coarser grids are solved to -lcp_coarse_rtol only, so smaller errors are
 less certain.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from app.base.quantities import ESTIMATED
 from app.contact import kernels
-from app.contact.measures import PER_FACE
 from app.parallel.reductions import sum_over, sums_and_minima
+
+HIGHEST_ORDER, USUAL_ORDER = 2.0, 1.5
+LOWEST_ORDER_OF_PRESSURE, LOWEST_ORDER_OF_LOAD = 0.6, 1.0
+MAX_PRESSURE_CHANGE = 0.1  # relative rms change; above it the maximum pressure is no better than the pressure
+SQUARE_FACTOR = 4.0  # error of the maximum pressure over the square of a smaller rms change
+SCATTER_FACTOR = 2.0  # of the contact area: positions of the cell faces on its edge, for symmetric contacts
+MIN_DIVERGENT_STEP = 0.08  # last relative difference of a maximum pressure that does not converge
+MIN_DIVERGENT_RATIO = 0.8  # of such a difference to the one before
+MAX_ERROR = 0.99  # of a number that converges; 1 means that it does not
 
 
 class GridNumbers(NamedTuple):
@@ -33,7 +46,6 @@ class GridNumbers(NamedTuple):
     depth: float  # approach from the reference of the undeformed distance [mm]
     max_pressure: float  # [N/mm2]
     contact_area: float  # area of cells with pressure [mm2]; captured cells without it may leave again
-    cell_area: float = 0.0  # [mm2]
 
 
 class GridErrors(NamedTuple):
@@ -44,16 +56,30 @@ class GridErrors(NamedTuple):
     max_pressure_error: float = float("nan")
     contact_area_error: float = float("nan")
 
-    def with_contact_edge(self, solution):
-        """Return these errors; increase the error of the area if too small.
+    def add_contact_edge(self, measured, pressure_change, hardness):
+        """Return these errors, increased by what the contact edge shows.
 
-        The error of the area is at least the relative difference of ``contact_fraction`` and
-        ``contact_fraction_corrected``. The areas of two grids may agree by chance, because numbers of cells scatter.
+        The corrected contact area leaves out a share of the cells on the edge. This share is the mean error of the
+        area; the scatter is added. Numbers that converge with order 2 have at least the square of this share as error.
+        If the pressure is not resolved at the edge, load and approach have its error on that share. A maximum pressure
+        that equals the largest hardness has no error.
+
+        Parameters
+        ----------
+        measured : ContactMeasures
+        pressure_change : float
+            `pressure_difference` of the two finest grids; NaN if unknown.
+        hardness : float or ndarray
         """
-        if not solution.contact_fraction or np.isnan(self.contact_area_error):
+        if not measured.contact_fraction or np.isnan(self.contact_area_error):
             return self
-        edge = 1 - solution.contact_fraction_corrected / solution.contact_fraction
-        return self._replace(contact_area_error=max(self.contact_area_error, edge))
+        edge = max(1 - measured.contact_fraction_corrected / measured.contact_fraction, 0.0)
+        least = edge**2, edge * _unresolved(pressure_change)
+        load, approach = (error and max(error, *least) for error in self[:2])
+        is_limited = measured.max_pressure == np.max(hardness)
+        pressure = 0.0 if is_limited else max(self.max_pressure_error, edge**2)
+        area = self.contact_area_error + edge + SCATTER_FACTOR * np.sqrt(edge / measured.contact_cells)
+        return GridErrors(load, approach, pressure, _limit(area))
 
     @property
     def largest(self):
@@ -67,9 +93,6 @@ class GridErrors(NamedTuple):
 
 
 UNKNOWN = GridErrors()
-_MAX_PAIRS = 3  # pairs of grids that are compared
-_FEW_GRIDS_FACTOR = 1.5  # factor on the differences, if there are fewer grids
-_MAX_RATIO = 10 / 11  # largest ratio of differences in a series, whose sum is ten times the last one then
 
 
 def compute_grid_numbers(state, comm, load=None, depth=None):
@@ -82,11 +105,11 @@ def compute_grid_numbers(state, comm, load=None, depth=None):
     (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
     load = grid.cell_area * float(total) if load is None else load
     depth = state.depth if depth is None else depth
-    return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area, grid.cell_area)
+    return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area)
 
 
-def estimate_errors(grids, touching, prescribed):
-    """Return the GridErrors of the finest grid.
+def estimate_errors(grids, touching, prescribed, pressure_change=0.0):
+    """Return the GridErrors of the finest grid, without those of the contact edge.
 
     Parameters
     ----------
@@ -98,36 +121,68 @@ def estimate_errors(grids, touching, prescribed):
         first touch.
     prescribed : str
         Name of the prescribed number in `LOADINGS`. With "mean_gap", load and approach both have errors.
+    pressure_change : float
+        `pressure_difference` of the two finest grids; NaN if unknown.
     """
     if len(grids) < 2:
         return UNKNOWN
-    fine_to_coarse = grids[: -_MAX_PAIRS - 2 : -1]
-    load, depth, pressure, area, cell = zip(*fine_to_coarse, strict=True)
-    edge = PER_FACE * 8 * np.sqrt(area[0] * cell[0] / np.pi)  # of a round contact, the shortest one
+    load, depth, pressure, area = map(np.array, zip(*grids[::-1], strict=True))
     return GridErrors(
-        load_error=0.0 if prescribed in ("load", "mean_pressure") else _error(load, 2),
-        approach_error=0.0 if prescribed == "approach" else _error([d - touching for d in depth], 2),
-        max_pressure_error=_error(pressure, 2),
-        contact_area_error=_error(area, _MAX_PAIRS, 2 * edge),
+        load_error=0.0 if prescribed in ("load", "mean_pressure") else _error(load, LOWEST_ORDER_OF_LOAD),
+        approach_error=0.0 if prescribed == "approach" else _error(depth - touching, LOWEST_ORDER_OF_LOAD),
+        max_pressure_error=_pressure_error(pressure, pressure_change),
+        contact_area_error=_area_error(area),
     )
 
 
-def _error(values, pairs, scatter=0.0):
-    """Return the estimated relative error of the first value, at most 1.
+def _steps(values):
+    """Return the differences of `values`, from fine to coarse, over the finest value."""
+    return -np.diff(values) / values[0] if values[0] else np.full(len(values) - 1, np.nan)
 
-    `values` has the value on each grid, from fine to coarse. The values are extrapolated by the first `pairs`
-    differences between neighbouring grids, unless the finest two differ by at most `scatter`.
+
+def _error(values, lowest):
+    """Return the relative error of the first value by the last differences.
+
+    `values` has the value on each grid, from fine to coarse. The order of convergence is at least `lowest`.
     """
-    if not values[0]:
-        return float("nan")
-    steps = [coarse - fine for fine, coarse in pairwise(values)]
-    sizes = [abs(step) for step in steps]
-    doubt = 1.0 if len(sizes) >= pairs else _FEW_GRIDS_FACTOR
-    error = doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs]))
-    if len(sizes) >= pairs and sizes[0] > scatter and (min(steps) > 0 or max(steps) < 0):
-        ratio = min((sizes[0] / sizes[-1]) ** (1 / (len(sizes) - 1)), _MAX_RATIO)
-        error = max(error, ratio / (1 - ratio) * sizes[0])
-    return min(1.0, error / abs(values[0]))
+    steps = _steps(values)[:2]
+    last, before = np.abs(steps[0]), np.abs(steps[-1])
+    order = lowest if len(steps) == 2 else 1.0
+    if len(steps) == 2 and steps[0] * steps[1] > 0:
+        order = min(max(np.log2(before / last), lowest), HIGHEST_ORDER)
+    error = last / (2**order - 1)
+    if len(steps) == 2:
+        error = max(error, before / 2**USUAL_ORDER / (2**USUAL_ORDER - 1))
+    return _limit(error)
+
+
+def _pressure_error(values, change):
+    """Return the relative error of the maximum pressure; 1 if it does not converge.
+
+    `change` is the rms change of the pressure.
+    """
+    last = _steps(values)[:3]
+    grows = len(last) == 3 and (min(last) > 0 or max(last) < 0) and abs(last[0]) > MIN_DIVERGENT_STEP
+    if grows and (last[:-1] / last[1:] > MIN_DIVERGENT_RATIO).all():
+        return 1.0
+    return _limit(max(_error(values, LOWEST_ORDER_OF_PRESSURE), _unresolved(change)))
+
+
+def _unresolved(change):
+    """Return the relative error of local pressures, given their rms change."""
+    if not change > 0:
+        return 0.0
+    return change if change > MAX_PRESSURE_CHANGE else SQUARE_FACTOR * change**2
+
+
+def _area_error(values):
+    """Return the relative error of the contact area by its last differences."""
+    return _limit(np.max(np.abs(_steps(values)[:2]) * (0.25, 0.125)[: len(values) - 1]))
+
+
+def _limit(error):
+    """Return the error of a number that converges."""
+    return float(min(error, MAX_ERROR)) if error == error else float("nan")
 
 
 def pressure_difference(comm, transfer, coarse, state):

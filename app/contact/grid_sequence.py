@@ -62,13 +62,17 @@ class GridSequence:
             state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra = results
         return extra
 
-    def result(self, state, difference=float("nan")):
-        """Return the outcome with estimated errors and a pressure `difference`. Collective."""
+    def result(self, state, difference=float("nan"), least=0.0):
+        """Return the outcome with estimated errors and a pressure `difference`. Collective.
+
+        The outcome has no difference below `least`, which the coarser grid's tolerance may cause.
+        """
         errors = UNKNOWN
         if self.grid_numbers:
             numbers = [*self.grid_numbers, compute_grid_numbers(state, self.hierarchy.comm)]
-            errors = estimate_errors(numbers, state.first_touch(), self._loading.kind)
-        return self.outcome._replace(discretisation_error=difference, grid_errors=errors)
+            errors = estimate_errors(numbers, state.first_touch(), self._loading.kind, difference)
+        known = difference if difference >= least else float("nan")
+        return self.outcome._replace(discretisation_error=known, grid_errors=errors)
 
 
 def _route(hierarchy, distances, loading, nested):

@@ -79,9 +79,7 @@ def nested_iteration(
             if not complete:
                 rest = solve_level(hierarchy, number, state, loading, stop, history, False, cache)
                 grids.outcome = rest.after(grids.outcome)
-    if stop.coarse_rtol > MAX_COARSE_ERROR * difference:
-        difference = float("nan")
-    return state, grids.result(state, difference)
+    return state, grids.result(state, difference, stop.coarse_rtol / MAX_COARSE_ERROR)
 
 
 def solve_level(hierarchy, number, state, loading, stop, history, first, cache):
