@@ -2,6 +2,7 @@
 
 import codecs
 import gzip
+import re
 import zipfile
 import zlib
 from pathlib import Path
@@ -197,13 +198,21 @@ def _read_text(path, skip, channel, heights):
 
 
 def _decode(content):
-    utf16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    coding = _detect_utf16(content)
     try:
-        return content.decode("utf-16" if utf16 else "utf-8-sig")
+        return content.decode(coding or "utf-8-sig")
     except UnicodeDecodeError:
         non_ascii = len(content) - len(content.translate(None, bytes(range(128, 256))))
         control = len(content) - len(content.translate(None, CONTROL_BYTES))
-        if utf16 or control or non_ascii > MAX_NON_ASCII * len(content) + 8:
+        if coding or control or non_ascii > MAX_NON_ASCII * len(content) + 8:
             formats = ".npy, .npz, .h5, .hdf5, and text"
             raise UnknownText(f"it is no text; formats: {formats}", is_text=False) from None
-        return content.decode("latin-1")
+        return content.decode("cp1252", "replace")
+
+
+def _detect_utf16(content):
+    """Return the name of the coding of a text in UTF-16, which may begin without a mark; else None."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    starts = ((coding, content[:64].decode(coding, "ignore")) for coding in ("utf-16-le", "utf-16-be"))
+    return next((coding for coding, start in starts if re.fullmatch(r"[\t\r\n -~]+", start)), None)

@@ -21,6 +21,7 @@ OPTIONS = (
     "override=True (app.convert --override)",
 )  # names of options of `read_surface`, for messages; fmt: skip
 MIN_COORDINATES = 8  # in a row; fewer heights may have equal steps by chance
+MIN_LABELS = 4  # in a row whose corner is the only empty place of the table
 MAX_COORDINATE_SPREAD = 0.1  # range of the steps of printed coordinates, over the largest step
 MIN_HEIGHT_SPREAD = 0.5  # range of the steps of rough heights, over the largest step
 
@@ -266,11 +267,12 @@ def _begins_with_coordinates(rows):
     Coordinates have equal steps, except in the corner of the table. The next rows, the heights, have varying steps, or
     much smaller or larger steps. Rows without heights do not count.
     """
-    if rows.shape[1] < MIN_COORDINATES:
+    fewest = MIN_LABELS if np.isnan(rows[0, 0]) and not np.isnan(rows[1:, 1:]).any() else MIN_COORDINATES
+    if rows.shape[1] < fewest:
         return False
     steps = (np.diff(row[1:]) for row in rows)
     first = next(steps)
-    steps = [first, *islice((row for row in steps if np.isfinite(row).sum() >= MIN_COORDINATES - 2), 2)]
+    steps = [first, *islice((row for row in steps if np.isfinite(row).sum() >= fewest - 2), 2)]
     if len(steps) < 3 or not np.isfinite(first).all():
         return False
     steps = [row[np.isfinite(row)] for row in steps]

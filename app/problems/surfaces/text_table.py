@@ -2,7 +2,8 @@
 
 All lines of a text have the same layout. Numbers are separated by the first of these that applies:
 
-- semicolons, or tabs if there are no blanks; commas are then decimal commas, and a comma and a point are an error,
+- semicolons, or tabs if all blanks are beside tabs; commas are then decimal commas, and a comma and a point are an
+  error,
 - commas, if some numbers have points, or if a blank follows every comma,
 - blanks; commas are then decimal commas,
 - commas without blanks, if they cannot be decimal commas.
@@ -15,6 +16,7 @@ import re
 import numpy as np
 
 from app.base.errors import shorten
+from app.problems.surfaces.text_forms import plain_rows
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 # Error values of spreadsheets, in English and German.
@@ -32,6 +34,8 @@ _NUMBER_CHARACTERS = frozenset("0123456789+-.,;eE \t")
 _FORTRAN_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 _QUOTED = re.compile(r'"([^"\n]*)"')
 _COMMA_AT_QUOTE = re.compile(r"^ *,|, *$")
+_BLANK = re.compile(r"(?<=\S) (?=\S)")  # within an entry between tabs
+_GROUPED = re.compile(r"(?<![^\s+-])[1-9]\d{0,2}(?: \d{3})+(?![^\s.,])")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # grouped, or with a decimal comma
 # Commas may begin decimals if so many different negative numbers stand before every second comma, and none behind it.
 MIN_SIGNED_INTEGERS = 8
@@ -81,17 +85,21 @@ def read_table(lines, skip=0, heights=False):
     ]
     if not rows:
         raise ValueError("it is empty")
+    rows, stated = plain_rows(rows)
+    if not rows:
+        raise ValueError("it has no numbers")
     numbers, texts = zip(*rows, strict=True)
     if heights:
         texts = [_NO_DATA.sub("nan", text) if "data" in text.lower() else text for text in texts]
     _check_head(numbers, texts, heights)
     texts = [_FORTRAN_EXPONENT.sub("e", text) if "d" in text.lower() else text for text in texts]
     texts = _unquote(texts)
-    separator, decimal_commas = _find_layout(texts)
+    separator, decimal_commas = _find_layout(texts, stated)
     if separator and separator != "\t":
         texts = [text.rstrip() for text in texts]
     if separator and all(text.endswith(separator) for text in texts):
         texts = [text[:-1] for text in texts]
+    _check_rim(numbers, texts, separator)
     table = []
     for j, text in zip(numbers, texts, strict=True):
         entries = text.split(separator)
@@ -151,6 +159,20 @@ def _check_blocks(numbers, columns):
         )
 
 
+def _check_rim(numbers, texts, separator):
+    """Raise if the first or last row or column is empty, as spreadsheets write cells beside a table."""
+    if not separator:
+        return
+    first, last = (not text.strip(f"{separator} ") for text in (texts[0], texts[-1]))
+    if first or last:
+        raise ValueError(
+            f"line {numbers[0 if first else -1]} has no numbers; remove it, or write nan for missing points"
+        )
+    for name, empty in (("first", str.startswith), ("last", str.endswith)):
+        if all(empty(text.strip(" "), separator) for text in texts):
+            raise ValueError(f"the {name} column has no numbers; remove it, or write nan for missing points")
+
+
 def _unquote(lines):
     """Replace commas in quotes by points, and other commas by semicolons."""
     text = "\n".join(lines)
@@ -181,14 +203,25 @@ def _first_word(line, heights):
     return None
 
 
-def _find_layout(lines):
-    """Return the separator of numbers, and whether commas are decimal commas."""
+def _find_layout(lines, stated=None):
+    """Return the separator of numbers, and whether commas are decimal commas.
+
+    `stated` is the separator, if the text states it.
+    """
     text = "\n".join(lines)
     points, commas = "." in text, text.count(",")
-    if ";" in text or ("\t" in text and " " not in text):
+    separator = ";" if ";" in text else stated
+    if "\t" in text and not separator and not re.search(r",[ \t]*\t", text):
+        blanks = len(_BLANK.findall(text))
+        if blanks and blanks == sum(match[0].count(" ") for match in _GROUPED.finditer(text)):
+            raise ValueError("numbers are separated by tabs, and blanks group thousands: remove these blanks")
+        separator = None if blanks else "\t"
+    if separator and separator != ",":
         if points and commas:
             raise ValueError("numbers have both points and commas: write decimals in one way")
-        return ";" if ";" in text else "\t", bool(commas)
+        return separator, bool(commas)
+    if separator:
+        return ",", False
     if not commas:
         return None, False
     blanks = re.search(r"\S[ \t]+\S", text)

@@ -1,0 +1,191 @@
+r"""Tables in the notation of other programs, as plain rows of numbers.
+
+- LaTeX: cells between ``&``, rows that end with ``\\``, lines and environments around them;
+- Markdown, Org and grid tables: cells between ``|``, lines of ``---``;
+- nested brackets of JSON, Python, numpy, Mathematica and C, and matrices ``[1 2; 3 4]`` of MATLAB and Julia;
+- ``sep=;`` in the first line, as spreadsheets write it;
+- typographic minus signs, and groups of thousands separated by narrow or no-break spaces, or by apostrophes.
+
+A text that could be read in two ways is refused.
+"""
+
+import re
+
+from app.base.errors import shorten
+
+_SEP_LINE = re.compile(r'"?sep=(.?)"?', re.IGNORECASE)
+_BRACES = r"\{(?:[^{}]|\{[^{}]*\})*\}"
+# Commands around the rows of a LaTeX table; the first alternative has columns as its second argument.
+_LATEX_FRAME = re.compile(
+    rf"\\begin\s*\{{(?:tabular\*?|tabularx|longtable|array)\}}(?:\[[^\]]*\]|{_BRACES})*|\\(?:begin|end)\s*{_BRACES}|"
+    r"\\(?:hline|toprule|midrule|bottomrule|centering|left\s*[(\[|]|right\s*[)\]|]|\[|\]|[()])|"
+    rf"\\(?:cline|cmidrule(?:\([^)]*\))?)\s*{_BRACES}"
+)
+_LATEX_ROW_END = re.compile(r"\\\\(?:\*|\s*\[[\d.]+\s*\w+\])?")  # maybe with a space below, such as [2pt]
+_LATEX_POWER = re.compile(r"\s*\\(?:times|cdot)\s*10\s*\^\s*\{?\s*([+-]?\d+)\s*\}?")
+_RULE = re.compile(r"[-=+|: ]*--[-=+|: ]*|[-=+|: ]*==[-=+|: ]*")
+# A name, and a function that changes neither values nor places.
+_PREFIX = re.compile(
+    r"(?:[A-Za-z_][\w.: ]*(?:\[\d*\])*\s*:?=)?\s*(?:(?:(?:np|numpy)\.)?(?:array|asarray|matrix|Matrix)\s*\()?\s*"
+)
+_SUFFIX = re.compile(r"\s*(?:,\s*dtype\s*=\s*[\w.'\"]+\s*)?\)?\s*[;.]?\s*")
+_INNER = {"[": re.compile(r"\[([^\[\]{}]*)\]"), "{": re.compile(r"\{([^\[\]{}]*)\}")}
+_CLOSING = {"[": "]", "{": "}"}
+_CONTINUED = re.compile(r"\.\.\.[ \t]*\n")
+_MINUS = re.compile(
+    r"(?:(?<=[\s;,|&eE])|^)[\u2010\u2011\u2012\u2013\ufe63\uff0d\x96](?=[\d.,])", re.MULTILINE
+)
+_SPACES = "\u00a0\u2007\u2009\u202f"
+_GROUPING = re.compile(rf"(?<=\d)[{_SPACES}'’](?=\d)")
+_GROUPED = re.compile(
+    rf"(?<![\w.,{_SPACES}'’])[+-]?[1-9]\d{{0,2}}([{_SPACES}'’])\d{{3}}(?:\1\d{{3}})*(?![\d{_SPACES}'’])"
+)
+
+
+def plain_rows(rows):
+    r"""Return plain rows of a table, and the separator that its notation states.
+
+    `rows` are pairs of line number and text, as in the result. The separator is None if the notation states none.
+    Raises ValueError if the notation is known, but the table is not plain.
+
+    Examples
+    --------
+    >>> plain_rows([(1, "{{1., 2.}, {3., 4.*^-3}}")])
+    ([(1, '1.;2.'), (1, '3.;4.e-3')], ';')
+    >>> plain_rows([(4, r"0,5 & $-1{,}5$ \\ \hline")])
+    ([(4, '0,5;-1,5')], ';')
+    """
+    texts, separator = [text for _, text in rows], None
+    if match := _SEP_LINE.fullmatch(texts[0]):
+        separator, rows = match[1] or "\t", rows[1:]
+        if not any(separator in text for _, text in rows):
+            raise ValueError(f"line {texts[0]!r}: no line has this separator")
+    elif any("&" in text for text in texts) and any("\\\\" in text for text in texts):
+        rows, separator = _latex_rows(rows), ";"
+    elif all("|" in text or _RULE.fullmatch(text) for text in texts) and any("|" in text for text in texts):
+        rows, separator = _pipe_rows(rows), ";"
+    elif (found := _bracket_rows(rows)) is not None:
+        rows, separator = found, ";"
+    return _plain_characters(rows), separator
+
+
+def _latex_rows(rows):
+    lines = [(j, re.sub(r"(?<!\\)%.*", "", text)) for j, text in rows]
+    found, row, start = [], "", lines[0][0]
+    for j, text in lines:
+        *ended, rest = (_LATEX_FRAME.sub(" ", piece) for piece in _LATEX_ROW_END.split(text))
+        for piece in ended:
+            found.append((start if row.strip() else j, row + piece))
+            row = ""
+        start = start if row.strip() else j
+        row += f" {rest}"
+    found.append((start, row))
+    return [
+        (j, ";".join(_latex_number(j, cell) for cell in text.split("&"))) for j, text in found if text.strip()
+    ]
+
+
+def _latex_number(j, cell):
+    number = _LATEX_POWER.sub(r"e\1", re.sub(r"\\num\s*\{([^{}]*)\}", r"\1", cell.replace("$", "")))
+    number = (
+        number.replace("{,}", ",").replace("{-}", "-").replace("\\,", "\u2009").replace("~", "\u00a0").strip()
+    )
+    number = number[1:-1] if re.fullmatch(r"\{[^{}]*\}", number) else number
+    if re.search(r"[\\{}^&;]", number):
+        raise ValueError(
+            f"line {j}: {shorten(cell.strip())!r} in a LaTeX table is no plain number; keep the rows of numbers, "
+            "with & between cells and \\\\ at the end"
+        )
+    return number
+
+
+def _pipe_rows(rows):
+    # A line of dashes further down may be a row of missing points, unless its columns are marked.
+    ruled = [
+        bool(_RULE.fullmatch(text)) and (k < 2 or bool(set("+:=") & set(text)))
+        for k, (_, text) in enumerate(rows)
+    ]
+    if ruled[:2] == [False, True]:
+        (j, head), rows, ruled = rows[0], rows[1:], ruled[1:]
+        if re.search(r"(?<![^\s|])[-+]?[\d.,]+(?![^\s|])", head):
+            raise ValueError(
+                f"line {j}: numbers in the head of a table in Markdown: they may be heights or names of columns; "
+                "remove the line below, or the head"
+            )
+    return [
+        (j, re.sub(r"\s*\|\s*", ";", re.sub(r"^\||\|$", "", text)).strip())
+        for (j, text), rule in zip(rows, ruled, strict=True)
+        if not rule
+    ]
+
+
+def _bracket_rows(rows):
+    """Return the rows of a matrix in brackets; None if the text is no such matrix."""
+    text = "\n".join(text for _, text in rows)
+    if not re.search(r"[\[{]", text):
+        return None
+    text = re.sub(r"(?m)^- (?=\[)", "", text)  # YAML
+    body = text[_PREFIX.match(text).end() :]
+    opening = body[:1]
+    closing = body.rfind(_CLOSING.get(opening, "\0"))
+    if closing < 0 or not _SUFFIX.fullmatch(body[closing + 1 :]):
+        if text.startswith(("{", "[")):
+            raise ValueError(f"{shorten(text)!r}: its brackets enclose no matrix; keep one matrix only")
+        return None
+    parts, body = [], body[: closing + 1]
+    if body.count(opening) == 1:  # of MATLAB
+        body = _CONTINUED.sub(" ", body)
+        parts = [part for part in re.split(r"[;\n]" if ";" in body else ";", body[1:-1]) if part.strip()]
+        rest = ""
+    else:
+        rest = _INNER[opening].sub(lambda match: parts.append(match[1]) or "", body)
+    if re.search(r"\.\.\.|…", body):
+        raise ValueError("the matrix in brackets is abbreviated (...): write all its numbers")
+    if len(parts) == 1 and "\n" in parts[0].strip():
+        raise ValueError(
+            "one pair of brackets: its lines may be rows or one long row: separate rows by semicolons"
+        )
+    if not parts or not re.fullmatch(r"[\[{]?[\s,]*[\]}]?", rest) or not all(part.strip() for part in parts):
+        raise ValueError(
+            f"{shorten(text)!r}: must be one matrix: rows in brackets, within one pair of brackets; keep it alone"
+        )
+    found = [_bracket_numbers(k, part) for k, part in enumerate(parts, 1)]
+    for k, numbers in enumerate(found, 1):
+        if len(numbers) != len(found[0]):
+            raise ValueError(
+                f"row {k} of the matrix in brackets has {len(numbers)} numbers, row 1 has {len(found[0])}"
+            )
+    return [(rows[0][0], ";".join(numbers)) for numbers in found]
+
+
+def _bracket_numbers(k, text):
+    numbers = re.split(r"\s*,\s*|\s+", re.sub(r",\s*$", "", text.strip()))
+    numbers = [re.sub(r"`[\d.]*", "", number).replace("*^", "e") for number in numbers]
+    wrong = next((number for number in numbers if not re.search(r"[\w.]|--", number) or ";" in number), None)
+    if wrong is not None:
+        raise ValueError(
+            f"row {k} of the matrix in brackets: {wrong!r} is no number; must be numbers, separated by commas or blanks"
+        )
+    return numbers
+
+
+def _plain_characters(rows):
+    """Replace typographic minus signs, and remove separators of thousands."""
+    text = "\n".join(text for _, text in rows)
+    if text.isascii() and "'" not in text:
+        return rows
+    text = _MINUS.sub("-", text.replace("\u2212", "-"))
+    if match := _GROUPING.search(text):
+        joined = _GROUPED.sub(lambda match: match[0].replace(match[1], ""), text)
+        separated = re.search(r"\S[ \t;|]+\S", text) or {",", "."} <= set(text)
+        left = _GROUPING.search(joined)
+        if (left and (separated or match[0] in "'’")) or (joined != text and not separated):
+            place = (left or match).start()
+            raise ValueError(
+                f"{text[max(place - 8, 0) : place + 8]!r}: its space or apostrophe may group thousands or separate "
+                "numbers: write numbers without groups, separated by semicolons"
+            )
+        text = joined
+    for space in _SPACES:
+        text = text.replace(space, " ")
+    return [(j, line) for (j, _), line in zip(rows, text.split("\n"), strict=True)]
