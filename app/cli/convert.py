@@ -18,11 +18,12 @@ from app.cli import streams
 from app.cli.arguments import Parser, argument_type, cell_size, command, length_unit
 from app.options.option_table import cells, integer, subset
 from app.problems.surfaces.array_file import UnknownFormat
-from app.problems.surfaces.formats import ARRAYS, TEXTS, detect_format, split_suffix
+from app.problems.surfaces.formats import ARRAY_KINDS, ARRAYS, TEXTS, detect_format, split_suffix
 from app.problems.surfaces.height_map import TURNS, HeightMap, open_heights
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # variable with the path of a Python that has SurfaceTopography
 _line_count = integer(0, "a whole number from 0")
+_SHARED = ".stp", ".tif", ".tiff", ".xlsx"  # endings of instruments' files, and of others
 _NAMES = "--unit", "--height-unit", "--spacing", "--override"
 
 
@@ -86,14 +87,20 @@ def _read(path, arguments):
     """Return a file's `HeightMap`, format and channel."""
     channel, skip = arguments.channel, arguments.skip
     known = detect_format(_without_dataset(path), skip)
-    if channel and known.kind in ("npy", "npz"):
+    if channel and known.kind in ARRAY_KINDS:
         raise InputError(
-            f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
+            f"--channel {channel}: an array of a .npz or HDF5 file is named as {path}:/{channel}, a .npy has one only"
         )
     if skip and known.kind == "instrument":
         raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
-    if known.kind == "instrument" or (channel and known.kind == "hdf5"):
+    if known.kind == "instrument":
         return _make_map(path, *_read_instruments(path, channel), arguments)
+    if split_suffix(path)[0] in _SHARED and find_instruments_python():
+        try:
+            return _make_map(path, *_read_instruments(path, channel), arguments)
+        except InputError as error:
+            if ": as " in str(error):
+                raise
     try:
         source = open_heights(path, skip, arguments.orient, channel, coordinates=bool(arguments.crop))
     except UnknownFormat as error:

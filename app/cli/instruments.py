@@ -11,15 +11,26 @@ the exit status is 2, and standard error has one line.
 import gzip
 import json
 import re
+import struct
 import sys
+import textwrap
 import warnings
 import zipfile
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 # Channels that are no heights, even if their unit is a length.
 _NO_HEIGHT = re.compile("phase|amplitude|deflection|friction|lateral|current|intensity|error", re.IGNORECASE)
-_NO_SIGNATURE = {"hgt", "nms"}  # formats that SurfaceTopography detects in any file of a suitable size
+_NO_SIGNATURE = {"hgt", "nms", "mat"}  # formats whose readers accept other files of a suitable size
+_ARRAYS = {"h5", "npy", "npz"}  # arrays of any kind, which the program reads itself
+_TEXTS = {"asc", "xyz"}  # many programs write texts with their endings
+_SUR_TYPES = {  # objects of Digital Surf that are no single map of heights
+    3: "a binary image", 4: "a series of profiles", 5: "a series of surfaces", 7: "a profile of several layers",
+    8: "a surface of several layers", 10: "an image of intensities", 12: "an image of colours",
+}  # fmt: skip
+_HDF5 = "is HDF5 of no known instrument: end its name in .h5, and name a data set of heights as FILE:/DATASET"
 _UNKNOWN = "is in no format that SurfaceTopography knows"
 _INDEXES = {"index.json", "meta.yml"}  # of contact.engineering's archives
 
@@ -46,10 +57,16 @@ def read_heights(path, wanted):
 
     channels, kind = _archive(path) if path.lower().endswith(".zip") else _channels(path)
     channel = choose_channel(channels, wanted)
-    topography, sized = channel.read()
+    try:
+        topography, sized = channel.read()
+    except Exception as error:
+        raise ValueError(f"as {kind.upper()}: {_one_line(error)}") from None
     if topography.dim != 2:
         raise ValueError(f"channel {channel.name} is a line, no map of heights")
     heights = np.ma.filled(np.ma.asarray(topography.heights(), float), np.nan)
+    if kind == "nms":  # 65534 steps from least to largest height; number 65535 marks a missing point
+        low, high = struct.unpack("<2d", Path(path).read_bytes()[16:32])
+        heights[heights > high + (high - low) / 2**17] = np.nan
     nx, ny = topography.nb_grid_pts
     lx, ly = topography.physical_sizes
     return np.ascontiguousarray(heights.T), {
@@ -61,14 +78,50 @@ def read_heights(path, wanted):
 
 
 def _channels(path):
-    """Return the channels of a file, and the name of its format."""
-    from SurfaceTopography.IO import open_topography
+    """Return the channels of a file, and the name of its format.
 
-    source = gzip.open(path) if path.lower().endswith(".gz") else path  # noqa: SIM115: the reader's own
-    reader = open_topography(source)
-    if reader.format() in _NO_SIGNATURE and f".{reader.format()}" not in path.lower():
-        raise ValueError(_UNKNOWN)
-    return [_channel(channel) for channel in reader.channels], reader.format()
+    Readers of the file's ending come first. A file that such a reader knows, or that begins as a reader's format does,
+    is left to no other reader, which might find numbers in it by chance. A reader without channels of heights leaves
+    the file to the next one. Raises ValueError, with the faults that readers of this format have found.
+    """
+    from SurfaceTopography.Exceptions import FileFormatMismatch
+    from SurfaceTopography.IO import MagicMatch, open_topography, readers
+
+    packed = path.lower().endswith(".gz")
+    ending = path.lower().removesuffix(".gz").rpartition(".")[2]
+    with gzip.open(path) if packed else Path(path).open("rb") as file:
+        start = file.read(512)
+    known = [reader for reader in readers if reader.format() not in _ARRAYS]
+    own = [reader for reader in known if ending in reader.file_extensions() and reader.format() not in _TEXTS]
+    others = [reader for reader in known if reader not in own and reader.format() not in _NO_SIGNATURE]
+    matches = [(reader, reader.can_read(start)) for reader in (*own, *others)]
+    certain = [reader for reader, match in matches if match == MagicMatch.YES]
+    candidates = certain or [reader for reader, match in matches if match == MagicMatch.MAYBE]
+    faults, empty = [], None
+    for reader in candidates:
+        source = gzip.open(path) if packed else path  # noqa: SIM115: the reader's own
+        kind = reader.format()
+        try:
+            channels = [_channel(channel) for channel in open_topography(source, kind).channels]
+        except Exception as error:
+            mismatch = isinstance(error, FileFormatMismatch)
+            if reader in own or reader in certain:
+                faults.append(f"{'no' if mismatch else 'as'} {kind.upper()}: {_one_line(error)}")
+                if not mismatch:
+                    break
+            continue
+        if kind == "sur" and start[18] in _SUR_TYPES:
+            raise ValueError(f"as SUR: is {_SUR_TYPES[start[18]]}: export one surface")
+        if any(channel.has_heights for channel in channels):
+            return channels, kind
+        empty = empty or (channels, kind)
+    if faults or not empty:
+        raise ValueError("; ".join(faults) or (_HDF5 if start.startswith(b"\x89HDF") else _UNKNOWN))
+    return empty
+
+
+def _one_line(error):
+    return textwrap.shorten(str(error) or type(error).__name__, 300)
 
 
 def _channel(channel):
@@ -93,8 +146,11 @@ def _archive(path):
     from SurfaceTopography.Container.IO import open_container
 
     with zipfile.ZipFile(path) as archive:
-        if not _INDEXES & set(archive.namelist()):
-            raise ValueError("is no archive of contact.engineering: unpack it")
+        indexed = _INDEXES & set(archive.namelist())
+    if not indexed:
+        with suppress(ValueError):
+            return _channels(path)
+        raise ValueError("is no archive of contact.engineering: unpack it")
     # Prefer the archive's own file of a measurement to the instrument's.
     reader = open_container(path, format="ce", datafile_keys=["squeezed-netcdf", "original"])
     channels = []
@@ -108,7 +164,14 @@ def _archive(path):
 
 
 def _read_member(surface, number):
-    return surface[number], True
+    from SurfaceTopography.Exceptions import CannotDetectFileFormat
+
+    try:
+        return surface[number], True
+    except CannotDetectFileFormat as error:  # quotes forty readers
+        missing = re.search(r"There is no item named ('[^']*')", str(error))
+        reason = f"lacks the file {missing[1]}, which has the heights" if missing else f"its file {_UNKNOWN}"
+        raise ValueError(reason) from None
 
 
 def choose_channel(channels, wanted):
@@ -140,10 +203,7 @@ def main(path, output, wanted=""):
     try:
         heights, facts = read_heights(path, wanted)
     except Exception as error:  # of any reader
-        name = type(error).__name__
-        # This error quotes forty readers.
-        text = _UNKNOWN if name == "CannotDetectFileFormat" else " ".join(str(error).split()) or name
-        print(text, file=sys.stderr)
+        print(_one_line(error), file=sys.stderr)
         return 2
     np.savez(output, heights=heights, facts=json.dumps(facts))
     return 0

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.base.errors import InputError, format_message
 from app.base.memory import check_fits
-from app.problems.surfaces.formats import ARRAY_KINDS, detect_format, split_suffix
+from app.problems.surfaces.formats import ARRAY_KINDS, JPK_HDF5, detect_format, split_suffix
 from app.problems.surfaces.text_heads import read_esri_head, select_channel
 from app.problems.surfaces.text_table import UnknownText, is_comment, read_table
 
@@ -157,6 +157,8 @@ def _open_hdf5(path, name, heights):
     import h5py
 
     file, names = h5py.File(path, "r"), []
+    if "Measurement_000" in file:
+        raise ValueError(f"it is {JPK_HDF5}")
     if not name:
         file.visititems(lambda key, item: names.append(key) if getattr(item, "ndim", 0) == 2 else None)
         name = _only_name(names, heights)

@@ -17,6 +17,7 @@ class Format(NamedTuple):
     description: str = ""
 
 
+JPK_HDF5 = "a JPK file of HDF5, which holds raw counts and thumbnails: export the heights as .jpk or text"
 FORMATS = (
     Format("npy", (".npy",)),
     Format("npz", (".npz",)),
@@ -25,6 +26,8 @@ FORMATS = (
     Format("instrument", (), b"Wyko ASCII Data File Format", "Wyko's ASCII format"),
     Format("instrument", (), b"aISO-", "an SDF file"),
     Format("instrument", (), b"# File Format = ASCII", "SPIP's ASCII format"),
+    Format("other", (), b"DSCOMPRESSED", "compressed by Digital Surf: save it without compression, or export text"),
+    Format("other", (".h5-jpk",), b"", JPK_HDF5),
     Format("instrument", (".zip",), b"", "an archive: unpack it, unless it is of contact.engineering"),
     Format("other", (".7z", ".bz2", ".rar", ".tar", ".tgz", ".xz", ".zst"), b"", "an archive: unpack it"),
     Format(
