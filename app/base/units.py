@@ -1,13 +1,19 @@
 """Units of length in files, options and messages."""
 
 import math
+import re
 import unicodedata
+from decimal import Context
 from typing import NamedTuple
+
+from app.base.errors import InputError, to_float
 
 UNITS = {
     "m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "nm": 1e-6, "pm": 1e-9, "angstrom": 1e-7, "in": 25.4
 }  # fmt: skip  # [mm]
 ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
+_LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([^\W\d_]*)\s*", re.IGNORECASE)
+_EXACT = Context(prec=60, traps=[])  # decimal, so that 0.7 um are 0.0007 mm to the last bit
 
 
 class Unit(NamedTuple):
@@ -42,6 +48,51 @@ def unit(text):
 
 
 unit.names = (ALLOWED,)  # for the help
+
+
+def to_millimetres(text):
+    """Convert lengths with units to numbers of mm, in a text.
+
+    The lengths are separated by commas, or are the ends of ranges, ``first:last:n``. Raises ValueError if a unit is
+    unknown, or if only some lengths have units. Other texts, such as words, are returned as they are.
+
+    Examples
+    --------
+    >>> to_millimetres("2um"), to_millimetres("-0.5 mm,1e-3m"), to_millimetres("1um:10um:5:log"), to_millimetres("auto")
+    ('0.002', '-0.5,1.0', '0.001:0.01:5:log', 'auto')
+    """
+    has_unit, parts = set(), []
+    for part in text.split(","):
+        values = part.split(":")
+        for k, length in enumerate(map(_LENGTH.fullmatch, values[:2])):
+            if length and (length[2] or float(length[1])):
+                has_unit.add(bool(length[2]))
+            if length and length[2]:
+                name = find_unit(length[2])
+                if name is None:
+                    raise ValueError(f"a number [mm], or have a unit of {ALLOWED}")
+                values[k] = repr(
+                    float(_EXACT.multiply(*map(_EXACT.create_decimal, (length[1], str(UNITS[name])))))
+                )
+        parts.append(":".join(values))
+    if len(has_unit) > 1:
+        raise ValueError("lengths that all have units, or none")
+    return ",".join(parts) if True in has_unit else text
+
+
+def to_length(name, value):
+    """Return the length `name` [mm], a number or a text with a unit, as a float; raise InputError for others.
+
+    Examples
+    --------
+    >>> to_length("thickness", "2 um"), to_length("thickness", 3)
+    (0.002, 3.0)
+    """
+    try:
+        return to_float(to_millimetres(value) if isinstance(value, str) else value)
+    except (TypeError, ValueError):
+        allowed = f"must be a number [mm], or have a unit of {ALLOWED}"
+        raise InputError(f"{name} {value!r}: {allowed}") from None
 
 
 def choose_length_unit(largest):

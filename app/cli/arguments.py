@@ -50,7 +50,9 @@ def argument_type(kind):
 
 count, positive = argument_type(option_table.count), argument_type(option_table.positive)
 length_unit = argument_type(units.unit)
-cell_size = argument_type(option_table.pair_of_reals("DX,DY, two positive numbers [mm]", above=0))
+cell_size = argument_type(
+    option_table.lengths(option_table.pair_of_reals("DX,DY, two positive numbers [mm]", above=0))
+)
 
 
 def check_ranks(ranks):

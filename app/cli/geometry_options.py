@@ -91,7 +91,7 @@ GEOMETRY_OPTIONS = [
     Option("roller_design_load", positive, None, "crown log: load with nearly uniform pressure (default: -load) [N]"),
     Option("roller_crown_radius", positive, REQUIRED, "crown arc: radius [mm], or give its drop"),
     Option("roller_crown_drop", positive, None, "crown arc: drop where the chamfers begin [mm]"),
-    Option("roller_profile", word, REQUIRED, "crown profile: text file, y and drop z on each line [mm]"),
+    Option("roller_profile", word, REQUIRED, "crown profile: text file, y and drop z in mm on each line"),
     Option("cone_angle", slant, REQUIRED, "angle between the cone's flank and the flat body [degrees]"),
     Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
     Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),

@@ -26,16 +26,17 @@ from app.halfspace.stress.subsurface import COMPONENTS, max_shear, von_mises
 from app.io.files import atomic_hdf5, check_output_path, report_write_errors
 from app.io.result import read_result
 from app.io.write import create_axes, create_field
-from app.options.option_table import half, integer, pair_of_reals, real
+from app.options.option_table import half, integer, lengths, pair_of_reals, real
 from app.plots import figures, style
 from app.plots.stress import MIN_STRESS_VARIATION, stress_figure
 
-_point = pair_of_reals("X,Y, two finite numbers [mm]")
+_point = lengths(pair_of_reals("X,Y, two finite numbers [mm]"))
 _body = integer(1, "1 or 2", 2)
-_depth = real("one positive number [mm]", above=0)
+_depth = lengths(real("one positive number [mm]", above=0))
 _each_depth = real("numbers from 0 [mm], with commas between", lowest=0)
 
 
+@lengths
 def _depths(text):
     return tuple(map(_each_depth, text.split(",")))
 

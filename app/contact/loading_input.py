@@ -5,6 +5,7 @@ from math import ulp
 import numpy as np
 
 from app.base.errors import InputError, format_exact, is_number
+from app.base.units import to_length
 from app.contact.full_plasticity import LOAD_ROUNDING
 from app.contact.loading import PrescribedApproach, PrescribedMeanGap
 from app.contact.prescribed_load import PrescribedLoad
@@ -95,6 +96,8 @@ def validate_number(kind, number):
     """
     if isinstance(number, np.ndarray) and not number.shape:
         number = number[()]
+    if isinstance(number, str) and LOADINGS[kind] == "mm":
+        number = to_length(kind, number)
     if not is_number(number):
         name = type(number).__name__
         is_sequence = hasattr(number, "__len__") and getattr(number, "shape", None) != ()  # () if masked

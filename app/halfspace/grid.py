@@ -22,6 +22,7 @@ from operator import index
 import numpy as np
 
 from app.base.errors import InputError, format_exact, to_float
+from app.base.units import to_length
 from app.base.usage import usage
 
 SYMBOLS = ("spectral", "love")  # names of the influence matrices of a patch periodic in x and y
@@ -103,9 +104,10 @@ class Grid:
         """
         nx, ny = _cells(nx, ny)
         try:
-            x0, x1, y0, y1 = map(to_float, domain)
+            x0, x1, y0, y1 = (to_length("domain", side) for side in domain)
         except (TypeError, ValueError):
-            raise InputError(f"domain {domain!r}: must be four numbers (x0, x1, y0, y1) [mm]") from None
+            wanted = "four numbers (x0, x1, y0, y1) [mm], or texts with units"
+            raise InputError(f"domain {domain!r}: must be {wanted}") from None
         if not (np.isfinite([x0, x1, y0, y1]).all() and x1 > x0 and y1 > y0):
             sides = ",".join(map(format_exact, (x0, x1, y0, y1)))
             raise InputError(f"domain {sides}: must be finite, with x0 < x1 and y0 < y1")

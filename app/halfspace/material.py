@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from app.base.errors import InputError, format_exact, to_float
+from app.base.units import to_length
 from app.base.usage import usage
 from app.halfspace.kernel import HalfSpaceKernel
 from app.halfspace.layer import Layer
@@ -156,8 +157,8 @@ class Material:
         ----------
         young, poisson : two floats
             E [N/mm2] and nu of the coating and of the substrate; E inf: a rigid substrate.
-        thickness : float
-            Thickness of the coating [mm].
+        thickness : float or str
+            Thickness of the coating [mm]; a text may have a unit, as in "2 um".
         other : two floats or Material, optional
             E [N/mm2] and nu of the other body, or a Material from `coated` or `layer` without `other`; default: rigid.
 
@@ -167,7 +168,7 @@ class Material:
         >>> tool.describe()["coating_thickness"]
         0.002
         """
-        thickness = _real("thickness", thickness)
+        thickness = to_length("thickness", thickness)
         if not (np.isfinite(thickness) and thickness > 0):
             raise InputError(f"thickness {format_exact(thickness)}: must be positive and finite [mm]")
         moduli, ratios = _pair_of_reals(young, poisson, "coated")

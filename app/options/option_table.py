@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from app.base.errors import InputError, check_type, shorten
+from app.base.units import to_millimetres
 
 LARGEST = 1e50  # 1 / LARGEST is the smallest number but 0: neither squares nor quotients overflow
 REQUIRED = object()
@@ -67,7 +68,7 @@ class Option:
     """An option: its name, kind, default value and meaning.
 
     `kind` is a function that converts a text to a value. If the text is not allowed, `kind` raises ValueError, and the
-    message says what is allowed.
+    message says what is allowed. If the meaning has the unit ``[mm]``, lengths in the text may have units.
     """
 
     name: str
@@ -81,6 +82,11 @@ class Option:
         names = getattr(self.kind, "names", ())
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
+    @property
+    def parse(self):
+        """Function that converts a text to a value, as `kind` does; lengths may have units."""
+        return lengths(self.kind) if "[mm]" in self.meaning else self.kind
+
     def help(self, files=None):
         """Return the line that describes this option in ``-help``.
 
@@ -90,7 +96,7 @@ class Option:
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
             if self.name in texts:
-                values[file] = format_value(self.kind(texts[self.name]))
+                values[file] = format_value(self.parse(texts[self.name]))
         shown = ", ".join(f"{source} {value}" for source, value in values.items())
         return f"  -{self.name:<20} {self.described}" + (f" ({shown})" if shown else "")
 
@@ -153,7 +159,7 @@ class OptionReader:
             return option.default
         text = self._texts[name]
         try:
-            return option.kind(text)
+            return option.parse(text)
         except ValueError as error:
             wrong = f"-{name} {shorten(text)}" if text else f"-{name}: its value is missing"
             unit = re.search(r"\[[^]:]+\]", option.meaning)
@@ -239,6 +245,11 @@ def describe_unknown_options(names, known, what="unknown"):
 
 
 # Kinds of options (`Option.kind`): functions that parse a text, or return such a function
+
+
+def lengths(kind):
+    """Return the parser of lengths [mm] that may have units, from a parser `kind` of numbers."""
+    return lambda text: kind(to_millimetres(text))
 
 
 def number(text, kind=float, allowed="a number"):

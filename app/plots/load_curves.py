@@ -13,7 +13,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.quantities import axis_label, scale_for_axis
-from app.base.units import choose_length_unit
+from app.base.units import choose_length_unit, to_millimetres
 from app.options import option_table
 from app.plots.style import (
     DASH_DOTTED,
@@ -369,12 +369,13 @@ def read_csv(path):
 def parse_numbers(texts):
     """Convert texts to numbers.
 
-    For a pair of numbers, its first number is taken. A text without a number becomes NaN.
+    For a pair of numbers, its first number is taken. Lengths with units become numbers of mm. A text without a number
+    becomes NaN.
     """
 
     def value(text):
         try:
-            return option_table.number(text.strip().strip("()[]").split(",")[0])
+            return option_table.number(to_millimetres(text.strip().strip("()[]")).split(",")[0])
         except ValueError:
             return np.nan
 

@@ -1,0 +1,91 @@
+"""Lengths with units, wherever a length is read."""
+
+import pytest
+
+from app.base.errors import InputError
+from app.base.units import UNITS, to_length, to_millimetres
+from app.cli.problem_options import PROBLEM_OPTIONS
+from app.halfspace.grid import Grid
+from app.halfspace.material import Material
+from app.options.option_table import Option, OptionReader, positive, word
+
+LENGTHS = [option for option in PROBLEM_OPTIONS if "[mm]" in option.meaning]
+SAMPLES = {
+    "domain": "-{0},{0},-{0},{0}",
+    "body1_radii": "{0},-{0}",
+    "body2_radii": "inf,{0}",
+    "approach_path": "0:{0}:3",
+}
+
+
+def read(name, text):
+    return OptionReader(PROBLEM_OPTIONS, {name: text})[name]
+
+
+@pytest.mark.parametrize("name", [option.name for option in LENGTHS])
+def test_options_of_length_accept_units(name):
+    sample = SAMPLES.get(name, "{0}")
+    expected = read(name, sample.format("0.003"))
+    for text in ("3um", "3 um", "3µm", "3e-6m", "3000nm", "3.0 µm"):
+        assert read(name, sample.format(text)) == expected  # to the last bit
+    assert read(name, sample.format("2in")) == read(name, sample.format("50.8"))
+    for text in ("2 furlongs", "2N", "2MM", "2umm"):
+        with pytest.raises(
+            InputError, match=rf"-{name} .*must be a number .mm., or have a unit of m, cm, mm"
+        ) as error:
+            read(name, sample.format(text))
+        assert "\n" not in str(error.value)
+
+
+def test_every_option_of_length_is_here():
+    names = {option.name for option in LENGTHS}
+    assert {"domain", "approach", "mean_gap", "approach_path", "mean_gap_path", "coating_thickness"} <= names
+    assert {"sphere_radius", "hertz_rx", "body1_radii", "roller_length", "punch_diameter"} <= names
+    assert {"surface_sigma", "surface_rolloff", "surface_cutoff", "surface_s_filter"} <= names
+    assert all(option.kind is not word for option in LENGTHS)  # names of files have no unit
+
+
+@pytest.mark.parametrize("name", ["load", "contact_modulus", "hardness", "grid", "surface_hurst"])
+def test_other_options_have_no_units_of_length(name):
+    with pytest.raises(InputError, match=f"-{name} 1um: must be"):
+        read(name, "1um")
+
+
+def test_options_of_user_defined_problems_accept_units():
+    reader = OptionReader([Option("bump", positive, 1.0, "height of the bump [mm]")], {"bump": "5 nm"})
+    assert reader["bump"] == 5e-6
+
+
+def test_lengths_have_units_all_or_none():
+    for text in ("-1,1,-1,1um", "1:2um:5"):
+        with pytest.raises(ValueError, match="all have units, or none"):
+            to_millimetres(text)
+    assert to_millimetres("0,1um,0,2um") == "0,0.001,0,0.002"
+    assert to_millimetres("1,2.50,3") == "1,2.50,3"
+    with pytest.raises(InputError, match="-approach 1e999999m: must be"):
+        read("approach", "1e999999m")
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_python_arguments_accept_units(unit):
+    text = f"3 {unit}"
+    length = to_length("length", text)
+    assert length == pytest.approx(3 * UNITS[unit], rel=1e-15)
+    assert Material.coated((2e5, 1e5), (0.3, 0.3), text).coatings[0].thickness == length
+    assert Grid.from_domain(4, 4, (f"-{text}", text, f"-{text}", text)).domain == (
+        -length,
+        length,
+        -length,
+        length,
+    )
+
+
+def test_wrong_units_of_python_arguments():
+    for make in (
+        lambda: Material.coated((2e5, 1e5), (0.3, 0.3), "2 furlongs"),
+        lambda: Material.coated((2e5, 1e5), (0.3, 0.3), "thick"),
+    ):
+        with pytest.raises(
+            InputError, match="thickness '.*': must be a number .mm., or have a unit of m, cm"
+        ):
+            make()
