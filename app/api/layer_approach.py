@@ -66,7 +66,7 @@ def search_approach(solve, problem, distance, approach, settings):
             solution = solve(PrescribedApproach(distance.approach_at(point[0]), point[0]))
         spent.append(solution)
         x = solution.approach - distance.reference if by_load else point[0]
-        y = compliance * solution.mean_pressure
+        y = float(compliance * solution.mean_pressure)  # numbers of numpy do not compare as bool
         error = x + y - target
         bound = _error_bound(solution, error, compliance)
         enough = bound <= allowed or not solution.converged or 2 * abs(error) >= smallest

@@ -91,7 +91,7 @@ def draw_layer(rng, cell, thinnest):
 def test_random_layers_equal_dense_solutions(seed, monkeypatch):
     """With one layer or two, holes, a hardness, all loadings and methods."""
     rng = np.random.default_rng(seed)
-    nx, ny = rng.choice([3, 5, 6, 7, 9, 10, 11], 2)
+    nx, ny = rng.choice([1, 2, 3, 5, 6, 7, 9, 10, 11], 2)
     problem = random_problem(rng, nx, ny, ["", "spectral", "love"][seed % 3])
     grid, gap = problem.grid, problem.gap
     cell = np.sqrt(grid.dx * grid.dy)
@@ -106,7 +106,7 @@ def test_random_layers_equal_dense_solutions(seed, monkeypatch):
     half_space = Material.pair((layers[0][0][0], surface[0]), (layers[0][1][0], surface[1]))
     matrix = own_matrix(grid, half_space, layers)
     difference = dense_matrix(grid, material.kernel) - matrix.astype(float)
-    assert abs(difference).max() < 1e-9 * abs(matrix).max()
+    assert abs(difference).max() <= 1e-9 * abs(matrix).max()
 
     monkeypatch.setattr(dense, "long_matrix", lambda *_: matrix)
     least, mean = np.nanmin(gap), np.nanmean(gap)
@@ -140,4 +140,4 @@ def test_random_layers_equal_dense_solutions(seed, monkeypatch):
         energy[0]
         <= 1.001 * solution.error_bound * energy[1] + 2 * np.linalg.norm(of_matrix) + 1e-13 * energy[1]
     )
-    assert abs(error).max() < 1e-4 * p.max()
+    assert abs(error).max() <= 1e-4 * p.max()

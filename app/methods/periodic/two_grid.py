@@ -286,7 +286,8 @@ def _weights_of_sample(grid):
     values = UNIT.eigenvalues(grid, np.minimum(x, grid.nx - x), np.minimum(y, grid.ny - y))
     values[0, 0] = np.inf
     inverse = np.fft.ifft2(1 / values).real.T
-    return _centre_weights(inverse[np.ix_((-1, 0, 1), (-1, 0, 1))], grid)
+    around = np.arange(-1, 2)  # modulo the number of cells, which may be 1
+    return _centre_weights(inverse[np.ix_(around % grid.ny, around % grid.nx)], grid)
 
 
 class _LongWaves:

@@ -136,3 +136,13 @@ def test_preconditioner_is_translation_invariant(make):
     solver.set_contact()
     there = applied(solver, np.roll(r, shift, (0, 1)))
     np.testing.assert_allclose(there, np.roll(here, shift, (0, 1)), rtol=0, atol=SINGLE * abs(here).max())
+
+
+@pytest.mark.parametrize("nx, ny", [(1, 1), (1, 2), (2, 1), (1, 9), (9, 1), (2, 9), (9, 2)])
+@pytest.mark.parametrize("symbol", ["spectral", "love"])
+def test_weights_of_few_cells_are_finite_for_layers(make, nx, ny, symbol):
+    """One cell in a direction is its own neighbour."""
+    for young in ((1.0, np.inf), (1.0, 20.0), (5.0, 1.0)):
+        kernel = Material.coated(young, (0.3, 0.3), 0.2).kernel
+        solver = make(patch(nx, ny, symbol=symbol), 0.5, kernel=kernel)
+        assert np.isfinite(applied(solver, random_field(solver.inverse.mask, 5))).all()
