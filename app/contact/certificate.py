@@ -145,7 +145,9 @@ def _prove(state, enough, work):
     kernel = state.operator.kernel
     smallest = kernel.smallest_eigenvalue(grid)
     bounds, penetrates = state.bounds, np.empty(len(b), bool)
-    upper = bounds.upper if state.plastic_cells() else None
+    # Beyond full contact no gap without overlaps has the mean of e.
+    overlaps = bounds.capped and bool(grid.symbol) and depth > state.distance.full_depth
+    upper = bounds.upper if overlaps or state.plastic_cells() else None
     largest, sums = np.full(6, -np.inf), np.zeros(6)
     lifts = upper is None and not state.grid.symbol
     loops.survey(b, depth, u, p, upper, admissible, smallest, lifts, penetrates, largest, sums)
@@ -256,6 +258,9 @@ def _close_gap(state, energy, u_squares, enough, work, upper):
         rest = excess + stretch * gaps + (n - inside) * elsewhere + inside * constant
         negligible = max(1e-12 * abs(excess), n * rounded)
         deepen = rest / depths if depths else 0.0 if abs(rest) <= negligible else np.inf
+        if np.isinf(deepen) and rest > 0 and inside == n:  # no overlap is left: all cells get the same
+            room = state.bounds.largest_load / state.grid.cell_area - pressures
+            deepen, constant, to_gap = 0.0, constant - rest / n, to_gap + rest / n * room
         to_gap = to_gap + (1 + deepen) * to_plastic if -1 <= deepen < np.inf else np.inf
     energy -= pressures * total_u / n  # A 1 = 0 up to rounding
     most, eps = state.operator.diagonal * squares, np.finfo(float).eps

@@ -169,7 +169,7 @@ class PrescribedMeanGap(PrescribedApproach):
     depth : float
         Depth on the target grid [mm].
     mean_gap : float
-        Mean gap as the user gave it [mm].
+        Mean gap as the user gave it [mm]; negative only with a hardness.
     """
 
     kind = "mean_gap"

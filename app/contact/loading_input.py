@@ -51,9 +51,14 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
     full = distance.approach_at(mean)
     rounding = _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
     if kind == "mean_gap":
-        _check_mean_gap(value, grid, holes, rounding)
+        _check_mean_gap(value, distance, grid, holes, rounding)
+        # Plastic cells overlap: the mean of e is negative by more than the rounding of the approach.
+        overlaps = distance.max_depth == np.inf and -value > _ROUNDING_ULPS * ulp(
+            max(abs(full), abs(reference))
+        )
+        value = value if overlaps else max(value, 0.0)
         # Without the reference, which would cost digits.
-        depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
+        depth = (mean - value) + distance.statistics.mean_rest
         depth = _without_rounding(depth, mean, distance, np.inf)
         return PrescribedMeanGap(distance, depth, value)
     if uniform_compliance and distance.bounds.capped:
@@ -118,10 +123,11 @@ def validate_number(kind, number):
     return value
 
 
-def _check_mean_gap(value, grid, holes, rounding):
+def _check_mean_gap(value, distance, grid, holes, rounding):
     """Raise InputError if a mean gap cannot be prescribed.
 
-    The mean gap determines the approach only on a patch periodic in x and y without holes. It must not be negative.
+    The mean gap determines the approach only on a patch periodic in x and y without holes. It must not be negative
+    unless a hardness lets plastic cells overlap.
     """
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
     doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown" if holes else ""
@@ -129,5 +135,6 @@ def _check_mean_gap(value, grid, holes, rounding):
         doubt = "only on a periodic patch, in x and y, does it determine the approach"
     if doubt:
         raise InputError(f"{text}: {doubt}; {others}")
-    if value < -rounding:
-        raise InputError(f"{text}: the bodies do not penetrate each other; it must be at least 0 mm")
+    if value < -rounding and distance.max_depth < np.inf:
+        limit = "it must be at least 0 mm without a hardness"
+        raise InputError(f"{text}: the bodies do not penetrate each other; {limit}")

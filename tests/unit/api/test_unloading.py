@@ -111,12 +111,13 @@ def test_a_resumed_path_has_the_same_rows(steps):
 
 
 def test_mean_gaps_of_a_path_are_means_of_e():
-    gaps = [0.004, 0.0015, 0.003, 0.0015, 0.001]
+    gaps = [0.004, 0.0015, 0.003, 0.0015, 0.001, -0.002, -0.0019, -0.003]
     with ContactSolver(replace(periodic_rough(32), hardness=3000.0)) as solver:
         path = solver.path(mean_gap=gaps)
         steps = list(path)
         resumed = solver.path(mean_gap=gaps, rows=path.rows[:2])
         assert next(iter(resumed)).load == steps[2].load < steps[1].load == steps[3].load < steps[4].load
+    assert steps[7].load > steps[5].load > steps[6].load > 0  # unloading from negative gaps, too
     table = path.table
     assert table["mean_gap"] - table["mean_plastic_depth"] == pytest.approx(gaps, rel=1e-12)
     for step in steps:

@@ -1,5 +1,6 @@
 """Loadings from numbers: consistency of the four kinds, and refusals."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -8,6 +9,7 @@ from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, InputError, Material, solve
 from app.contact.loading_input import LOADINGS, make_loading
+from app.verification.dense import DenseProblem
 
 GRID = Grid.from_domain(16, 12, (0.0, 4.0, 0.0, 3.0))
 
@@ -155,6 +157,42 @@ def test_invalid_loadings_are_refused(solvers, name):
 def test_loadings_up_to_full_contact_are_allowed(solvers, given):
     loading = make_loading_of(solvers["periodic"], **given)
     assert loading.approach == pytest.approx(MEAN, abs=1e-14)
+
+
+@pytest.mark.parametrize("periodic", ["spectral", "love"])
+@pytest.mark.parametrize(
+    "material", [STEEL, Material.coated((5.0, 1.0), (0.3, 0.3), 0.2), Material.layer(1.0, 0.3, 0.2)]
+)
+def test_every_mean_gap_has_a_solution_with_a_hardness(material, periodic):
+    """Between, at and beyond full plasticity, as on the dense matrix; at the elastic limit the sign decides."""
+    rng = np.random.default_rng(3)
+    gap, elastic = 0.01 * rng.random((7, 6)), rng.random((7, 6)) < 0.2
+    body = ContactProblem(Grid(6, 7, 0.1, 0.1, periodic=periodic), material, gap)
+    hardness = 0.6 * solve(body, mean_gap=0.0).max_pressure * (1 + rng.random((7, 6)))
+    for limit in (hardness, np.where(elastic, np.inf, hardness)):
+        problem = replace(body, hardness=limit)
+        dense = DenseProblem(problem)
+        overlap = (gap.ravel() + dense.matrix @ hardness.ravel()).max() - gap.mean()  # of full plasticity
+        for mean_gap in (1e-3, 0.0, -1e-5, -0.5 * overlap, -overlap, -1.001 * overlap, -3 * overlap, -10.0):
+            found, exact = solve(problem, mean_gap=mean_gap), dense.with_mean_gap(mean_gap).astype(float)
+            assert found.converged
+            assert found.mean_gap - found.mean_plastic_depth == pytest.approx(mean_gap, abs=1e-7, rel=1e-12)
+            assert found.mean_gap >= 0
+            np.testing.assert_allclose(found.pressure, exact, atol=1e-5 * exact.max())
+            error, size = (dense.energy(p) for p in (found.pressure - exact, found.pressure))
+            assert error <= found.error_bound * size + 1e-12 * exact.max()
+
+
+def test_bound_holds_where_all_cells_touch_beyond_full_contact():
+    """No gap without overlaps has a negative mean."""
+    gap = 0.01 * np.random.default_rng(5).random((2, 2))
+    body = ContactProblem(Grid(2, 2, 0.1, 0.1, periodic="love"), STEEL, gap)
+    problem = replace(body, hardness=1.3 * solve(body, mean_gap=0.0).max_pressure)
+    dense = DenseProblem(problem)
+    for loading in ({"mean_gap": -1e-12}, {"approach": gap.mean() + 1e-12}):
+        found = solve(problem, **loading)
+        error = dense.energy(found.pressure - dense.with_mean_gap(-1e-12))
+        assert error <= found.error_bound * dense.energy(found.pressure)
 
 
 @pytest.mark.parametrize("share", [1e-3, 1e-8, 1e-12])
