@@ -71,4 +71,4 @@ def test_progress_is_shown_on_request(capsys):
         list(solver.path(load=[0.1, 0.2], progress=True))
         assert "2/2" in capsys.readouterr().err
         refine(SOFT_BALL, until=0.5, load=0.1, progress=True)
-        assert "refine: 2grid" in capsys.readouterr().err
+        assert "refine: 3grid" in capsys.readouterr().err
