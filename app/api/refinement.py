@@ -147,7 +147,8 @@ def refine(
                 [prescribed] = (kind for kind, number in loading.items() if number is not None)
                 change = solution.discretisation_error
                 errors = estimate_errors(numbers, solver.touching, prescribed, change)
-                errors = errors.add_contact_edge(solution, change, problem.hardness)
+                errors = errors.add_contact_edge(solution, change, problem)
+            solution = replace(solution, **errors._asdict())
             rows.append(_row(solution, errors))
             small = errors.largest_of(quantities) <= until
             # Without a pressure there is nothing to refine.

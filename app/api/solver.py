@@ -387,6 +387,7 @@ class ContactSolver(Derivatives):
             measured = measures.measure_contact(state)
         proof = proof.under(loading.load, measured.load)
         outcome = outcome.require_bound(proof.error_bound, self.settings.error_bound)
+        errors = outcome.grid_errors.add_contact_edge(measured, outcome.discretisation_error, self.problem)
         before, hardness = self._indentation, self.problem.hardness
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
@@ -415,9 +416,7 @@ class ContactSolver(Derivatives):
             work_units=sum([entry["work_units"] for entry in history.entries]),
             operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
-            **outcome.grid_errors.add_contact_edge(
-                measured, outcome.discretisation_error, hardness
-            )._asdict(),
+            **errors._asdict(),
             fallbacks=outcome.fallbacks,
             **measured._asdict(),
             **moments._asdict(),

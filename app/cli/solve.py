@@ -70,7 +70,6 @@ def main(parsed):
                 **request.loading,
             )  # fmt: skip
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
-            facts |= refined.errors._asdict()
             facts |= {f"refinement_{name}": [row[name] for row in refined.rows] for name in refined.rows[0]}
             text = refinement_table(refined, request.refine_until, request.quantities)
         elif request.path:

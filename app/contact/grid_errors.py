@@ -56,30 +56,32 @@ class GridErrors(NamedTuple):
     max_pressure_error: float = float("nan")
     contact_area_error: float = float("nan")
 
-    def add_contact_edge(self, measured, pressure_change, hardness):
+    def add_contact_edge(self, measured, pressure_change, problem):
         """Return these errors, increased by what the contact edge shows.
 
         The corrected contact area leaves out a share of the cells on the edge. This share is the mean error of the
-        area; the scatter is added. Numbers that converge with order 2 have at least the square of this share as error.
-        If the pressure is not resolved at the edge, load and approach have its error on that share. A maximum pressure
-        that equals the largest hardness has no error.
+        area. The scatter is added; it is larger if the edge is parallel to the cells, as in a line contact. Numbers
+        that converge with order 2 have at least the square of this share as error. If the pressure is not resolved at
+        the edge, load and approach have its error on that share. A maximum pressure that equals the largest hardness
+        has no error.
 
         Parameters
         ----------
         measured : ContactMeasures
         pressure_change : float
             `pressure_difference` of the two finest grids; NaN if unknown.
-        hardness : float or ndarray
+        problem : Problem
         """
         if not measured.contact_fraction or np.isnan(self.contact_area_error):
             return self
         edge = max(1 - measured.contact_fraction_corrected / measured.contact_fraction, 0.0)
         least = edge**2, edge * _unresolved(pressure_change)
         load, approach = (error and max(error, *least) for error in self[:2])
-        is_limited = measured.max_pressure == np.max(hardness)
+        is_limited = measured.max_pressure == np.max(problem.hardness)
         pressure = 0.0 if is_limited else max(self.max_pressure_error, edge**2)
-        area = self.contact_area_error + edge + SCATTER_FACTOR * np.sqrt(edge / measured.contact_cells)
-        return GridErrors(load, approach, pressure, _limit(area))
+        is_line = problem.grid.one_way or min(problem.grid.shape) == 1
+        scatter = SCATTER_FACTOR * (edge if is_line else np.sqrt(edge / measured.contact_cells))
+        return GridErrors(load, approach, pressure, _limit(self.contact_area_error + edge + scatter))
 
     @property
     def largest(self):

@@ -141,6 +141,7 @@ def test_refinement_does_not_stop_at_grids_that_agree_by_chance():
         error = abs(row["max_pressure"] / 2285.5 - 1)
         assert 0.7 * error < row["max_pressure_error"], row["nx"]
     assert grids.reached and error < 0.05
+    assert grids.solution.max_pressure_error == grids.errors.max_pressure_error
 
 
 def test_refinement_stops_at_the_largest_grid_that_petsc_can_number(monkeypatch):
