@@ -4,10 +4,14 @@ This module has the public names of the package. The module that defines a name 
 name, so that a command can start PETSc with its own options first.
 """
 
-from functools import partial
-from importlib import import_module
+from app.base import import_path
 
-from app.base import packages, petsc_path, user_folder, views  # noqa: F401  petsc_path finds petsc4py
+import_path.search_current_folder_last()
+with import_path.names_shadows():
+    from functools import partial
+    from importlib import import_module
+
+    from app.base import packages, petsc_path, user_folder, views  # noqa: F401  petsc_path finds petsc4py
 
 user_folder.ensure_home()
 packages.install()
@@ -49,7 +53,8 @@ __all__ = [*_PLACES, "__version__"]
 def __getattr__(name):
     if name not in _PLACES:
         raise AttributeError(f"module 'app' has no attribute {name!r}")
-    return getattr(import_module(_PLACES[name]), name)
+    with import_path.names_shadows():
+        return getattr(import_module(_PLACES[name]), name)
 
 
 def __dir__():

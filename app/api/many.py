@@ -25,12 +25,14 @@ from app.base.errors import (
     check_type,
     format_error,
     format_message,
+    plain_number,
     warn_caller,
 )
 from app.base.mpi import MPI, single_rank_variables, temporary_environment
 from app.base.petsc import mpi_comm
 from app.base.progress_bar import progress_bar
 from app.base.usage import usage
+from app.base.user_folder import existing_folder
 from app.contact.loading_input import LOADINGS, single_loading, validate_number
 from app.io.field_stack import check_fields, open_field_stack
 from app.parallel import mpi_abort
@@ -213,7 +215,8 @@ def _as_loads(kind, numbers, count):
     `numbers` is one number for all problems, a list with one number or one list for each problem, or [[...]], one list
     for all problems.
     """
-    if np.ndim(numbers) == 0 if isinstance(numbers, np.ndarray) else not hasattr(numbers, "__len__"):
+    numbers = plain_number(numbers)
+    if not hasattr(numbers, "__len__"):
         return [[validate_number(kind, numbers)]] * count
     entries = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)
     has_lists = [hasattr(entry, "__len__") and np.shape(entry) != () for entry in entries]
@@ -364,7 +367,7 @@ def _on_processes(jobs, count, arguments):
     chunks = (jobs[k : k + size] for k in range(0, len(jobs), size))
     context, connections, processes = get_context("spawn"), [], []
     try:
-        with temporary_environment(single_rank_variables(environ)):
+        with temporary_environment(single_rank_variables(environ)), existing_folder():
             for _ in range(count):
                 connection, far_end = context.Pipe()
                 connections.append(connection)

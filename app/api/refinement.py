@@ -17,6 +17,7 @@ from app.base.errors import (
     check_type,
     format_exact,
     is_number,
+    plain_number,
 )
 from app.base.petsc import check_cells, mpi_comm
 from app.base.progress_bar import progress_bar
@@ -187,6 +188,7 @@ def _has_room(solver, grid):
 def check(problem, until, most_cells, quantities, loading):
     """Raise InputError if a problem cannot be refined, or limits are wrong."""
     check_type("problem", problem, Problem, "a ContactProblem")
+    until = plain_number(until)
     if not (is_number(until) and 0 < until < 1):
         raise InputError(f"refine until {until}: must be a relative error above 0 and below 1")
     if not (is_number(most_cells) and most_cells > 0):

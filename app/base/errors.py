@@ -68,6 +68,18 @@ def is_number(value):
     return isinstance(value, float) or (isinstance(value, Real) and not isinstance(value, bool))
 
 
+def plain_number(value):
+    """Return a scalar of another library as a number of Python; other values unchanged.
+
+    Such scalars are a Decimal, a Fraction, and arrays without dimensions, of numpy or of xarray. A masked value stays.
+    """
+    if type(value).__name__ in ("Decimal", "Fraction"):  # without an import that would slow down each start
+        return float(value)
+    if getattr(value, "shape", None) != () or not hasattr(value, "item"):
+        return value
+    return value[()] if hasattr(value, "mask") else value.item()
+
+
 def to_float(value):
     """Convert a number or its text to a float; raise TypeError for booleans."""
     if type(value).__name__ in ("bool", "bool_"):  # the latter is numpy's, which this module does not import

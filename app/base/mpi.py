@@ -8,6 +8,7 @@ import os
 from contextlib import contextmanager
 
 from app.base.missing_packages import missing
+from app.base.user_folder import existing_folder
 
 # First letters of variables of launchers other than Open MPI's mpiexec. With these the number of hosts is unknown.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
@@ -29,7 +30,7 @@ _OF_SINGLE_RANK = ("OMPI_MCA_ess", "OMPI_MCA_pmix")
 def __getattr__(name):
     if name != "MPI":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    with temporary_environment(single_host_variables(os.environ)):
+    with temporary_environment(single_host_variables(os.environ)), existing_folder():
         try:
             from mpi4py import MPI
         except RuntimeError as error:  # pip's mpi4py brings no MPI library
@@ -37,11 +38,21 @@ def __getattr__(name):
                 raise
             raise missing("mpi4py") from None
 
+    check_running(MPI)
     for variable in _OF_SINGLE_RANK:
         if variable not in os.environ:  # which has what the process was started with
             os.unsetenv(variable)
     globals()[name] = MPI
     return MPI
+
+
+def check_running(library):
+    """Raise if MPI or PETSc (`library`) has been finalized by the user's program."""
+    ended = getattr(library, "Is_finalized", None) or library.Sys.isFinalized
+    if ended():
+        from app.base.errors import InputError
+
+        raise InputError(f"{library.__name__} has been finalized; do this after the last solve")
 
 
 def single_host_variables(environment):

@@ -7,7 +7,8 @@ numpy then prints a long notice and a traceback for each module of such a packag
 import io
 import os
 import sys
-from contextlib import redirect_stderr, suppress
+import warnings
+from contextlib import contextmanager, redirect_stderr, suppress
 from functools import partial
 from importlib import import_module
 from importlib.machinery import PathFinder
@@ -58,7 +59,11 @@ class CompiledPackageFinder:
         cls._loading, printed, error = True, io.StringIO(), None
         try:
             # h5py and petsc4py start MPI.
-            with redirect_stderr(printed), mpi.temporary_environment(mpi.single_host_variables(os.environ)):
+            changes = mpi.single_host_variables(os.environ)
+            with (
+                redirect_stderr(printed), mpi.temporary_environment(changes), _warnings_without_errors(),
+                user_folder.existing_folder(),
+            ):  # fmt: skip
                 exec_module(module)
                 if name == "scipy" and "numpy" in printed.getvalue().lower():
                     import_module("scipy.linalg")  # scipy itself only warns, its compiled parts fail
@@ -73,6 +78,19 @@ class CompiledPackageFinder:
                     sys.stderr.write(printed.getvalue())
         if error is not None:
             _raise(error)
+
+
+@contextmanager
+def _warnings_without_errors():
+    """Let packages import deprecated modules even if the user has turned warnings into errors."""
+    if not any(entry[0] == "error" for entry in warnings.filters):
+        yield
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        for kind in (DeprecationWarning, PendingDeprecationWarning, FutureWarning, ImportWarning):
+            warnings.simplefilter("ignore", kind)
+        yield
 
 
 def numpy_mismatch(name):

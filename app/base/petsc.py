@@ -22,7 +22,8 @@ from petsc4py import PETSc
 from app.base.arithmetic import default_arithmetic
 from app.base.errors import InputError
 from app.base.memory import set_malloc_option
-from app.base.mpi import MPI
+from app.base.mpi import MPI, check_running
+from app.base.user_folder import existing_folder
 
 _M_MMAP_MAX = -4
 TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason
@@ -64,6 +65,7 @@ def _ignore_closed_pipes():
 
 
 _ignore_closed_pipes()
+check_running(PETSc)
 
 
 @atexit.register
@@ -75,8 +77,9 @@ def _finalize():
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, OSError, ValueError):  # closed
             stream.flush()
-    with calling_petsc():
-        PETSc._finalize()  # does nothing if it has ended
+    if not MPI.Is_finalized():  # by the user's program
+        with calling_petsc():
+            PETSc._finalize()  # does nothing if it has ended
     _ignore_closed_pipes()  # Python writes once more
 
 
@@ -93,6 +96,8 @@ def _forget_last_exception():
 
 def collect_garbage(comm=PETSc.COMM_SELF):
     """Free PETSc objects that interrupted solves left behind. Collective."""
+    if PETSc.Sys.isFinalized() or MPI.Is_finalized():
+        return
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(comm)
 
@@ -101,11 +106,14 @@ _LOCK = threading.RLock()
 
 
 def synchronized(function):
-    """Decorate a function so that one thread at a time runs it, in default arithmetic."""
+    """Decorate a function so that one thread at a time runs it.
+
+    The function runs in default arithmetic, and in a folder that exists.
+    """
 
     @wraps(function)
     def locked(*args, **kwargs):
-        with _LOCK, default_arithmetic():
+        with _LOCK, default_arithmetic(), existing_folder():
             return function(*args, **kwargs)
 
     return locked
@@ -116,6 +124,8 @@ def mpi_comm(comm):
 
     Raises InputError if `comm` is something else, or does not contain this rank.
     """
+    check_running(MPI)
+    check_running(PETSc)
     if comm is None:
         return MPI.COMM_WORLD
     if isinstance(comm, PETSc.Comm):

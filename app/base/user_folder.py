@@ -1,7 +1,8 @@
-"""Folders for caches of a user whose home is missing or read-only."""
+"""Folders of a user whose home is missing or read-only, or whose current folder has been removed."""
 
 import os
 import stat
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
@@ -42,3 +43,20 @@ def ensure_matplotlib_folder():
     existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     if not os.access(existing, os.W_OK):
         os.environ["MPLCONFIGDIR"] = str(private_folder() / "matplotlib")
+
+
+@contextmanager
+def existing_folder():
+    """Leave the current folder during a ``with`` block if it has been removed; PETSc does not work there."""
+    try:
+        os.getcwd()  # noqa: PTH109
+    except OSError:
+        here = os.open(".", os.O_RDONLY)
+        try:
+            os.chdir("/")
+            yield
+        finally:
+            os.fchdir(here)
+            os.close(here)
+    else:
+        yield

@@ -4,7 +4,7 @@ from math import ulp
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact, is_number
+from app.base.errors import InputError, format_exact, is_number, plain_number
 from app.base.units import to_length
 from app.contact.full_plasticity import LOAD_ROUNDING
 from app.contact.loading import PrescribedApproach, PrescribedMeanGap
@@ -99,8 +99,7 @@ def validate_number(kind, number):
 
     Raises InputError if it is no real number, too large or too small, or a negative load.
     """
-    if isinstance(number, np.ndarray) and not number.shape:
-        number = number[()]
+    number = plain_number(number)
     if isinstance(number, str) and LOADINGS[kind] == "mm":
         number = to_length(kind, number)
     if not is_number(number):

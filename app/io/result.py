@@ -66,7 +66,7 @@ class Result(ContactFields):
     contact : ndarray of bool, shape (ny, nx)
     x, y : ndarray of float64, shapes (nx,) and (ny,)
     attributes : dict
-        Root attributes as Python bool, int, float, str or ndarray.
+        Root attributes as Python bool, int, float, str or list.
     history : dict of str to ndarray, shape (k,)
     extra : dict of str to ndarray
         Other datasets in the root of the file.
@@ -271,8 +271,8 @@ def read_attributes(file):
     """
     attributes = {}
     for name, value in file.attrs.items():
-        plain = attributes[name] = value.item() if isinstance(value, np.generic) else value
-        is_pair = isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
+        plain = attributes[name] = value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        is_pair = np.shape(value) == (2,) and np.asarray(value).dtype.kind in "iuf"
         if name in PAIRS and not is_pair:
             raise InputError(f"attribute {name}: {plain!r} where two numbers are needed")
         if name in TEXTS and not isinstance(plain, str):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.base.errors import InputError, check_type, shorten
+from app.base.errors import InputError, check_type, plain_number, shorten
 from app.base.units import to_millimetres
 
 LARGEST = 1e50  # 1 / LARGEST is the smallest number but 0: neither squares nor quotients overflow
@@ -188,6 +188,7 @@ def to_texts(options, what="options"):
 
 
 def _to_text(value):
+    value = plain_number(value)
     if isinstance(value, bool | np.bool_):
         return str(value).lower()
     if isinstance(value, tuple | list | np.ndarray):

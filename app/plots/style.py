@@ -5,7 +5,7 @@ no longer used. Sizes in the code are for the style "screen". In the style "pape
 figure stand below each other in one column.
 """
 
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import wraps
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.style.core import STYLE_BLACKLIST
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
@@ -106,12 +107,23 @@ def interactive():
     return _set(_uses_pyplot, True)
 
 
+# Settings that the user's program may have changed, by a style or by rcParams, such as text.usetex. The others do not
+# change pictures, or only how windows and notebooks show them.
+_DEFAULTS = {
+    name: value
+    for name, value in matplotlib.rcParamsDefault.items()
+    if name not in STYLE_BLACKLIST and name != "figure.dpi"
+}
+
+
 def with_style(draw):
-    """Decorate a function to draw in the current style."""
+    """Decorate a function to draw in the current style, whatever settings the user has changed."""
 
     @wraps(draw)
     def wrapper(*args, **kwargs):
-        with matplotlib.rc_context(_current.get().rc), default_arithmetic():
+        with matplotlib.rc_context(), default_arithmetic():
+            dict.update(matplotlib.rcParams, _DEFAULTS)  # without a validation, which takes milliseconds
+            matplotlib.rcParams.update(_current.get().rc)
             return draw(*args, **kwargs)
 
     return wrapper
@@ -128,12 +140,13 @@ def new_figure(width, height, title=None):
     The title is left out in a style of one column, where a caption replaces it.
     """
     style = _current.get()
-    size = style.scale * width, style.scale * height
+    size, figure = (style.scale * width, style.scale * height), None
     if _uses_pyplot.get():
         from matplotlib import pyplot
 
-        figure = pyplot.figure(figsize=size)
-    else:
+        with suppress(ImportError):  # the user's backend needs a display or a package that is missing
+            figure = pyplot.figure(figsize=size)
+    if figure is None:
         figure = Figure(figsize=size)
         FigureCanvasAgg(figure)
     if title and not style.column:

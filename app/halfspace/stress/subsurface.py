@@ -14,7 +14,7 @@ import numpy as np
 
 from app.base import views
 from app.base.arithmetic import in_default_arithmetic
-from app.base.errors import InputError, is_number
+from app.base.errors import InputError, is_number, plain_number
 from app.base.units import format_quantity
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -98,6 +98,7 @@ class SubsurfaceStress:
     interface = None  # depth [mm]
 
     def __init__(self, pressure, grid, poisson_ratio):
+        poisson_ratio = plain_number(poisson_ratio)
         if not (is_number(poisson_ratio) and 0 <= poisson_ratio <= 0.5):
             raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
         self.nu = float(poisson_ratio)
@@ -236,6 +237,7 @@ class SubsurfaceStress:
 
 
 def _checked(depth):
+    depth = plain_number(depth)
     if not (is_number(depth) and 0 <= depth < np.inf):
         raise InputError(f"depth {depth!r}: must be 0 or more, and finite")
     return float(depth)

@@ -96,3 +96,18 @@ subprocess.run(["mpiexec", "-n", "2", sys.executable, "-c", program])
 def test_a_notebook_can_start_ranks_by_mpiexec():
     """A single rank leaves no variables of Open MPI to the programs that it starts."""
     assert run("-c", START).stdout.split() == ["2"]
+
+
+@pytest.mark.parametrize(
+    ("module", "end"), [("mpi4py.MPI", "MPI.Finalize"), ("petsc4py.PETSc", "PETSc._finalize")]
+)
+@pytest.mark.parametrize("first", ["import app", "from app import solve"])
+def test_a_library_that_the_user_has_finalized_is_named(module, end, first):
+    package, name = module.split(".")
+    program = (
+        f"{first}; from {package} import {name}; {end}()\nfrom app import ContactSolver; ContactSolver(None)"
+    )
+    done = run("-c", program)
+    assert done.returncode  # PETSc may abort at the end, because MPI has ended before
+    message = f"InputError: {module} has been finalized; do this after the last solve"
+    assert f"app.base.errors.{message}" in done.stderr.splitlines()

@@ -117,3 +117,10 @@ def test_packages_that_start_mpi_skip_the_search_for_networks(name, tmp_path):
     program = f"import os, app, {name}; print(os.environ.get('OMPI_MCA_pml'))"
     done = run("-c", program, env={"PYTHONPATH": f"{tmp_path}:{TESTS.parent}"})
     assert (done.stdout.split(), done.stderr) == (["ob1", "None"], "")
+
+
+def test_warnings_turned_into_errors_do_not_stop_the_import_of_packages():
+    imports = "import app.api.views, app.io.result, app.cli.report; from app import solve"
+    done = run("-W", "error", "-X", "dev", "-c", imports)  # dev: files that are not closed, too
+    assert done.returncode == 0, done.stderr
+    assert "Error" not in done.stderr and "ResourceWarning" not in done.stderr, done.stderr

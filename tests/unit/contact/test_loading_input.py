@@ -1,13 +1,14 @@
 """Loadings from numbers: consistency of the four kinds, and refusals."""
 
 from dataclasses import replace
+from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from running import assert_proved_equal
 
-from app import ContactProblem, ContactSolver, Grid, InputError, Material, solve
+from app import ContactProblem, ContactSolver, Grid, InputError, Material, Sphere, fit_grid, solve, solve_many
 from app.contact.loading_input import LOADINGS, make_loading
 from app.verification.dense import DenseProblem
 
@@ -206,3 +207,31 @@ def test_mean_gap_near_first_touch_keeps_its_digits(share):
     with ContactSolver(problem) as solver:
         found = solver.solve(mean_gap=wanted)
     assert found.indentation == pytest.approx(float(depth), rel=1e-15, abs=0)
+
+
+class _DataArray:
+    """An array without dimensions of another library, as xarray's."""
+
+    shape = ()
+
+    def __init__(self, value):
+        self.value = value
+
+    def item(self):
+        return self.value
+
+    def __len__(self):
+        raise TypeError("len() of unsized object")
+
+
+@pytest.mark.parametrize("scalar", [Decimal, Fraction, np.array, np.float32, np.ma.array, _DataArray])
+def test_scalars_of_any_library_are_numbers(scalar):
+    problem = ContactProblem(GRID, STEEL, GAP)
+    expected = solve(problem, load=4.0, options={"lcp_rtol": 0.5**20}).approach
+    assert solve(problem, load=scalar(4.0), options={"lcp_rtol": scalar(0.5**20)}).approach == expected
+    assert solve_many([problem], scalar(4.0))[0].load == 4
+    with ContactSolver(problem) as solver:
+        assert [step.load for step in solver.path(load=[scalar(2.0), scalar(4.0)])] == [2, 4]
+    assert fit_grid(Sphere(8), STEEL, load=scalar(4.0)) == fit_grid(Sphere(8), STEEL, load=4.0)
+    with pytest.raises(InputError, match="load"):
+        solve(problem, load=np.ma.masked)

@@ -1,5 +1,6 @@
 """Result files that cannot be read."""
 
+import json
 from dataclasses import replace
 
 import h5py
@@ -9,6 +10,7 @@ from mpi4py import MPI
 from processes import run
 from results import assert_same, write
 
+from app import ContactProblem, Grid, Material, Paraboloid, solve
 from app.base.errors import InputError
 from app.io.result import FIELDS, read_result
 from app.parallel.slabs import Slabs
@@ -188,3 +190,13 @@ def test_fields_have_dimension_scales(path):
         for name in ("pressure", "gap", "displacement", "undeformed_distance", "contact"):
             assert [dimension[0].name for dimension in file[name].dims] == ["/y", "/x"]
         assert all(h5py.h5ds.is_scale(file[name].id) for name in ("x", "y"))
+
+
+def test_attributes_of_a_result_are_json_as_those_of_a_solution(tmp_path):
+    material = Material.coated((2e5, 1e5), (0.3, 0.3), thickness=0.05)
+    grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    solution = solve(ContactProblem(grid, material, Paraboloid(9, 7)), load=100)
+    solution.save(tmp_path / "r.h5")
+    read = json.dumps(read_result(tmp_path / "r.h5").attributes)
+    back, expected = json.loads(read), json.loads(json.dumps(solution.attributes))
+    assert {name: repr(back[name]) for name in expected} == {name: repr(expected[name]) for name in expected}

@@ -1,6 +1,8 @@
 """Style: reproducible files, readable logarithmic axes, distinct lines."""
 
+import matplotlib
 import pytest
+from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
@@ -62,3 +64,35 @@ def test_boxes_of_panels_are_apart(result):
     assert len(boxes) == 4
     for k, one in enumerate(boxes):
         assert all(Bbox.intersection(one.padded(-0.1), other.padded(-0.1)) is None for other in boxes[:k])
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"text.usetex": True},
+        {
+            "axes.grid": True,
+            "figure.autolayout": True,
+            "savefig.transparent": True,
+            "lines.linestyle": "none",
+        },
+        {"axes.facecolor": "black", "font.family": "no such font", "axes.formatter.use_locale": True},
+        "xkcd",
+    ],
+)
+def test_settings_of_the_users_program_do_not_change_a_picture(settings, result, tmp_path):
+    style.save_figure(figures.history_figure(result), tmp_path / "a.png", dpi=40)
+    with pyplot.xkcd() if settings == "xkcd" else matplotlib.rc_context(settings):
+        before = dict(matplotlib.rcParams)
+        style.save_figure(figures.history_figure(result), tmp_path / "b.png", dpi=40)
+        assert dict(matplotlib.rcParams) == before
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_without_the_users_backend_a_figure_is_made_all_the_same(monkeypatch):
+    def no_display(**_):
+        raise ImportError("Cannot load backend 'TkAgg'")
+
+    monkeypatch.setattr(pyplot, "figure", no_display)
+    with style.interactive():
+        assert style.new_figure(4, 3).get_size_inches().tolist() == [4, 3]
