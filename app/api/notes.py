@@ -1,6 +1,7 @@
 """Notes: warnings about wrong units, coarse grids, and limits of the theory."""
 
 import re
+from math import nan
 
 import numpy as np
 
@@ -11,6 +12,10 @@ from app.problems.arrays import is_measured
 from app.problems.surfaces.doubts import MAX_SLOPE, note_doubtful_units, note_spike
 
 MAX_ELASTIC_PRESSURE = 0.2  # of E*; hardly any solid is elastic beyond
+MAX_METAL_PRESSURE, MIN_METAL_MODULUS = (
+    0.05,
+    1e4,
+)  # of E*, no metal is elastic beyond; [N/mm2], of E* of metals
 MIN_MODULUS, MAX_MODULUS = 1e-3, 1.5e6  # [N/mm2], of soft gels, and above diamond's 1.1e6
 DOUBTFUL_MODULI = 1.0, 1e3  # [N/mm2] of the stiffer body; they may be meant in GPa (1: without units)
 MIN_RUBBER_POISSON = 0.4  # rubbers with larger Poisson's ratios have such moduli
@@ -21,12 +26,14 @@ MAX_THICKNESS = 5.0  # of a layer over the longer side of the patch
 MAX_COMPRESSIBLE_POISSON = 0.45  # of a layer that cells wider than its thickness describe well
 MAX_SEAM = 3.0  # step where a periodic patch repeats, in neighbouring steps
 MAX_FILLED_SHARE = 0.01  # of the load, on filled points
-MIN_CONTACT_CELLS = 4  # across a contact; fewer do not show its shape
+MIN_THICKNESS = 1e-5  # of a layer [mm]; thinner ones are no continua
+MIN_CONTACT_CELLS = 10  # across a contact; with fewer, numbers are wrong by percents
+MIN_STRIP_CELLS = 4  # across a patch that is not a strip
 MIN_SHAPE_CELLS = 10  # along the longer side of a patch that is meant to show a contact's shape
 _NUMBER = re.compile(r"\d[\d.]*(e[+-]?\d+)?")
 
 
-def notes_on(state, problem, contact, roughness):
+def notes_on(state, problem, contact, moments, roughness):
     """Return notes (warnings) on doubtful input and results. Collective.
 
     Parameters
@@ -34,6 +41,7 @@ def notes_on(state, problem, contact, roughness):
     state : app.contact.state.ContactState
     problem : app.problems.problem.Problem
     contact : app.contact.measures.ContactMeasures
+    moments : app.contact.contact_moments.ContactMoments
     roughness : app.contact.measures.ShapeRoughness
 
     Returns
@@ -52,6 +60,16 @@ def notes_on(state, problem, contact, roughness):
         notes.append(
             f"the maximum pressure is {contact.max_pressure / modulus:.2g}{name}: solids do not bear this elastically, "
             "or a modulus is not in N/mm2, or a length not in mm"
+        )
+    elif (
+        not state.bounds.capped
+        and modulus >= MIN_METAL_MODULUS
+        and contact.max_pressure > MAX_METAL_PRESSURE * modulus
+    ):
+        notes.append(
+            f"the maximum pressure is {contact.max_pressure:.0f} N/mm2, {contact.max_pressure / modulus:.2g} of "
+            f"{'the effective modulus' if material.coatings else 'E*'}: metals yield at less than a twentieth of it; "
+            "give their hardness, unless the bodies are of glass or ceramics"
         )
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
     doubts = [note for surface in measured for note in note_doubtful_units(surface, grid)]
@@ -72,7 +90,7 @@ def notes_on(state, problem, contact, roughness):
             f"distances step by {format_lengths(across)} (rms) across the sides of the periodic patch, and by "
             f"{format_lengths(inside)} between other cells: {what} is not periodic, and touches at these steps"
         )
-    notes += [note for coating in material.coatings for note in note_thickness(coating, grid)]
+    notes += [note for coating in material.coatings for note in note_thickness(coating, grid, moments.width)]
     side = max(grid.sides)
     if roughness.rms_height > MAX_ASPECT * side:
         notes.append(
@@ -121,7 +139,7 @@ def _note_boundary(state, contact):
     """Return notes on narrow patches and contact at the boundary. Collective."""
     grid, notes = state.grid, []
     (narrow, repeats), (long, _) = sorted(zip(grid.shape, grid.repeats, strict=True))
-    if not repeats and (narrow == 1 < long or (narrow < MIN_CONTACT_CELLS and long >= MIN_SHAPE_CELLS)):
+    if not repeats and (narrow == 1 < long or (narrow < MIN_STRIP_CELLS and long >= MIN_SHAPE_CELLS)):
         notes.append(
             f"the patch is {narrow} cell{'s'[: narrow != 1]} wide: this is a strip of that width, no plane strain "
             "(see periodic= (-periodic))"
@@ -145,10 +163,11 @@ def elastic_modulus(material, contact, grid):
     return min(1 / material.kernel.compliance_at(2 * width), confined)
 
 
-def note_thickness(coating, grid):
-    """Return a note if cells are too wide for a layer, or the layer is too thick.
+def note_thickness(coating, grid, width=nan):
+    """Return a note if cells are too wide for a layer, or the layer is too thick or too thin.
 
-    Wide cells matter only to nearly incompressible layers on a rigid base.
+    `width` is the width of the contact [mm], NaN if unknown. Only coatings are usually thinner than this. Wide cells
+    matter only to nearly incompressible layers on a rigid base.
     """
     thickness, side = coating.thickness, max(grid.sides)
     if thickness > MAX_THICKNESS * side:
@@ -157,6 +176,9 @@ def note_thickness(coating, grid):
             f"the layer is {format_lengths(thickness)} thick, {thickness / side:.3g} times the longer side of the "
             f"patch: the {below} has hardly any effect; is the thickness in mm?"
         ]
+    if thickness < MIN_THICKNESS or (thickness > width and not coating.on_rigid_base):
+        contact = f", and the contact {format_lengths(width)} wide" if thickness > width else ""
+        return [f"the layer is {format_lengths(thickness)} thick{contact}: is the thickness in mm?"]
     is_thin = grid.widest_cell > thickness and grid.symbol != "spectral"
     if not (is_thin and coating.on_rigid_base and coating.poisson[0] > MAX_COMPRESSIBLE_POISSON):
         return []

@@ -67,6 +67,9 @@ class Solution(_Numbers, ContactFields):
     semi_axis_major, semi_axis_minor, major_axis_angle : float
         Semi-axes of the ellipse that has the second moments of the contact set [mm]; angle from the x axis to the major
         one [degree]. These three and the four numbers before are NaN on a periodic patch, which has no origin.
+    contact_extent_x, contact_extent_y : float
+        From the first to the last column, or row, of cells in contact [mm]; NaN in a direction in which the patch
+        repeats, and without contact.
     contact_fraction, contact_fraction_corrected, perimeter : float
         Share of cells in contact, among cells where contact is possible; the same, corrected because the contact edge
         follows cell edges; length of this edge [mm]. See `app.contact.measures`.

@@ -392,7 +392,7 @@ class ContactSolver(Derivatives):
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach, moments = loading.solved_approach(state), measure_moments(state)
-        notes = notes_on(state, self.problem, measured, self._roughness)
+        notes = notes_on(state, self.problem, measured, moments, self._roughness)
         # Rank 0 has a part of every grid and window.
         counted = applied, history.entries, self.comm.count_traffic().since(traffic)
         applied, history.entries, traffic = self.comm.bcast(counted)

@@ -1,13 +1,17 @@
 """Text that describes a solution, which app.solve prints."""
 
+from math import nan
+
 import numpy as np
 
 from app.api.analytic_values import ANALYTIC
+from app.api.contact_shape import contact_shape
 from app.base.errors import format_exact
-from app.base.quantities import ESTIMATED, label_of
+from app.base.quantities import ESTIMATED, label_of, unit_of
 from app.base.units import round_to_cell
 from app.io.table import format_text
 
+NOT_CONVERGING = "does not converge with the grid"
 _MIN_ERROR = 1e-9  # relative; smaller ones are of prescribed quantities
 
 
@@ -27,8 +31,8 @@ def summary(facts, grid, output=None):
     past = f"{beyond:z.6g} mm beyond" if beyond >= 0 else f"{-beyond:.6g} mm short of"
     past = f" ({past} first touch)" if facts["approach"] < 0 else ""
     lines.append(
-        f"approach {facts['approach']:z.8g} mm{past}, load {facts['load']:.8g} N, "
-        f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
+        f"approach {facts['approach']:z.8g} mm{past}{remark(facts, 'approach')}, load {facts['load']:.8g} N"
+        f"{remark(facts, 'load')}, maximum pressure {facts['max_pressure']:.8g} N/mm2{remark(facts, 'max_pressure')}"
     )
     if facts.get("periodic"):
         pressure, gap = facts["mean_pressure"], facts["mean_gap"]
@@ -55,6 +59,16 @@ def summary(facts, grid, output=None):
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
+
+
+def remark(facts, name):
+    """Return a text after a number that does not converge with the grid; empty for other numbers."""
+    return f" ({NOT_CONVERGING})" if fails_to_converge(facts, name) else ""
+
+
+def fails_to_converge(facts, name):
+    """Return whether the estimated grid error of a number is all of it."""
+    return facts.get(f"{name}_error", 0.0) >= 1
 
 
 def _describe_random_surfaces(facts):
@@ -113,28 +127,36 @@ def _describe_contact(facts, grid):
 
 
 def _describe_pressure(facts, grid):
-    """Return lines with mean pressure, contact ellipse and stiffness."""
+    """Return lines with mean pressure, shape of the contact and stiffness."""
     lines = []
     if facts["contact_cells"]:
         lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
-    x, y = (round_to_cell(facts[f"pressure_centre_{name}"], getattr(grid, f"d{name}")) for name in "xy")
-    centre = f"; centre of pressure ({x:.6g}, {y:.6g}) mm" if x == x else ""
-    if grid.one_way and facts["contact_cells"]:
-        width, axis = (
-            facts["contact_area"] / grid.sides["xy".index(grid.one_way)],
-            "yx"["xy".index(grid.one_way)],
-        )
-        lines.append(f"mean width of the contact in {axis} {width:.6g} mm{centre}")
-    if facts["semi_axis_major"] == facts["semi_axis_major"]:
+    shape, places = contact_shape(facts, grid), centre_of_pressure(facts, grid)
+    if shape:
+        parts = [f"{label_of(name)} {value:.6g} {unit_of(name)}" for name, value in shape.items()]
+        if "semi_axis_major" in shape:
+            axes = " and ".join(f"{axis:.6g}" for axis in shape.values())
+            angle = round_to_cell(facts["major_axis_angle"], 0.01)
+            parts = [f"elliptic contact: semi-axes {axes} mm, the longer at {angle:.4g} degrees from x"]
+        lines.append(", ".join(parts))
+    if places:
         lines.append(
-            f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
-            f"the longer at {round_to_cell(facts['major_axis_angle'], 0.01):.4g} degrees from x{centre}"
+            f"centre of pressure {', '.join(f'{name} = {at:.6g} mm' for name, at in places.items())}"
         )
     if "plastic_area" in facts:
         lines.append(_describe_plastic(facts))
     if "stiffness" in facts:
         lines += _describe_stiffness(facts, grid)
     return lines
+
+
+def centre_of_pressure(facts, grid):
+    """Return the known coordinates of the centre of pressure by "x" and "y" [mm]."""
+    cells = {"x": grid.dx, "y": grid.dy}
+    places = {
+        name: round_to_cell(facts.get(f"pressure_centre_{name}", nan), cell) for name, cell in cells.items()
+    }
+    return {name: at for name, at in places.items() if at == at}
 
 
 def _describe_plastic(facts):

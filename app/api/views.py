@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from tabulate import tabulate
 
 from app.api.subsurface import survey
-from app.api.summary import summary
+from app.api.summary import remark, summary
 from app.base.errors import InputError, check_type
 from app.base.quantities import ESTIMATED, label_of, unit_of
 from app.base.units import format_lengths, format_quantity
@@ -100,7 +100,9 @@ def _as_html(heading, table, figure=None, lines=()):
 def _quantities_table(solution, names):
     values = [(name, getattr(solution, name)) for name in names]
     rows = [
-        (label_of(name), format_quantity(value, unit_of(name))) for name, value in values if value == value
+        (label_of(name), format_quantity(value, unit_of(name)) + remark(solution.attributes, name))
+        for name, value in values
+        if value == value
     ]
     rows += [
         ("proved error bound", f"{solution.error_bound:.2g}"),

@@ -37,6 +37,12 @@ QUANTITIES = {
         "mm", "larger semi-axis", "of the ellipse with the second moments of the contact"
     ),
     "semi_axis_minor": Quantity("mm", "smaller semi-axis"),
+    "contact_extent_x": Quantity("mm", "extent of the contact in x", "from the first to the last cell"),
+    "contact_extent_y": Quantity("mm", "extent of the contact in y"),
+    "load_per_length": Quantity("N/mm", "load per length", "load over the length of the contact"),
+    "half_length": Quantity("mm", "half length of the contact"),
+    "half_width": Quantity("mm", "half width of the contact", "where it is widest"),
+    "mean_half_width": Quantity("mm", "mean half width", "contact area over twice its length"),
     "major_axis_angle": Quantity("degree", "larger semi-axis from x"),
     "persson_fraction": Quantity(
         "1", "Persson's theory", "contact fraction at this mean pressure, E* and rms slope"

@@ -14,24 +14,27 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
+from app.api.contact_shape import EXTENTS, SEMI_AXES, contact_shape
 from app.api.subsurface import find_layer, find_poisson_ratio, stress, survey
+from app.api.summary import NOT_CONVERGING, centre_of_pressure, fails_to_converge
 from app.base.errors import InputError, is_number
 from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
-from app.base.units import choose_length_unit, format_quantity, round_to_cell
+from app.base.units import choose_length_unit, format_quantity
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command
 from app.io.files import check_output_path, report_write_errors, write_text
 from app.io.result import read_result
 from app.plots import figures, style, sweeps
-from app.plots.pictures import PICTURES, pictures_of
+from app.plots.pictures import PICTURES, analytic_reference, pictures_of
 
 _QUANTITIES = (
     "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
     "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
-    "largest_patch", "perimeter", "semi_axis_major", "semi_axis_minor", "pressure_centre_x", "pressure_centre_y",
-    "plastic_area", "plastic_fraction", "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume",
-    "mean_plastic_depth", "hardness", "largest_load", "mean_gap", "stiffness", "unloading_stiffness",
-    "conductance_width", "electrical_conductance", "thermal_conductance", "contact_modulus", "rms_height", "rms_slope",
+    "largest_patch", "perimeter", *SEMI_AXES, *EXTENTS, "load_per_length", "half_length",
+    "half_width", "mean_half_width", "pressure_centre_x", "pressure_centre_y", "plastic_area", "plastic_fraction",
+    "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume", "mean_plastic_depth", "hardness",
+    "largest_load", "mean_gap", "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance",
+    "thermal_conductance", "contact_modulus", "rms_height", "rms_slope",
 )  # fmt: skip
 _ORIGIN = {
     "version": "version",
@@ -94,9 +97,8 @@ def numbers_section(result):
     """Return the section of result numbers and their meanings."""
     grid = result.grid
     values = result.attributes | result.count_patches()
-    for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
-        if name in values:
-            values[name] = round_to_cell(values[name], cell)
+    values |= dict.fromkeys((*SEMI_AXES, *EXTENTS)) | contact_shape(values, grid)
+    values |= {f"pressure_centre_{name}": at for name, at in centre_of_pressure(values, grid).items()}
     quantities = []
     for name in _QUANTITIES:
         unit, _, meaning, _ = QUANTITIES[name]
@@ -105,8 +107,9 @@ def numbers_section(result):
             # A prescribed quantity does not differ from its analytic value.
             differs = _is_number(exact) and exact and abs(value / exact - 1) > 1e-12
             unbroken = _format(exact, unit).replace(" ", "\N{NO-BREAK SPACE}") if differs else ""
-            analytic = f"{unbroken} ({100 * (value / exact - 1):+.2g}%)" if differs else ""
-            quantities.append((label_of(name), _format(value, unit), analytic, meaning))
+            analytic = f"analytic {unbroken} ({100 * (value / exact - 1):+.2g}%)" if differs else ""
+            remarks = [analytic, NOT_CONVERGING if fails_to_converge(values, name) else ""]
+            quantities.append((label_of(name), _format(value, unit), list(filter(None, remarks)), meaning))
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
         ("max_pressure", modulus, "maximum pressure over E*",
@@ -115,8 +118,8 @@ def numbers_section(result):
          "mean pressure over E* times rms slope", "what the contact fraction follows"),
     ):  # fmt: skip
         if _is_number(values.get(name)) and scale > 0:
-            quantities.append((label, f"{values[name] / scale:.3g}", "", meaning))
-    names, steps = ("label", "value", "analytic", "meaning"), len(result.path.get("load", ()))
+            quantities.append((label, f"{values[name] / scale:.3g}", [], meaning))
+    names, steps = ("label", "value", "remarks", "meaning"), len(result.path.get("load", ()))
     heading = "Result"
     if steps > 1:
         heading = f"Last of {steps} steps, load {_format(values['load'], 'N')}"
@@ -151,7 +154,7 @@ def proof_section(values):
     for label, error in errors.items():
         if error >= 1:
             texts.append(
-                f"The {label} does not converge: finer grids change it, as they change the pressure at a sharp edge."
+                f"The {label} {NOT_CONVERGING}: finer grids change it, as they change the pressure at a sharp edge."
             )
     return Section("accuracy", "How good it is", texts)
 
@@ -179,9 +182,8 @@ def request_section(result):
         if name.startswith(_REQUESTED):
             unit = "" if isinstance(value, str) else sweeps.find_unit(name) or ""
             facts[name] = f"{format_attribute(value)} {unit}".rstrip()
-    for name in ("options", "command_line"):
-        if values.get(name):
-            facts[name.replace("_", " ")] = values[name]
+    if values.get("command_line"):
+        facts["command line"] = values["command_line"]
     return Section("asked", "What was asked", facts=facts)
 
 
@@ -239,11 +241,13 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     """
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []
-    names = [name for name in PICTURES if name not in _IN_SUMMARY]
+    names = [name for name in PICTURES if name not in (*_IN_SUMMARY, "summary")]
     pictures = {name: _draw_panels(figure) for name, figure in pictures_of(result, names)}
+    # The section on stresses has the largest stress, to all digits.
+    summary = figures.summary_figure(result, analytic_reference(result), with_stress=not with_stress)
     path_picture = {name: pictures.pop(name) for name in ("path",) if name in pictures}
     sections = [numbers_section(result), proof_section(values)]
-    sections[0].pictures = {"summary": pictures.pop("summary")}
+    sections[0].pictures = {"summary": _draw_panels(summary)}
     if values.get("notes"):
         sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
     if result.path:

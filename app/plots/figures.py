@@ -133,11 +133,11 @@ def history_figure(result):
 
 
 @with_style
-def summary_figure(result, reference=None):
+def summary_figure(result, reference=None, with_stress=True):
     """Draw contact area, pressure, a section along x, and a fourth panel.
 
-    The fourth panel is the stress below the section. If the contact is long in y, or Poisson's ratio is unknown, it is
-    the section along y.
+    The fourth panel is the stress below the section. If the contact is long in y, Poisson's ratio is unknown, or
+    `with_stress` is false, it is the section along y.
     """
     canvas = Canvas(result, zoom=True, lie=True)
     width, height = canvas.size
@@ -147,7 +147,7 @@ def summary_figure(result, reference=None):
     canvas.draw_pressure(pressure, reference)
     place = hottest_cell(result)
     ends = draw_section(section, result, "x", *place, reference)
-    if canvas.lies or not draw_section_stress(last, result, "x", *place, ends):
+    if canvas.lies or not (with_stress and draw_section_stress(last, result, "x", *place, ends)):
         draw_section(last, result, "y", *place, reference)
     return figure
 

@@ -27,7 +27,7 @@ _UNITS = (
     ("W/(m K)", "thermal_conductivity"),
     (
         "mm",
-        "domain|roller_(end_chamfer|profile|crown_drop)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
+        "domain|roller_(end_chamfer|crown_drop)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
     ),
     ("mm", "coating_thickness|surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )

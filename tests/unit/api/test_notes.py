@@ -222,7 +222,7 @@ def test_a_layer_much_thicker_than_its_patch_gets_a_note():
         return app.solve(ContactProblem(GRID, coated, Sphere(10.0)), load=100.0).notes
 
     assert any("is the thickness in mm" in note for note in notes(11.0))
-    assert not any("thick" in note for note in notes(3.0))
+    assert not any("thick" in note for note in notes(0.05))
 
 
 def test_only_cells_along_which_the_pressure_varies_must_be_small_for_a_layer():
@@ -238,3 +238,49 @@ def test_only_cells_along_which_the_pressure_varies_must_be_small_for_a_layer():
         assert long.max_pressure == pytest.approx(short.max_pressure, rel=1e-5)
         assert not any("layer" in note for note in (*short.notes, *long.notes))
     assert any("thinner than cells" in note for note in pressed(5.0, 0.49, 4).notes)
+
+
+STEEL = Material.pair((2.1e5, 2.1e5), (0.3, 0.3))
+
+
+def notes_on(pattern, material, load, hardness=None, grid=GRID, gap=None):
+    problem = ContactProblem(grid, material, gap or Sphere(10.0), hardness=hardness)
+    return sum(bool(re.search(pattern, note)) for note in solve(problem, None, load=load).notes)
+
+
+@pytest.mark.parametrize("width", [2, 4, 6, 8, 10, 12])
+def test_contact_of_fewer_than_ten_cells_gets_a_note(width):
+    grid = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
+
+    def flat(x, y):
+        return np.where(np.abs(x) < width / 32, 0.0 * y, 1.0)
+
+    found = notes_on(f"contact is at most {width} cells wide in x", STEEL, 10.0, None, grid, flat)
+    assert found == (width < 10)
+
+
+@pytest.mark.parametrize(
+    ("material", "load", "hardness", "has_note"),
+    [
+        (STEEL, 2e4, None, 1), (STEEL, 100.0, None, 0), (STEEL, 2e4, 7e3, 0), (SOFT, 20.0, None, 0),
+        (Material.from_contact_modulus(1e5), 2e4, None, 1),
+    ],
+)  # fmt: skip
+def test_metals_beyond_their_yield_without_a_hardness_get_a_note(material, load, hardness, has_note):
+    assert notes_on("metals yield", material, load, hardness) == has_note
+
+
+@pytest.mark.parametrize(
+    ("thickness", "has_note"), [(2.0, 1), (2e-6, 1), (9e-6, 1), (2e-3, 0), (0.05, 0), (2.0e-5, 0)]
+)
+def test_coatings_of_a_doubtful_thickness_get_a_note(thickness, has_note):
+    coated = Material.coated((3e5, 2.1e5), (0.2, 0.3), thickness, (2.1e5, 0.3))
+    assert notes_on("thick.*: is the thickness in mm", coated, 100.0) == has_note
+    lining = Material.layer(5.0, 0.4, thickness)
+    assert notes_on("thick.*: is the thickness in mm", lining, 0.1) == (has_note and thickness < 1)
+
+
+def test_a_coating_thicker_than_a_line_contact_is_wide_gets_a_note():
+    grid = Grid.from_domain(64, 4, (-0.5, 0.5, 0.0, 10.0), periodic="y")
+    coated = Material.coated((3e5, 2.1e5), (0.2, 0.3), 2.0, (2.1e5, 0.3))
+    assert notes_on("thick, and the contact .* wide: is", coated, 1000.0, None, grid, app.Cylinder(10.0))

@@ -35,7 +35,7 @@ def test_a_hardness_is_summarised_with_its_plastic_area(hardness):
 
 
 @pytest.mark.parametrize(("periodic", "axis"), [("y", "x"), ("x", "y")])
-def test_a_line_contact_has_its_mean_width(periodic, axis):
+def test_a_line_contact_has_its_half_width_and_load_per_length(periodic, axis):
     sides = (-1, 1, 0, 3) if periodic == "y" else (0, 3, -1, 1)
     grid = Grid.from_domain(*((64, 4) if periodic == "y" else (4, 64)), sides, periodic)
     problem = ContactProblem(
@@ -43,7 +43,12 @@ def test_a_line_contact_has_its_mean_width(periodic, axis):
     )
     solution = solve(problem, load=3.0)
     width = solution.contact.any(axis=0 if axis == "x" else 1).sum() * 2 / 64
-    assert f"mean width of the contact in {axis} {width:.6g} mm" in summary(solution.attributes, grid)
+    text = summary(solution.attributes, grid)
+    assert (
+        f"load per length 1 N/mm, half width of the contact {width / 2:.6g} mm, mean half width {width / 2:.6g}"
+        in text
+    )
+    assert f"centre of pressure {axis} = 0 mm\n" in text and "nan" not in text
 
 
 def test_the_time_of_compilation_is_apart_from_those_of_set_up_and_solve():

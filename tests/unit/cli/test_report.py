@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from results import with_attributes
 
-from app import ContactProblem, Grid, Material, Paraboloid, read_result, solve
+from app import ContactProblem, Grid, Material, Paraboloid, Roller, read_result, solve
+from app.api.summary import summary
 from app.cli import report, subsurface, xdmf
 
 
@@ -81,8 +82,8 @@ def test_report_has_analytic_values_without_rounding(undrawn):
     values = result.attributes
     for name, label in (("approach", "approach"), ("max_pressure", "maximum pressure")):
         off = values[name] / values[f"analytic_{name}"] - 1
-        assert numbers[label]["analytic"].endswith(f"({100 * off:+.2g}%)")
-    assert numbers["load"]["analytic"] == ""  # prescribed
+        assert numbers[label]["remarks"][0].endswith(f"({100 * off:+.2g}%)")
+    assert numbers["load"]["remarks"] == []  # prescribed
     named = with_attributes(result, surface_parts=np.array(["one", "two"], object))
     assert report.request_section(named).facts["surface_parts"] == "one, two"
     facts = report.request_section(result).facts | {"load": report.format_attribute(10000 / 3)}
@@ -146,3 +147,74 @@ def test_bad_input_is_one_line(path, tmp_path, capsys, command, arguments, messa
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and message in err
     assert list(tmp_path.iterdir()) == [path]
+
+
+def line_contact():
+    grid = Grid.from_domain(64, 64, (-0.5, 0.5, -6, 6))
+    return solve(
+        ContactProblem(grid, Material.pair((2.1e5, 2.1e5), (0.3, 0.3)), Roller(5.0, 10.0, end_chamfer=0.5)),
+        load=5000,
+    )
+
+
+def ring():
+    grid = Grid.from_domain(64, 64, (-2, 2, -2, 2))
+    return solve(
+        ContactProblem(
+            grid, Material.from_contact_modulus(1e5), lambda x, y: (np.hypot(x, y) - 1.2) ** 2 / 5
+        ),
+        load=500,
+    )
+
+
+def test_only_an_ellipse_has_semi_axes():
+    roller, circle = read_back(line_contact()), read_back(ring())
+    for result, names, text in (
+        (
+            roller,
+            {"load per length": "555.556 N/mm", "half length of the contact": "4.5 mm"},
+            "half width of the contact",
+        ),
+        (circle, {"extent of the contact in x": None}, "extent of the contact in y"),
+    ):
+        numbers = {row["label"]: row["value"] for row in report.numbers_section(result).quantities}
+        assert not any("semi-axis" in name for name in numbers) and text in numbers
+        assert all(numbers[name] == value or value is None for name, value in names.items())
+        said = summary(result.attributes, result.grid)
+        assert text in said and "semi-axes" not in said
+    x = result.grid.x()[circle.contact.any(axis=0)]
+    assert circle.attributes["contact_extent_x"] == pytest.approx(np.ptp(x) + result.grid.dx)
+    turned = read_back(
+        solve(
+            ContactProblem(
+                Grid.from_domain(64, 64, (-1, 1, -1, 1)), Material.from_contact_modulus(1e5),
+                lambda x, y: (x + y) ** 2 / 10 + (x - y) ** 2 / 30,
+            ),
+            load=2000,
+        )
+    )  # fmt: skip
+    assert "elliptic contact: semi-axes" in summary(turned.attributes, turned.grid)
+
+
+def test_a_number_that_does_not_converge_is_said_to_in_its_row():
+    solution = line_contact()
+    result = with_attributes(read_back(solution), max_pressure_error=1.0)
+    rows = {row["label"]: row["remarks"] for row in report.numbers_section(result).quantities}
+    assert rows["maximum pressure"] == ["does not converge with the grid"] and rows["load"] == []
+    assert " N/mm2 (does not converge with the grid)\n" in summary(result.attributes, result.grid)
+
+
+def test_report_has_one_value_of_the_largest_stress_and_no_settings(undrawn):
+    result = read_back(line_contact())
+    drawn = []
+    original, report.figures.summary_figure = (
+        report.figures.summary_figure,
+        lambda *_, with_stress: drawn.append(with_stress),
+    )
+    try:
+        text = report.web_page(result)
+        report.web_page(result, with_stress=False)
+    finally:
+        report.figures.summary_figure = original
+    assert drawn == [False, True]
+    assert "-lcp_" not in text and "lcp_rtol" not in text
