@@ -7,6 +7,7 @@ from app.plots.figures import MIN_RATIO, make_title
 from app.plots.maps import estimate_rounding, finite_pressure
 from app.plots.style import (
     BLUE,
+    DASH_DOTTED,
     DASHED,
     DOTTED,
     GREEN,
@@ -136,7 +137,7 @@ def spectrum_figure(result):
             span = np.array([first, last])
             height = 3 * np.interp(first, q, density) * (span / first) ** power
             slope = f"slope {power:.2g}".replace("-", "−")
-            axes.plot(span, height, color=GREEN, linestyle=DASHED, label=slope)
+            axes.plot(span, height, color=GREEN, linestyle=DASH_DOTTED, label=slope)
     axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 

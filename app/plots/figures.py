@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from app.base.units import choose_length_unit, choose_unit
+from app.base.units import choose_length_unit, choose_unit, round_to_cell
 from app.halfspace.grid import plan_grids
-from app.plots.maps import Canvas, cell_edges, finite_pressure, format_number
+from app.plots.maps import MAX_TICKS, Canvas, cell_edges, finite_pressure, format_number
 from app.plots.stress import draw_section_stress
 from app.plots.style import (
     BLUE,
@@ -36,6 +36,7 @@ PROBLEMS = {
 }
 
 MIN_RATIO = 1.0001  # of two values that are shown as different
+_HIGH_SHARE = 0.9  # of the highest pressure, in cells of the sections
 _MAX_RESIDUAL = 1e200  # axes overflow beyond
 _PRESCRIBED = {
     "load": ("loads", "N"),
@@ -111,14 +112,13 @@ def deformation_figure(result):
 
 @with_style
 def section_figure(result, reference=None):
-    """Draw pressure and gap along x and y through the `hottest_cell`.
+    """Draw pressure and gap along x and y at the `section_place`.
 
-    The `hottest_cell` is the cell of highest pressure. If there is a `reference` solution, its pressure is drawn
-    instead of the gap.
+    If there is a `reference` solution, its pressure is drawn instead of the gap.
     """
     figure, panels = new_panels([(7.4, 3.6)] * 2, title=make_title(result))
     for axes, along in zip(panels, "xy", strict=True):
-        draw_section(axes, result, along, *hottest_cell(result), reference)
+        draw_section(axes, result, along, *section_place(result), reference)
     return figure
 
 
@@ -145,21 +145,23 @@ def summary_figure(result, reference=None, with_stress=True):
     figure, (contact, pressure, section, last) = new_panels(sizes, 2, make_title(result))
     canvas.draw_contact(contact)
     canvas.draw_pressure(pressure, reference)
-    place = hottest_cell(result)
+    place = section_place(result)
     ends = draw_section(section, result, "x", *place, reference)
     if canvas.lies or not (with_stress and draw_section_stress(last, result, "x", *place, ends)):
         draw_section(last, result, "y", *place, reference)
     return figure
 
 
-def hottest_cell(result):
-    """Return row and column of the highest pressure.
+def section_place(result):
+    """Return the row and the column of the sections along x and along y.
 
-    If several cells have the highest pressure, up to rounding, return the cell in their middle.
+    Both contain pressures near the highest one. Of these rows and columns they are next to the middle, so that they
+    cross a ring, and do not follow its rim.
     """
     pressure = finite_pressure(result.pressure)
-    cells = np.argwhere(pressure >= pressure.max() / MIN_RATIO)
-    return tuple(map(int, cells[np.sum((cells - cells.mean(axis=0)) ** 2, axis=1).argmin()]))
+    cells = np.argwhere(pressure >= _HIGH_SHARE * pressure.max())
+    apart = np.abs(cells - cells.mean(axis=0))
+    return tuple(int(cells[k, axis]) for axis, k in enumerate(apart.argmin(axis=0)))
 
 
 def draw_section(axes, result, along, row, column, reference):
@@ -169,9 +171,10 @@ def draw_section(axes, result, along, row, column, reference):
     """
     unit = choose_length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
-        line, across = row, f"y = {result.y[row] * unit.per_mm:.3g}"
+        line, across = row, f"y = {round_to_cell(result.y[row], 100 * result.grid.dy) * unit.per_mm:.8g}"
     else:
-        line, across = (slice(None), column), f"x = {result.x[column] * unit.per_mm:.3g}"
+        line, at = (slice(None), column), round_to_cell(result.x[column], 100 * result.grid.dx)
+        across = f"x = {at * unit.per_mm:.8g}"
     values, gap = result.pressure[line], np.where(result.contact[line], 0.0, result.gap[line])
     sides = cell_edges(result.grid, along) * unit.per_mm
     axes.stairs(values, sides, fill=True, color=PALE)
@@ -190,6 +193,8 @@ def draw_section(axes, result, along, row, column, reference):
         axes.plot(s, exact, color=ORANGE, linestyle=DASHED, label="Hertz")
         axes.legend(loc="upper right")
     across = across.replace("-", "−")
+    axes.ticklabel_format(style="plain", useOffset=False, axis="x")
+    axes.locator_params(axis="x", nbins=MAX_TICKS)
     axes.set(
         xlim=ends, xlabel=f"{along}  [{unit.name}]   at {across} {unit.name}", ylabel="pressure p  [N/mm²]"
     )

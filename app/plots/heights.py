@@ -4,15 +4,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from matplotlib.patches import Patch
 
 from app.base.units import choose_length_unit
 from app.plots.curves import draw_spectrum, extract_roughness
-from app.plots.maps import LEGEND_ABOVE, LENGTH_MAP, Canvas
+from app.plots.maps import LENGTH_MAP, Canvas
 from app.plots.style import (
     BLUE,
     DASHED,
-    GREY,
     ORANGE,
     PALE,
     annotate_empty,
@@ -68,10 +66,9 @@ def _prepare(surface):
 
 
 def _draw_map(axes, canvas, shown, limits, extend, unit):
-    label, (low, high) = f"height z  [{unit.name}]", limits
+    (low, high), missing = limits, "\ngrey: missing" if canvas.outside.any() else ""
+    label = f"height z  [{unit.name}]{missing}"
     canvas.draw_field(axes, shown, LENGTH_MAP, label, extend, vmin=low, vmax=high)
-    if canvas.outside.any():
-        axes.legend(handles=[Patch(color=GREY, label="missing")], **LEGEND_ABOVE)
 
 
 def draw_heights(axes, surface):

@@ -13,11 +13,12 @@ from matplotlib.patches import Ellipse, Patch
 
 from app.base.errors import InputError
 from app.base.units import choose_length_unit
-from app.plots.style import BLUE, DASHED, GREY, ORANGE, column_width
+from app.plots.style import BLUE, DASHED, GREY, ORANGE, annotate_empty, column_width
 from app.plots.zoom import draw_inset, find_view
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
 LEGEND_ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2, "frameon": False}
+MAX_TICKS = 5  # along x, so that labels of many digits do not touch
 MAX_PIXELS = 1024  # per side of an image; larger fields are averaged
 MAX_UPRIGHT = 1.8  # height over width of a map that need not lie
 MIN_ASPECT = 0.22  # short over long side of a map; narrower patches are stretched
@@ -103,15 +104,16 @@ class Canvas:
             ylabel=f"{up}  [{name}]",
             aspect="auto",
         )
+        slim = self.width < _MIN_LABEL_WIDTH
         if self.stretched:
             long, short = (up, across) if y1 - y0 > x1 - x0 else (across, up)
             times = max((y1 - y0) / (x1 - x0), (x1 - x0) / (y1 - y0)) * MIN_ASPECT
-            slim = self.width < _MIN_LABEL_WIDTH  # matplotlib would cut off a long line
-            gap, space = ("\n", "\n") if slim else ("   ", " ")
+            gap, space = ("\n", "\n") if slim else ("   ", " ")  # matplotlib would cut off a long line
             axes.set(xlabel=f"{across}  [{name}]{gap}({short}: {times:.3g} ×{space}the scale of {long})")
         axes.set_box_aspect(self.height / self.width)
-        axes.tick_params(axis="x", labelrotation=90 if self.width < _MIN_LABEL_WIDTH else 0)
-        axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # the legend is in the offset's place
+        axes.tick_params(axis="x", labelrotation=90 if slim else 0)
+        axes.ticklabel_format(style="plain", useOffset=False)
+        axes.locator_params(axis="x", nbins=2 if slim else MAX_TICKS)
         for spine in axes.spines.values():
             spine.set_visible(True)
         return image
@@ -139,7 +141,7 @@ class Canvas:
         inset = axes.inset_axes(below if self.low else [1 + 0.15 / self.width, 0, _BAR_WIDTH / self.width, 1])
         orientation = "horizontal" if self.low else "vertical"
         bar = axes.figure.colorbar(image, cax=inset, extend=extend, orientation=orientation)
-        bar.set_label(label)
+        axes.set_title(label)  # a label of the bar would look like one of the next panel
         ticks = [] if np.isnan(pixels).all() else ticks
         if ticks is not None:
             bar.set_ticks(ticks, labels=[f"{tick:.4g}".replace("-", "−") for tick in ticks])
@@ -210,15 +212,16 @@ class Canvas:
             limit = 1.5 * float(np.quantile(pressure[pressure > 0], 0.99))
             if limit < highest:
                 highest, extend = limit, "max"
-        label = "pressure p  [N/mm²]" + (f"   maximum {format_number(maximum)}" if maximum else "")
+        remarks = [f"maximum {format_number(maximum)}"] if maximum else []
+        remarks += ["dashed: Hertz's ellipse"] if reference is not None else []
+        label = "\n".join(filter(None, ["pressure p  [N/mm²]", ", ".join(remarks)]))
         shown = pressure[self.view]
         self.draw_field(axes, shown, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
         if reference is not None:
             a, b = (2 * half * self.unit.per_mm for half in (reference.a, reference.b))
-            ellipse = Ellipse((0, 0), *((b, a) if self.lies else (a, b)), fill=False, label="Hertz's ellipse")
+            ellipse = Ellipse((0, 0), *((b, a) if self.lies else (a, b)), fill=False)
             ellipse.set(edgecolor=ORANGE, linestyle=DASHED, linewidth=1.2)
             axes.add_patch(ellipse)
-            axes.legend(**LEGEND_ABOVE)
         self._draw_patch(axes)
 
     def draw_length(self, axes, field, colours, label):
@@ -253,7 +256,11 @@ class Canvas:
     def draw_gap(self, axes):
         """Draw the gap e, white in contact."""
         gap = np.where(self.result.contact, np.nan, self.result.gap)
-        self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]  (white: contact)")
+        if not np.isfinite(gap).any():
+            annotate_empty(axes, "no gap: contact everywhere")
+            axes.set_box_aspect(self.height / self.width)
+            return
+        self.draw_length(axes, gap, LENGTH_MAP + "_r", "gap e  [{}]\nwhite: contact")
 
 
 def format_number(value):

@@ -91,7 +91,7 @@ def pictures_of(result, names):
 
 def _draw_section(along):
     def draw(axes, result, reference):
-        figures.draw_section(axes, result, along, *figures.hottest_cell(result), reference)
+        figures.draw_section(axes, result, along, *figures.section_place(result), reference)
 
     return draw
 
@@ -159,7 +159,7 @@ def spots_figure(patches):
         attributes={"contact_fraction": contact.mean()},
         patches=lambda: patches,
     )
-    canvas = Canvas(shown)
+    canvas = Canvas(shown, zoom=True, lie=True)
     figure = new_figure(*canvas.size)
     canvas.draw_contact(figure.subplots())
     return figure

@@ -7,9 +7,10 @@ from app.base.units import choose_length_unit
 from app.halfspace.stress.layered import LayeredStress
 from app.halfspace.stress.subsurface import SubsurfaceStress, coarsen, is_largest, max_shear, von_mises
 from app.io.result import find_layer, find_poisson_ratio
-from app.plots.maps import cell_edges, format_number
+from app.plots.maps import MAX_TICKS, cell_edges, format_number
 from app.plots.style import (
     BLUE,
+    DASH_DOUBLE_DOTTED,
     DASHED,
     DOTTED,
     GREEN,
@@ -30,6 +31,7 @@ _SCALE_SHARE = 0.98  # of a section's points whose stresses the colours must sho
 _SHAPES = 0.3, 0.7  # smallest and largest height over width of a section
 _MAX_RATIO = 2.5  # of the lengths of two sections with the same scale
 _MAX_WIDENING = 1.5  # of a section's length, for the same scale of depth
+_THIN = 0.05  # of the depth shown; a thinner coating has its own panel
 _MAX_CONTRAST = 2.0  # of the largest stresses of a layer and its base that share a colour scale
 PANEL_SHAPE = 0.5  # depth over width of the section in the summary
 
@@ -58,12 +60,10 @@ def _draw_mises(axes, along, grid, ends, depths, mises, highest, shape, interfac
         extend = "max" if field.max() > 1.001 * top else "neither"
         place = [1.02, 0, 0.03, 1] if len(tops) == 1 else [1.02, 0.54 * (1 - number), 0.03, 0.46]
         bar = axes.figure.colorbar(image, cax=axes.inset_axes(place), extend=extend)
-        bar.set_label("von Mises  [N/mm²]" if len(tops) == 1 else ("layer", "base")[number])
-    if len(tops) > 1:
-        style = {"rotation": 90, "ha": "left", "va": "center", "size": rcParams["axes.labelsize"]}
-        axes.text(1.18, 0.5, "von Mises  [N/mm²]", transform=axes.transAxes, **style)
+        bar.set_label(("layer", "base")[number] if len(tops) > 1 else "")
     _draw_interface(axes, interface, depths, z_unit)
     axes.set_box_aspect(shape)
+    axes.set_title("von Mises stress  [N/mm²]")
     axes.set(
         xlabel=f"{along}  [{unit.name}]{remark}",
         ylabel=f"depth z  [{z_unit.name}]",
@@ -95,11 +95,12 @@ def _draw_interface(axes, interface, depths, unit):
 
 
 def _mark(axes, at, depth, text=""):
+    """Mark a point of a section by a cross, whose meaning the title has."""
     size = 2.4 * rcParams["lines.markersize"]
     style = {"color": GREEN, "marker": "+", "markersize": size, "markeredgewidth": size / 6}
-    axes.plot(at, depth, label=text, clip_on=False, linestyle="none", **style)
+    axes.plot(at, depth, clip_on=False, linestyle="none", **style)
     if text:
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
+        axes.set_title(f"{axes.get_title()}\n+ {text}")
 
 
 def _describe(stress, depth):
@@ -181,8 +182,9 @@ def stress_figure(grid, stresses, heading):
         ends = {along: _widen(*pair, length) for along, pair in ends.items()}
         lengths = [length] * 2
     shape = float(np.clip((depths[-1] or 1.0) / min(lengths), *_SHAPES))
-    heights = [5.4 * shape + 1.4] * 2
-    figure, panels = new_mosaic([["x", "line"], ["y", "line"]], [7.4, 5.4], heights, heading)
+    thin = stresses.interface is not None and stresses.interface < _THIN * depths[-1]
+    layout = [["x", "coating" if thin else "line"], ["y", "line"]]
+    figure, panels = new_mosaic(layout, [7.4, 5.4], [5.4 * shape + 1.8] * 2, heading)
     highest, scale = (
         max(field.max() for field in mises.values()),
         _scale(mises.values(), depths, stresses.interface),
@@ -196,18 +198,25 @@ def stress_figure(grid, stresses, heading):
         unit, z_unit = _draw_mises(panels[along], along, *shown, across if varies else "")
         place = getattr(at, along) * unit.per_mm, at.depth * z_unit.per_mm
         _mark(panels[along], *place, text if along == "x" else "")
-    right = panels["line"]
-    z_unit = choose_length_unit(depths[-1])
-    z = depths * z_unit.per_mm
-    for k, label, colour, style in (
-        (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
-    ):  # fmt: skip
-        right.plot(line[k], z, color=colour, linestyle=style, label=label)
-    right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
-    right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
-    right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
-    _draw_interface(right, stresses.interface, depths, z_unit)
-    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{z_unit.name}]", ylim=(z[-1] or 1.0, 0))
-    right.locator_params(axis="x", nbins=5)
-    add_legend(right)
+    _draw_line(panels["line"], line, depths, stresses.interface)
+    if thin:
+        coating = _split(depths, stresses.interface)[0]
+        _draw_line(panels["coating"], line[:, coating], depths[coating], None)
+        panels["coating"].set_title("in the coating")
+    add_legend(panels["coating" if thin else "line"])
     return figure
+
+
+def _draw_line(axes, line, depths, interface):
+    """Draw stresses on a vertical line against the depth."""
+    unit = choose_length_unit(depths[-1])
+    z = depths * unit.per_mm
+    for values, label, colour, style in (
+        (line[0], "σx", GREEN, "-."), (line[1], "σy", PURPLE, DOTTED), (line[2], "σz", BLUE, DASHED),
+        (von_mises(line), "von Mises", ORANGE, "-"), (max_shear(line), "largest shear", "0.3", DASH_DOUBLE_DOTTED),
+    ):  # fmt: skip
+        axes.plot(values, z, color=colour, linestyle=style, label=label)
+    axes.axvline(0, color=GREY, linewidth=0.8, zorder=0)
+    _draw_interface(axes, interface, depths, unit)
+    axes.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{unit.name}]", ylim=(z[-1] or 1.0, 0))
+    axes.locator_params(axis="x", nbins=MAX_TICKS)

@@ -23,9 +23,10 @@ from app.io.files import atomic_file
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # distinct for colour-blind readers
 PURPLE, GREY, PALE = "#aa4499", "#c8c8c8", "#cfe3f1"
 DASHED, DOTTED, DASH_DOTTED = (0, (5, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5))
+DASH_DOUBLE_DOTTED = (0, (6, 1, 1, 1, 1, 1))
 SERIES = (
     (BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."),
-    (PURPLE, "D", ":"), ("#56b4e9", "v", (0, (6, 1, 1, 1, 1, 1))), ("#8c6d31", "P", (0, (3, 1))),
+    (PURPLE, "D", ":"), ("#56b4e9", "v", DASH_DOUBLE_DOTTED), ("#8c6d31", "P", (0, (3, 1))),
 )  # fmt: skip
 RC = {
     "figure.constrained_layout.use": True,

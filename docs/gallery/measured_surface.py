@@ -4,6 +4,7 @@ A map of heights comes from an instrument as a file. The script first writes suc
 micrometres, tilted as measured maps are.
 """
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from app import ContactProblem, Material, SelfAffineSurface, Sphere, read_surface, roughness, solve
@@ -28,5 +29,7 @@ for name, solution in (("rough", rough), ("smooth", smooth)):
         f"approach {1e3 * solution.approach:.2f} um, {len(solution.patches().cells)} contact spots"
     )
 
-figure, axes = rough.plot("contact")
-figure.savefig("measured_surface.png", dpi=70)
+figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.8), layout="constrained")
+rough.plot("contact", ax=left)
+smooth.plot("pressure", ax=right)
+figure.savefig("measured_surface.png", dpi=60)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from results import made_up_result, with_attributes
 
@@ -124,9 +125,35 @@ def test_map_that_is_long_in_y_lies_flat():
     assert "".join(sections) == "xy"  # no stress below: along the contact the pressure says more
 
 
-def test_colour_bar_names_the_maximum(result):
-    bar = figures.pressure_figure(result).axes[0].child_axes[0]
-    assert f"maximum {result.pressure.max():.4g}" in bar.get_ylabel() + bar.get_xlabel()
+def test_title_of_a_map_says_what_its_colours_mean(result):
+    """A label of the colour bar would look like one of the next panel."""
+    axes = figures.pressure_figure(result).axes[0]
+    bar = axes.child_axes[0]
+    assert f"maximum {result.pressure.max():.4g}" in axes.get_title() and "[N/mm²]" in axes.get_title()
+    assert not bar.get_ylabel() + bar.get_xlabel()
+
+
+@pytest.mark.parametrize("corner", [0.0, -1000.2, 12345.6])
+@pytest.mark.parametrize("lie", [False, True])
+def test_tick_labels_of_tall_contacts_do_not_touch(corner, lie):
+    result = made_up_result(64, 64)
+    contact = np.zeros((64, 64), bool)
+    contact[18:46, 30:34] = True
+    grid = replace(result.grid, x0=corner, y0=corner, dx=1 / 64, dy=1 / 64)
+    result = replace(
+        result, contact=contact, pressure=1.0 * contact, undeformed_distance=np.ones((64, 64)),
+        x=grid.x(), y=grid.y(),
+    )  # fmt: skip
+    figure = Figure(figsize=(5, 4))
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    if lie:
+        figure = figures.summary_figure(result)
+    else:
+        plot(result, "pressure", figure.subplots())
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert not overlaps([tick.label1 for tick in axes.xaxis.get_major_ticks()], renderer)
+        assert not axes.xaxis.get_offset_text().get_text()
 
 
 @pytest.mark.parametrize("pixels", [1024, 50])
