@@ -1,6 +1,7 @@
 """Peak memory of set-up and solve over what is estimated: ``python tests/peak.py CELLS METHOD [PRESSURE [HARDNESS]]``.
 
-On any ranks. A method is a name, or options ``a=1,b=2``; with ``periodic:`` before it, on a periodic patch. PRESSURE is
+On any ranks. A method is a name, or options ``a=1,b=2``; with ``periodic:`` before it, on a periodic patch; ``film`` is
+the default method on a thin rubber layer. PRESSURE is
 the mean one: 50, the default, is 8% contact, 600 is 55%; ``ball:20000``: of a ball, in a window. Prints a line of JSON:
 doubles per cell measured on all ranks, and estimated.
 
@@ -21,7 +22,7 @@ from app.base.memory import doubles_per_cell, set_malloc_option
 from app.multigrid import solver_cache
 
 
-def problem(n, periodic, ball=False, hardness=None):
+def problem(n, periodic, ball=False, hardness=None, film=False):
     """Waves, as many as asperities on a rough surface; or a ball."""
     rng = np.random.default_rng(1)
     waves = list(zip(*rng.integers(1, 20, (2, 40)), rng.uniform(0, 2 * np.pi, 40), strict=True))
@@ -31,7 +32,8 @@ def problem(n, periodic, ball=False, hardness=None):
             return (x**2 + y**2) / 2
         return sum(1e-3 * np.cos(np.pi * (k * x + m * y) + phase) / np.hypot(k, m) for k, m, phase in waves)
 
-    grid, material = Grid.from_domain(n, n, (-1, 1, -1, 1)), Material.combined(82000, 0.28)
+    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+    material = Material.layer(1000.0, 0.5, 0.03) if film else Material.combined(82000, 0.28)
     return ContactProblem(grid, material, gap, periodic=periodic, hardness=hardness)
 
 
@@ -39,8 +41,8 @@ def solve(n, method, periodic, pressure, hardness):
     """Set up and solve once; return what is estimated."""
     ball, pressure = pressure.startswith("ball:"), float(pressure.removeprefix("ball:"))
     options = dict(pair.split("=") for pair in method.split(",")) if "=" in method else {}
-    name = None if options or method == "default" else method
-    with ContactSolver(problem(n, periodic, ball, hardness), name, options) as solver:
+    name = None if options or method in ("default", "film") else method
+    with ContactSolver(problem(n, periodic, ball, hardness, method == "film"), name, options) as solver:
         if "lcp_type" in options:  # TAO, SNESVI
             solver.solve(approach=solver.touching + 0.002)
         else:

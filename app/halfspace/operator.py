@@ -24,8 +24,12 @@ from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows,
 from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
 
-_FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType; "local" kinds are treated as global ones, see `SOR`
-_ZERO_GUESS = 16
+_KIND = PETSc.Mat.SORType
+_FORWARD = (
+    _KIND.FORWARD_SWEEP | _KIND.LOCAL_FORWARD_SWEEP
+)  # "local" kinds are treated as global ones, see `SOR`
+_BACKWARD = _KIND.BACKWARD_SWEEP | _KIND.LOCAL_BACKWARD_SWEEP
+_ZERO_GUESS = _KIND.ZERO_INITIAL_GUESS
 # Cached properties:
 _PRODUCTS = "product", "exact_product", "inverse", "exact_inverse", "screened_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")

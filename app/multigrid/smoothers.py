@@ -5,6 +5,8 @@ Gauss-Seidel and SOR are PETSc's PCSOR with the sweeps of the operator. Damped J
 updating all of them at once is a Jacobi step, which converges for no useful damping.
 """
 
+from petsc4py import PETSc
+
 from app.multigrid.ksp_context import KspContext
 
 
@@ -17,4 +19,4 @@ class NoSmoothing(KspContext):
 
     def solve(self, ksp, b, x):
         """Leave x unchanged."""
-        ksp.setConvergedReason(4)  # CONVERGED_ITS
+        ksp.setConvergedReason(PETSc.KSP.ConvergedReason.CONVERGED_ITS)

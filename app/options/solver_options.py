@@ -189,6 +189,8 @@ def _mark_used(name):
 
 def is_used(name):
     """Return whether an option of PETSc's database was read."""
+    if hasattr(PETSc.Options, "used"):  # since 3.24, in which a PetscBool has one byte
+        return PETSc.Options().used(name)
     used = ctypes.c_int()
     call("PetscOptionsUsed", None, name.encode(), ctypes.byref(used))
     return bool(used.value)

@@ -78,7 +78,8 @@ class GaussSeidel:
         """Mean work of past sweeps, in products with A.
 
         The operations are counted by a model: 2.5 N log2 N for a real transform of length N, twice as many for a
-        complex transform, and 2 for a multiplication with addition. The count depends only on the contact sets.
+        complex transform, and 2 for a multiplication with addition. The count depends only on the contact sets, and on
+        whether one rank or several share the grid, because their leaves differ.
         """
         ny, nx = self.shape
         in_x, in_y = transform_length(nx), transform_length(ny)

@@ -11,7 +11,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import ContactProblem, Grid, InputError, Material, solve
-from app.base.petsc import _forget_last_exception, calling_petsc
+from app.base.petsc import _MAT_INFO_BYTES, _forget_last_exception, calling_petsc, report_no_entries
+from app.options import solver_options
+from app.options.solver_options import is_used
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("as it was")])
@@ -68,3 +70,34 @@ def test_an_uncaught_exception_with_circular_causes_is_freed(monkeypatch):
 def test_communicators_of_petsc4py_and_mpi4py_are_alike():
     solutions = [solve(punch(24), approach=APPROACH, comm=package.COMM_SELF) for package in (PETSc, MPI)]
     np.testing.assert_array_equal(*(solution.pressure for solution in solutions))
+
+
+def test_info_of_a_mat_has_the_numbers_that_are_set_to_zero():
+    """PETSc does not say how large its MatInfo is; petsc4py reads all of it."""
+    dense = PETSc.Mat().createDense((1, 1), comm=PETSc.COMM_SELF)
+    dense.setUp()
+    dense.assemble()
+    assert 8 * len(dense.getInfo()) == _MAT_INFO_BYTES
+    report_no_entries(operator := PETSc.Mat().createPython((1, 1), object(), comm=PETSc.COMM_SELF))
+    assert set(operator.getInfo().values()) == {0.0}
+    for mat in (dense, operator):
+        mat.destroy()
+
+
+def test_use_of_an_option_is_one_truth_value():
+    PETSc.Options().setValue("app_test_option", "1")
+    assert is_used("app_test_option") is False
+    PETSc.Options().getInt("app_test_option")
+    assert is_used("app_test_option") is True
+    PETSc.Options().delValue("app_test_option")
+
+
+def test_a_release_that_says_which_options_are_used_is_asked(monkeypatch):
+    """A PetscBool has one byte from 3.24 on; petsc4py knows it."""
+
+    class Options:
+        def used(self, name):
+            return name == "asked"
+
+    monkeypatch.setattr(solver_options.PETSc, "Options", Options, raising=False)
+    assert is_used("asked") and not is_used("other")
