@@ -29,6 +29,7 @@ from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, validate_number
 from app.contact.measures import PLASTIC_NUMBERS
+from app.io.contact_fields import find_similar_attribute
 from app.io.frames import to_dataframe
 from app.problems.arrays import check_hardness
 from app.problems.contact_problem import ContactProblem
@@ -114,6 +115,19 @@ class LoadPath:
 
     def __getstate__(self):
         return self.__dict__ | {"_solver": None, "_problem": None, "_steps": None}
+
+    def __getattr__(self, name):
+        """Raise AttributeError with a similar name, also of the table."""
+        if name.startswith("_"):  # unpickling asks for names before there are attributes
+            raise AttributeError(name)
+        columns = dict.fromkeys(column for row in self.rows for column in row)
+        known = [word for word in dir(self) if word[0] != "_"]
+        similar = find_similar_attribute(name, known)
+        column = name if name in columns else None if similar else find_similar_attribute(name, columns)
+        hint = (
+            f"path.table[{column!r}] has the numbers of all steps" if column else f"did you mean {similar}?"
+        )
+        raise AttributeError(f"this path has no {name}" + f"; {hint}" * bool(column or similar))
 
     def __repr__(self):
         return f"<LoadPath: {len(self)} steps by {self._kind}, {len(self.rows)} done>"

@@ -304,11 +304,14 @@ class _ReusedSolver:
             warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
             try:
                 solution = self._solver.solve(**{self._kind: load})
+                if job.problem.material.is_conducting:
+                    solution = self._solver.with_stiffness(solution)
             except InputError as error:
                 return self._failed_row(job, load, error), None
         row = {
             "problem": job.number,
             **numbers_of(solution),
+            **solution.stiffness_numbers,
             "operator_applications": solution.operator_applications,
             "solve_seconds": solution.solve_seconds,
             "converged": solution.converged,

@@ -164,7 +164,7 @@ def refine(
                         doubt = f"{len(rows)} of at least {MIN_GRIDS} grids are solved, so the errors are not confirmed"
                     short = f"stopped at {cells} by {reason}: {doubt}"
                     solution = replace(solution, notes=(*solution.notes, short))
-                if stiffness:
+                if stiffness or problem.material.is_conducting:
                     solution = solver.with_stiffness(solution)
                 exact = solution.stiffness if stiffness else float("nan")
                 NoteWarnings().issue(problem, solution.notes)

@@ -10,14 +10,11 @@ from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.measures import PLASTIC_NUMBERS, ContactMeasures
 from app.halfspace.grid import Grid
-from app.io.contact_fields import ATTRIBUTE_NAMES, ContactFields
+from app.io.contact_fields import ATTRIBUTE_NAMES, STIFFNESS_NUMBERS, ContactFields
 from app.parallel.communicator import Traffic
 from app.parallel.slabs import Slabs
 from app.problems.arrays import real_numbers
 
-STIFFNESS_NUMBERS = (  # None unless requested
-    "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance", "thermal_conductance",
-)  # fmt: skip
 # Attributes that the caller of `save` may replace: those of a whole run, and errors from more grids.
 RUN_ATTRIBUTES = {
     "command_line", "notes", "options", "setup_seconds", *STIFFNESS_NUMBERS, *GridErrors._fields,
@@ -108,7 +105,8 @@ class Solution(_Numbers, ContactFields):
     comm : mpi4py communicator
     stiffness, unloading_stiffness : float or None
         dF/d(approach), and the same while the whole contact unloads [N/mm]. These and the next three numbers are None
-        unless requested, see `ContactSolver.with_stiffness`.
+        unless requested by `ContactSolver.with_stiffness`, or by a material with the constants of
+        `Material.conducting`.
     conductance_width : float or None
         Diameter of the circular contact with the same conductance [mm].
     electrical_conductance, thermal_conductance : float or None

@@ -255,6 +255,8 @@ class ContactSolver(Derivatives):
                 listener.begin(self.settings)
                 stack.callback(listener.end)
             solution = self._note_late_options(self._solve(values, start))
+            if self.problem.material.is_conducting and not self.quiet:
+                solution = self.with_stiffness(solution)
         report_compilation()
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")

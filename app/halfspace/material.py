@@ -73,9 +73,23 @@ class Material:
             raise InputError(f"shear modulus {small}: too small, its reciprocal is infinite")
 
     def __repr__(self):
-        pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
-        facts = self.describe() if self.coatings else pair
-        return f"Material({', '.join(f'{name}={value!r}' for name, value in facts.items())})"
+        """Return the call that makes this material."""
+
+        def both(values):
+            return f"({', '.join(map(format_exact, values))})"
+
+        if self.coatings:
+            made = f"({', '.join(f'{name}={value!r}' for name, value in self.describe().items())})"
+        elif self.bodies:
+            made = f".pair(young={both(self.bodies['young'])}, poisson={both(self.bodies['poisson'])})"
+        elif self.bodies is not None:
+            made = f".from_contact_modulus({format_exact(self.contact_modulus)})"
+        else:
+            pair = {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
+            made = f"({', '.join(f'{name}={value!r}' for name, value in pair.items())})"
+        constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}
+        constants = ", ".join(f"{name}={both(pair)}" for name, pair in constants.items() if pair is not None)
+        return f"Material{made}" + (f".conducting({constants})" if constants else "")
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
@@ -250,6 +264,11 @@ class Material:
                 raise InputError(f"{name} {given}: must be a number or one for each body, {wanted}")
             object.__setattr__(copied, name, tuple(pair.tolist()))
         return copied
+
+    @property
+    def is_conducting(self):
+        """True if the material has constants for the conductance."""
+        return not self.resistivity is self.thermal_conductivity is None
 
     def describe(self):
         """Return E* and the constants given by the user.

@@ -13,12 +13,21 @@ from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.quantities import QUANTITIES
 from app.base.units import format_quantity
 from app.io.frames import to_dataframe, to_xarray
-from app.options.option_table import find_similar_name
+from app.options.option_table import USUAL_NAMES, find_similar_name
 from app.problems.residual_surface import ResidualSurface
 
+STIFFNESS_NUMBERS = (  # None in a Solution unless requested
+    "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance", "thermal_conductance",
+)  # fmt: skip
 # Name in a Solution -> name of the attribute in a file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
 PATCH_UNITS = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}
+_USUAL_WORDS = {
+    "resistance": "conductance",
+    "peak": "max",
+    "maximum": "max",
+    "average": "mean",
+}  # of attributes
 _SHOWN = {
     "converged",
     "notes",
@@ -39,6 +48,23 @@ _HIDDEN = {
 }
 _MAX_SHOWN = 12  # contact spots that are printed
 _MIN_MEAN_VECTOR = 1e-9  # length of the mean of unit vectors; if it is less, cells lie all around the period
+
+
+def find_similar_attribute(name, known):
+    """Return the known attribute that `name` may mean, or None.
+
+    Its words may be misspelt, in another order, incomplete, or other words for the same.
+
+    Examples
+    --------
+    >>> names = "max_pressure", "contact_area", "electrical_conductance"
+    >>> [find_similar_attribute(name, names) for name in ("peak_pressure", "area", "electrical_resistance", "x")]
+    ['max_pressure', 'contact_area', 'electrical_conductance', None]
+    """
+    usual = find_similar_name(name, known) if name in USUAL_NAMES else None
+    words = [_USUAL_WORDS.get(word, word) for word in name.lower().split("_")]
+    whole = [other for other in known if set(words) <= set(other.split("_"))]
+    return usual or min(whole, key=len, default=None) or find_similar_name("_".join(words), known)
 
 
 class Patches(NamedTuple):
@@ -103,11 +129,12 @@ class ContactFields:
     def __repr__(self):
         count = len(self.notes)
         notes = f", {count} note{'s'[: count > 1]}: see .notes" if count else ""
+        stiffness = ", stiffness by ContactSolver.with_stiffness" * (getattr(self, "stiffness", None) is None)
         load, approach = format_quantity(self.load, "N", 6), format_quantity(self.approach, "mm", 6)
         return (
             f"<{type(self).__name__}: {self.grid.nx} x {self.grid.ny} cells, load {load}, approach "
             f"{approach}, {'converged' if self.converged else 'NOT converged'}, error bound "
-            f"{self.error_bound:.1g}{notes}>"
+            f"{self.error_bound:.1g}{stiffness}{notes}>"
         )
 
     def _repr_html_(self):
@@ -154,8 +181,11 @@ class ContactFields:
         if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
             return attributes[key]
         public = {*super().__dir__(), *attributes, *ATTRIBUTE_NAMES} if attributes else ()
-        similar = find_similar_name(name, [word for word in public if word[0] != "_"])
-        hint = f"did you mean {similar}?" if similar else "what it has: .attributes"
+        similar = find_similar_attribute(name, [word for word in public if word[0] != "_"])
+        inverse = " (its reciprocal)" * ("resistance" in name and "conductance" in str(similar))
+        hint = f"did you mean {similar}{inverse}?" if similar else "what it has: .attributes"
+        if name in STIFFNESS_NUMBERS:
+            hint = "it is computed by -stiffness, or by ContactSolver.with_stiffness"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):

@@ -27,6 +27,12 @@ class Drawing(NamedTuple):
     figure: object
     axes: object
 
+    def __getattr__(self, name):
+        """Return an attribute of the figure, such as ``savefig``."""
+        if name.startswith("_"):  # notebooks and copies look for these
+            raise AttributeError(name)
+        return getattr(self.figure, name)
+
     def _ipython_display_(self):
         """Show nothing, because a notebook shows the figure itself."""
 

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from cases import hertz, periodic_rough
 
-from app import ContactProblem, ContactSolver, FlatPunch, Grid, InputError, Material, solve
+from app import (
+    ContactProblem,
+    ContactSolver,
+    FlatPunch,
+    Grid,
+    InputError,
+    Material,
+    Sphere,
+    refine,
+    solve,
+    solve_many,
+)
 from app.halfspace.influence import dense_matrix
 
 
@@ -63,6 +74,21 @@ def test_conductance_of_a_periodic_patch_excludes_the_bulk():
     one, many = (disc(128, side, radius, periodic).conductance_width for periodic in ("", "love"))
     effect = -3.900265 / (np.pi * side) + 9.033622 * radius**2 / (3 * np.pi * side**3)
     assert 1 / many - 1 / one == pytest.approx(effect, rel=1e-3)
+
+
+@pytest.mark.parametrize("constants", [{"resistivity": 2e-8}, {"thermal_conductivity": 50.0}])
+def test_constants_of_the_material_give_the_conductance_of_every_solution(constants):
+    """A conductance that is asked for by a constant is never None."""
+    material = Material.isotropic(2e5, 0.3).conducting(**constants)
+    ball = ContactProblem(Grid.from_domain(32, 32, (-0.4, 0.4, -0.4, 0.4)), material, Sphere(10))
+    name = "electrical_conductance" if "resistivity" in constants else "thermal_conductance"
+    with ContactSolver(ball) as solver:
+        ways = [solver.solve(load=10), *solver.path(load=[10])]
+        wanted = getattr(solver.with_stiffness(replace(ways[0], stiffness=None)), name)
+    ways += [solve(ball, load=10), refine(ball, load=10, until=0.5).solution]
+    assert float(solve_many([ball], [10])[name][0]) == pytest.approx(wanted, rel=1e-6)
+    assert all(getattr(solution, name) == pytest.approx(wanted, rel=0.05) for solution in ways)
+    assert all("with_stiffness" not in repr(solution) for solution in ways)
 
 
 def test_material_without_constants_has_no_electrical_conductance():

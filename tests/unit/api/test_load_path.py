@@ -19,6 +19,18 @@ def same(one, other):
     )
 
 
+def test_a_missing_attribute_is_named_with_a_similar_one():
+    with ContactSolver(hertz(16)) as solver:
+        path = solver.path(load=[10, 20])
+        list(path)
+    for name, hint in (
+        ("tabel", "did you mean table"),
+        ("max_pressure", r"path.table\['max_pressure'\] has"),
+    ):
+        with pytest.raises(AttributeError, match=f"this path has no {name}; {hint}"):
+            getattr(path, name)
+
+
 def test_load_of_hertz_grows_with_approach_to_the_power_of_three_halves():
     with ContactSolver(hertz(128)) as solver:
         path = solver.path(approach=np.geomspace(0.02, 0.15, 5))

@@ -143,6 +143,14 @@ def test_attributes_of_the_file_are_names_of_a_solution():
     assert {"message", "contact_modulus"} <= set(dir(found))
     with pytest.raises(AttributeError, match="has no max_pressur; did you mean max_pressure?"):
         _ = found.max_pressur
+    for name, similar in (
+        ("peak_pressure", r"max_pressure\?"),
+        ("pressure_max", r"max_pressure\?"),
+        ("electrical_resistance", r"electrical_conductance \(its reciprocal\)\?"),
+    ):
+        with pytest.raises(AttributeError, match=f"has no {name}; did you mean {similar}"):
+            getattr(found, name)
+    assert found.stiffness is None and "stiffness by ContactSolver.with_stiffness" in repr(found)
     with pytest.raises(AttributeError, match="this solution has no nothing; what it has: .attributes"):
         _ = found.nothing
 

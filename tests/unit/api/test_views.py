@@ -98,9 +98,11 @@ def test_pictures_are_named_in_the_error(hertz_results, surface):
         hertz_results["solution"].plot("path")
 
 
-def test_paths_surfaces_and_stresses_are_drawn(hertz_results, surface):
+def test_paths_surfaces_and_stresses_are_drawn(hertz_results, surface, tmp_path):
     assert len(hertz_results["path"].plot()[1]) == 4
     assert len(surface.plot()[1]) == 5
+    surface.plot().savefig(tmp_path / "surface.png")  # as of a figure
+    assert (tmp_path / "surface.png").stat().st_size > 1000 and not hasattr(surface.plot(), "nothing")
     below = stress(hertz_results["solution"])
     assert [axes.get_xlabel()[0] for axes in below.plot()[1]] == ["x", "s", "y"]
     axes = pyplot.figure().subplots()

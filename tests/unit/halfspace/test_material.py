@@ -173,6 +173,20 @@ def test_conductance_of_a_coated_body_is_refused():
         layer.conducting(resistivity=1.0)
 
 
+@pytest.mark.parametrize(
+    "made",
+    [
+        Material.isotropic(210e3, 0.3),
+        Material.pair((210e3, np.inf), (0.3, 0.0)).conducting((1.7e-8, 0.0)),
+        Material.from_contact_modulus(1e5).conducting(1e-7, (50.0, np.inf)),
+        Material.combined(8e4, 0.3),
+    ],
+)
+def test_a_material_is_printed_as_it_was_given(made):
+    copy = eval(repr(made), {"Material": Material, "inf": np.inf})
+    assert copy.describe() == made.describe()
+
+
 def test_materials_that_differ_are_printed_differently():
     numbers = (400e3, 210e3), (0.25, 0.3), 2e-3
     made = (
