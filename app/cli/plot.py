@@ -1,7 +1,7 @@
 """Draw results, tables and surfaces: ``python -m app.plot FILE ... [-o DIR] [--only NAME]``.
 
-A result has several figures (`app.plots.pictures.PICTURES`); a table of a sweep or load path (.csv) has one, and so
-has a measured surface. Several files have a folder DIR/NAME each, and their paths are drawn together in DIR/paths. The
+A result has several figures (`app.plots.pictures.PICTURES`); a table of a sweep or load path has one, and so has a
+measured surface. Several files have a folder DIR/NAME each, and their paths are drawn together in DIR/paths. The
 command prints the names of the figures. Exit status 0, or 2 after an error. Runs on one rank.
 """
 
@@ -53,7 +53,9 @@ def _read(file, arguments):
     The best plane of a surface is subtracted.
     """
     suffix = file.suffix.lower()
-    if arguments.unit or suffix in _MAPS or (suffix != ".csv" and has_heights(file)):
+    if not arguments.unit and load_curves.is_table(file):
+        return load_curves.read_columns(file)
+    if arguments.unit or suffix in _MAPS or has_heights(file):
         from app.cli.convert import set_units  # these load numba, which results do without
         from app.problems.surfaces.height_map import open_heights
         from app.problems.surfaces.reading import make_surface
@@ -63,14 +65,14 @@ def _read(file, arguments):
         return make_surface(source, level="plane")
     if arguments.spacing:
         raise InputError(f"--spacing: only for measured surfaces; {file} is none, or its --unit is missing")
-    return load_curves.read_csv(file) if suffix == ".csv" else read_result(file)
+    return read_result(file)
 
 
 def _pictures(file, data, arguments):
     only, is_table = arguments.only, isinstance(data, dict)
     is_sweep, columns = is_table and "exit_status" in data, arguments.x or arguments.y
     if columns and not is_table:
-        raise InputError(f"--x and --y choose columns of tables (.csv); {file} is none")
+        raise InputError(f"--x and --y choose columns of tables; {file} is none")
     if is_measured(data):
         yield "surface", heights.surface_figure(data)
     elif not is_table:
@@ -97,7 +99,7 @@ def _get_path(data, name):
 def _arguments(argv):
     parser = Parser(prog="python -m app.plot", description="Draw results, tables and measured surfaces.")
     add, elsewhere = parser.add_argument, "of a surface, if not stated in the file"
-    files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
+    files = "results (.h5), tables (.csv, .md, .txt, .h5), measured surfaces (.h5 of app.convert, .npy, text)"
     against = (
         "column of a table to draw against; default: the option with the most values, of a path the load"
     )

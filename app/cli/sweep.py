@@ -14,6 +14,7 @@ from app.io.files import check_output_path
 from app.io.table import format_text, write_table
 from app.parameter_study.batch import make_rows, run_all
 from app.parameter_study.journal import Journal
+from app.parameter_study.run import CHECKS
 from app.parameter_study.sweep_file import read_sweep
 
 SUFFIXES = (".csv", ".md", ".txt", ".h5", ".hdf5")
@@ -58,10 +59,12 @@ def main(argv):
     rows = make_rows(runs, outcomes)
     varied = dict.fromkeys(name for run in runs for name in run.labels)
     columns = [name for name in rows[0] if name != "result" or arguments.keep] if rows else list(varied)
-    if rows or not output.exists():  # interrupted before the first, keep an earlier table
-        write_table(output, rows, columns)
     step = ["step"] if any("step" in row for row in rows) else []
     shown = dict.fromkeys([*varied, "exit_status", *step, *_SHOWN])
+    if output.suffix.lower() in (".md", ".txt"):  # short enough to be read
+        columns = [name for name in (*shown, *CHECKS, "message", "result") if name in columns]
+    if rows or not output.exists():  # interrupted before the first, keep an earlier table
+        write_table(output, rows, columns)
     streams.print_output(format_text(rows, list(shown), {name: ".4g" for name in _SHOWN}).rstrip("\n"))
     rows = [row for row in rows if row.get("step") in (None, 1)]  # one of each run
     for line in _merge_messages(rows, varied):

@@ -21,7 +21,7 @@ def main(argv):
         "results", type=Path, nargs="+", metavar="RESULT.h5", help="result files, in the order of time"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="F.xdmf", help="default: that of the first result"
+        "-o", "--output", type=Path, metavar="F.xdmf", help="default: RESULT.xdmf, or FIRST-LAST.xdmf"
     )
     arguments = parser.parse_args(argv)
     streams.print_output(str(write_xdmf(arguments.results, arguments.output)))

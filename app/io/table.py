@@ -64,7 +64,8 @@ def write_table(path, rows, columns=None):
     if suffix not in (".h5", ".hdf5"):
         raise InputError(f"table {path}: the name must end in one of {', '.join(formatters)}, .h5, .hdf5")
     with report_write_errors(path), atomic_hdf5(path) as file:
-        for key in columns or _list_keys(rows):
+        file.attrs["columns"] = columns = list(columns or _list_keys(rows))  # in this order
+        for key in columns:
             file[key] = _to_array([row.get(key) for row in rows])
 
 

@@ -19,11 +19,13 @@ from app.io.result import AXES, FIELDS, check_is_result, make_grid, open_result,
 def write_xdmf(results, path=None):
     """Write an XDMF file that refers to result files; return its path.
 
-    `results` are files in one folder, in the order of time. The default `path` is the path of the first result, with
-    suffix ``.xdmf``. Raises InputError if a file is no result file, or lies in another folder than the XDMF file.
+    `results` are files in one folder, in the order of time. The default `path` is that of the result, with suffix
+    ``.xdmf``; for several results it has the names of the first and the last one, ``FIRST-LAST.xdmf``. Raises
+    InputError if a file is no result file, or lies in another folder than the XDMF file.
     """
     results = [Path(result) for result in results]
-    path = results[0].with_suffix(".xdmf") if path is None else Path(path)
+    name = "-".join(dict.fromkeys(result.stem for result in (results[0], results[-1])))
+    path = results[0].with_name(f"{name}.xdmf") if path is None else Path(path)
     if path.suffix != ".xdmf":
         raise InputError(f"{path}: the name must end in .xdmf")
     for result in results:

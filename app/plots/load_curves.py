@@ -6,6 +6,8 @@ bands around the curves.
 """
 
 import csv
+import re
+from contextlib import suppress
 from functools import partial
 from typing import NamedTuple
 
@@ -345,15 +347,51 @@ _SMOOTH = (
 )
 
 
-def read_csv(path):
+def is_table(path):
+    """Return whether a file is a table, in a format of `app.io.table.write_table`."""
+    suffix = path.suffix.lower()
+    if suffix in (".h5", ".hdf5"):
+        import h5py  # loads slowly
+
+        with suppress(OSError), h5py.File(path) as file:
+            return "exit_status" in file
+    if suffix != ".txt" or not path.is_file():
+        return suffix in (".csv", ".md")
+    with path.open("rb") as file:
+        return bool(re.match(rb"[^\n]*\n-[- ]*-\r?\n", file.read(1 << 16)))
+
+
+def _read_rows(path):
+    """Return the rows of a table as mappings of texts."""
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        import h5py
+
+        with h5py.File(path) as file:
+            columns = {name: file[name] for name in file.attrs.get("columns", file)}
+            texts = {name: data.dtype.kind == "O" for name, data in columns.items()}
+            columns = {name: (data.asstr() if texts[name] else data)[...] for name, data in columns.items()}
+        return [dict(zip(columns, map(str, row), strict=True)) for row in zip(*columns.values(), strict=True)]
+    with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
+        if path.suffix.lower() == ".csv":
+            return list(csv.DictReader(file, strict=True))
+        lines = file.read().splitlines()
+    if path.suffix.lower() == ".md":
+        rows = [re.split(r"(?<!\\)\|", line.strip()[1:-1]) for line in lines if line.startswith("|")]
+    else:
+        widths = [match.span() for match in re.finditer("-+", lines[1])]
+        rows = [[line[start:stop] for start, stop in widths] for line in lines]
+    names, _, *rows = ([cell.strip() for cell in row] for row in rows)
+    return [dict(zip(names, row, strict=True)) for row in rows]
+
+
+def read_columns(path):
     """Return the columns of a table as texts.
 
     The table was written by app.sweep, or for a load path.
     """
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
-            rows = list(csv.DictReader(file, strict=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = _read_rows(path)
+    except (OSError, ValueError, IndexError, csv.Error) as error:
         raise InputError(f"table {path}: cannot be read: {error}") from None
     if not rows or None in rows[0] or any(None in row.values() for row in rows):
         raise InputError(f"table {path}: must have a line of names and lines of as many values")
@@ -383,5 +421,5 @@ def parse_numbers(texts):
 
 
 def get_csv_path(columns, name=""):
-    """Return the `Path` of a load path's table; `columns` are from `read_csv`."""
+    """Return the `Path` of a load path's table; `columns` are from `read_columns`."""
     return make_path({key: parse_numbers(texts) for key, texts in columns.items()}, name)

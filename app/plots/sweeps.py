@@ -63,8 +63,8 @@ def find_unit(option):
 def sweep_figure(columns, heading="", x=None, y=()):
     """Draw columns `y` of a table against `x`.
 
-    `columns` are from `read_csv`. For load paths, `x` is by default the load. For other tables `x` is the option with
-    the most different numbers, or, if all options are names, with the most names. Names become ticks; points above
+    `columns` are from `read_columns`. For load paths, `x` is by default the load. For other tables `x` is the option
+    with the most different numbers, or, if all options are names, with the most names. Names become ticks; points above
     names are not connected. `y` are by default the physical quantities that vary and are not prescribed, and the work
     of the solver if its options vary. Return None if nothing varies. Raises InputError if a column has no numbers.
     """

@@ -8,7 +8,10 @@ from results import made_up_result, with_attributes, write
 from app.api.subsurface import stress, survey
 from app.cli import convert, report, subsurface, xdmf
 from app.cli.plot import main
+from app.cli.sweep import SUFFIXES
+from app.io.table import write_table
 from app.parallel.slabs import Slabs
+from app.plots import load_curves
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -38,6 +41,17 @@ def test_command_writes_all_figures_and_prints_their_paths(path, tmp_path, capsy
     assert err == ""
     assert sorted(f.name for f in folder.iterdir()) == sorted(f"{name}.{kind}" for name in names)
     assert all(f.read_bytes().startswith(START[kind]) for f in folder.iterdir())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_tables_of_sweeps_are_drawn_from_every_format(tmp_path, capsys, suffix):
+    names = "load", "young", "exit_status", "approach", "max_pressure", "message"
+    rows = [(load, "2e5,3e5", 0, 1e-3 * load**0.67, 900.0 + load, "") for load in (10, 20, 40)]
+    write_table(tmp_path / f"out{suffix}", [dict(zip(names, row, strict=True)) for row in rows])
+    columns = load_curves.read_columns(tmp_path / f"out{suffix}")
+    assert tuple(columns) == names and list(map(float, columns["max_pressure"])) == [910, 920, 940]
+    assert main([str(tmp_path / f"out{suffix}"), "-o", str(tmp_path / "pictures"), "--dpi", "30"]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'pictures/sweep.png'}\n"
 
 
 def test_paper_style_writes_pdf_and_svg_with_the_title_of_the_user(path, tmp_path, capsys):

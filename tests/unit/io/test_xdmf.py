@@ -69,6 +69,16 @@ def test_xdmf_of_a_link_names_the_link(path, tmp_path, capsys):
     assert ">link.h5:/pressure<" in (folder / "link.xdmf").read_text()
 
 
+def test_xdmf_of_several_results_does_not_replace_that_of_one(path, capsys):
+    other = path.with_name("other.h5")
+    other.write_bytes(path.read_bytes())
+    assert xdmf.main([str(path)]) == xdmf.main([str(other)]) == 0
+    alone = [file.with_suffix(".xdmf").read_text() for file in (path, other)]
+    assert xdmf.main([str(path), str(other)]) == 0
+    assert [file.with_suffix(".xdmf").read_text() for file in (path, other)] == alone
+    assert capsys.readouterr().out.endswith(f"{path.with_name(f'{path.stem}-other.xdmf')}\n")
+
+
 def test_xdmf_of_several_results_is_a_series(path, result, tmp_path):
     for number, load in enumerate((10.0, 20.0)):
         write(tmp_path / f"{number} & more.h5", MPI.COMM_SELF, Slabs(48), with_attributes(result, load=load))
