@@ -47,29 +47,21 @@ from app.parallel.reductions import minimum_over
 
 
 @usage("solve(problem, load=700), or approach=, mean_pressure=, mean_gap=")
-def solve(
-    problem, *, approach=None, load=None, method=None, options=None, comm=None, start=None,
-    mean_pressure=None, mean_gap=None,
-):  # fmt: skip
+def solve(problem, *, method=None, options=None, comm=None, start=None, **loading):
     """Solve a contact problem for an approach or load.
 
-    Give exactly one of the four loadings. Collective over `comm`. Raises the errors of `ContactSolver` and its `solve`.
+    Collective over `comm`. Raises the errors of `ContactSolver` and its `solve`.
 
     Parameters
     ----------
     problem : ContactProblem
-    approach : float, optional
-        Approach of the bodies [mm].
-    load : float, optional
-        Total force [N], at least 0.
-    mean_pressure : float, optional
-        Load over the area of the patch [N/mm2].
-    mean_gap : float, optional
-        Mean gap of a periodic patch without holes [mm]; with a hardness the mean of e = h + u.
     method, options, comm : optional
         Arguments of `ContactSolver`.
     start : Solution, optional
         Solution of a similar loading, from which the iteration starts.
+    approach, load, mean_pressure, mean_gap : float
+        Exactly one of: the approach of the bodies [mm]; the total force [N], at least 0; the load over the area of the
+        patch [N/mm2]; the mean gap of a periodic patch without holes [mm], with a hardness the mean of e = h + u.
 
     Returns
     -------
@@ -77,9 +69,7 @@ def solve(
         A RuntimeWarning is issued unless it is ``converged``, and a NoteWarning for each of its ``notes``.
     """
     with ContactSolver(problem, method, options, comm) as solver:
-        return solver.solve(
-            approach=approach, load=load, start=start, mean_pressure=mean_pressure, mean_gap=mean_gap
-        )
+        return solver.solve(start=start, **loading)
 
 
 class ContactSolver(Derivatives):
@@ -226,15 +216,15 @@ class ContactSolver(Derivatives):
 
     @usage("solver.solve(load=700), or approach=, mean_pressure=, mean_gap=")
     @synchronized
-    def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
+    def solve(self, *, start=None, **loading):
         """Solve for approach, load, mean pressure or mean gap.
 
         Parameters
         ----------
-        approach, load, mean_pressure, mean_gap : float, optional
-            Prescribed quantity, see `app.solve`. Give exactly one.
         start : Solution, optional
             Solution of the same grid and communicator and of a similar loading, from which the iteration starts.
+        approach, load, mean_pressure, mean_gap : float
+            Prescribed quantity, see `app.solve`. Give exactly one.
 
         Returns
         -------
@@ -247,14 +237,13 @@ class ContactSolver(Derivatives):
             If the loading is not allowed, or PETSc finds the chosen solvers incompatible.
         """
         self._check_open()
-        values = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         mpi_abort.abort_on_exception(self._outer_comm)
-        check_equal_on_ranks(self.comm, (values, fingerprint(start)), "loading or start")
+        check_equal_on_ranks(self.comm, (loading, fingerprint(start)), "loading or start")
         with ExitStack() as stack:
             for listener in self.listeners:
                 listener.begin(self.settings)
                 stack.callback(listener.end)
-            solution = self._note_late_options(self._solve(values, start))
+            solution = self._note_late_options(self._solve(loading, start))
             if self.problem.material.is_conducting and not self.quiet:
                 solution = self.with_stiffness(solution)
         report_compilation()
@@ -279,7 +268,11 @@ class ContactSolver(Derivatives):
             self.hierarchy.collect_garbage()
             self._measure_shapes()
             self._was_interrupted = False
-        loading, approach, uniform = self._make_loading(values), values["approach"], self._uniform_compliance
+        loading, approach, uniform = (
+            self._make_loading(values),
+            values.get("approach"),
+            self._uniform_compliance,
+        )
         if start is not None:
             self._strategy.check(start)
         if not uniform or approach is None or loading.misses_contact(self._distances[-1]):

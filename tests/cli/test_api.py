@@ -29,7 +29,7 @@ PROGRAMS = {
     ),
     "in the middle": "solver = ContactSolver(problem)\nimport sys\nsys.exit()",
     "PETSc first": (
-        "solver = ContactSolver(problem)\nsolver.solve(load=10.0)\n"
+        "solver = ContactSolver(problem)\nsolver.solve(approach=0.005)\n"
         "from petsc4py import PETSc\nleft = PETSc.Options().getAll()\n"
         "assert left == {'ksp_rtol': '0.5', 'options_left': 'no'}, left"
     ),

@@ -99,7 +99,7 @@ def test_wrong_listeners_are_refused_before_any_work(listeners):
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
         ("list of 3; must be .*ContactSolver.path", lambda: solve(BALL, load=[1, 2, 3])),
         ("load: is MaskedConstant; must be a number", lambda: solve(BALL, load=np.ma.masked)),
-        ("approach: is str; must be a number \\[mm\\]", lambda: solve(BALL, approach="1e-3")),
+        ("approach 'deep': must be a number \\[mm\\]", lambda: solve(BALL, approach="deep")),
         ("approach: is bool; must", lambda: solve(BALL, approach=True)),
         ("load inf: must be a number of size", lambda: solve(BALL, load=10**400)),
     ],
