@@ -37,6 +37,11 @@ from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.solver_cache import SolverCache
 from app.options.viewers import estimate_files
 
+_CG = "cg", "fcg", "pipecg", "groppcg", "minres", "python"  # python: CG of the default methods
+INDEFINITE = (
+    "perhaps because the preconditioner (-pc_type) is not symmetric positive definite, which CG needs"
+)
+
 
 class Strategy:
     """Base class of strategies for a method's iteration. Collective.
@@ -105,6 +110,12 @@ class Strategy:
             raise to_input_error(error, files) from error.__cause__
         if move_to_lower_end(state, loading.load):
             outcome = outcome._replace(converged=True, reason=CONTACT_PLASTIC, residual=0.0)
+        if (
+            not outcome.converged
+            and "definite" not in outcome.reason
+            and _may_be_indefinite(self._settings.texts)
+        ):
+            outcome = outcome._replace(reason=f"{outcome.reason}; {INDEFINITE}")
         return state, outcome
 
     def _run(self, loading, history, start):
@@ -330,6 +341,16 @@ class Reference(Strategy):
 STRATEGIES = {"active_set": ActiveSet, "film": Film, "fast": Fast, "primal": Primal} | dict.fromkeys(
     REFERENCE_SOLVERS, Reference
 )
+
+
+def _may_be_indefinite(texts):
+    """Return whether options choose CG with a preconditioner that need not be symmetric positive definite."""
+    kind, symmetric = (
+        texts.get("pc_type", "none"),
+        {"pc_sor_symmetric", "pc_sor_local_symmetric"} & texts.keys(),
+    )
+    foreign = not texts.get("pc_python_type", "").startswith("app.") if kind == "python" else not symmetric
+    return texts.get("ksp_type") in _CG and kind not in ("none", "jacobi", "mg") and foreign
 
 
 def make_strategy(hierarchy, settings):

@@ -153,7 +153,13 @@ class LinearSolver:
             raise
         reason = self.ksp.getConvergedReason()
         failed = reason < 0 and (self._must_converge or reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
-        return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
+        text = _REASONS.get(reason, str(reason))
+        if reason == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC:
+            text += (
+                f": -pc_type {self.ksp.getPC().getType()} is not symmetric positive definite, as -ksp_type "
+            )
+            text += f"{self.ksp.getType()} needs; choose another one, or -ksp_type gmres"
+        return self.ksp.getIterationNumber(), text if failed else ""
 
     def free_work(self):
         """Do nothing; subclasses free large work arrays here."""

@@ -420,3 +420,22 @@ def test_bodies_that_just_touch_have_neither_contact_area_nor_stiffness(periodic
         assert solution.converged and not solution.contact.any()
         assert solution.contact_area == solution.stiffness == solution.conductance_width == 0
     np.testing.assert_allclose(again.pressure, loaded.pressure, atol=1e-4 * loaded.max_pressure)
+
+
+class Skew:
+    """Preconditioner that is not symmetric."""
+
+    def apply(self, pc, x, y):
+        values = x.getArray(readonly=True)
+        y.setArray(2 * np.roll(values, 3) - 3 * np.roll(values, 1) + values * np.linspace(-1, 1, values.size))
+
+
+@pytest.mark.parametrize("method", ["fast", "norm"])
+def test_a_preconditioner_that_is_not_definite_is_named_as_the_cause(method):
+    options = {"pc_type": "python", "pc_python_type": f"{__name__}.Skew"}
+    grid = Grid.from_domain(32, 32, (-0.4, 0.4, -0.4, 0.4))
+    ball = ContactProblem(grid, Material.isotropic(2e5, 0.3), Sphere(10))
+    with pytest.warns(
+        RuntimeWarning, match="not converged: .* not symmetric positive definite, (as -ksp|which CG)"
+    ):
+        solve(ball, load=100, method=method, options=options)
