@@ -151,13 +151,14 @@ def _make_roller(options, material):
         drop = options["roller_crown_drop"]
         numbers["crown_radius"] = half**2 / (2 * drop) if drop else options["roller_crown_radius"]
     elif crown == "log":
-        load = options["roller_design_load"] or (options["load"] if options.given("load") else None)
+        load = options["roller_design_load"] or find_loading(options).get("load")
         if not load:
             raise InputError("-roller_design_load is missing: load with nearly uniform pressure [N]")
         numbers |= {"design_load": load, "contact_modulus": material.contact_modulus}
     return Roller(
-        options["roller_radius"], options["roller_length"], crown, options["roller_end_chamfer"], **numbers
-    )
+        options["roller_radius"], options["roller_length"], crown, options["roller_end_chamfer"],
+        tilt=options["roller_tilt"], **numbers,
+    )  # fmt: skip
 
 
 def _read_filters(options):
@@ -197,10 +198,10 @@ def _make_grid(options, name, shape, measured, material, periodic, texts):
         if options.given("grid"):
             nx, ny = options["grid"]
         return Grid.from_domain(nx, ny, options["domain"], periodic)
+    n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2
     if domain in (None, AUTO) and name not in ("python", "rough"):
-        n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2
         return Grid.from_domain(*n, _make_default_patch(options, shape, material, periodic))
-    return Grid.from_domain(*options["grid"], options["domain"], periodic)
+    return Grid.from_domain(*n, options["domain"], periodic)
 
 
 def _why_not_auto(name, periodic, measured, generated):
@@ -252,12 +253,40 @@ def find_loading(options):
     The result is a dict from the name to the value; for a load path, to the largest value. If neither is prescribed,
     the dict is empty. Raises InputError if the value is not allowed.
     """
+    if options.given("line_load"):
+        return {"load": find_load(options)}
     names = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, names), None)
     if not loading:
         return {}
     kind = loading.removesuffix("_path")
     return {kind: validate_number(kind, float(np.max(options[loading])))}
+
+
+def find_load(options):
+    """Return the load [N] of the option -line_load: load per length times the length of the line.
+
+    The length is that of the roller between its chamfers, or of the cylinder; or a side of the patch: in y of an
+    endless cylinder, or in the direction in which the patch repeats.
+    """
+    value, name, periodic = options["line_load"], options["problem"], options["periodic"]
+    length = None
+    if name == "roller":
+        length = options["roller_length"] - 2 * options["roller_end_chamfer"]
+    elif name == "cylinder" and options["cylinder_length"]:
+        length = options["cylinder_length"]
+    elif name == "cylinder" or periodic in ("x", "y"):
+        if not options.given("domain") or options["domain"] == AUTO:
+            raise InputError(
+                "-line_load: needs -domain x0,x1,y0,y1 [mm], whose side is the length of the line"
+            )
+        x0, x1, y0, y1 = options["domain"]
+        length = x1 - x0 if periodic == "x" else y1 - y0
+    if length is None or periodic is True:
+        raise InputError(
+            "-line_load: only for -problem roller or cylinder, or with -periodic x or y; otherwise give -load [N]"
+        )
+    return validate_number("load", value * length)
 
 
 def _make_random_surfaces(options, name, grid, measured):

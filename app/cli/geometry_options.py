@@ -23,6 +23,7 @@ from app.options.option_table import (
     subset,
     word,
 )
+from app.problems.roller import MAX_TILT
 from app.problems.surfaces.height_map import TURNS
 from app.problems.surfaces.reading import LEVELS, MISSING
 
@@ -45,6 +46,7 @@ radii = pair_of_reals(
     one=True,
 )
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
+tilt = real(f"from -{MAX_TILT} to {MAX_TILT}", lowest=-MAX_TILT, highest=MAX_TILT)
 share = real("above 0, at most 1", above=0, highest=1)
 hardness = real("a positive number; inf: elastic", above=0, highest=np.inf)
 
@@ -72,7 +74,7 @@ MATERIAL_OPTIONS = [
 SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "roller", "cone")
 GEOMETRY_OPTIONS = [
     Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
-    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's, or 256 without -domain)"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's, or 256)"),
     Option("domain", domain_or_auto, REQUIRED, "x0,x1,y0,y1: patch [mm] (default: a file's, or by theory), or auto"),
     Option("periodic", flag_or(*ONE_WAY), False, "the patch repeats in x and y, or in x or y only"),
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "pressure is a sum of waves, or constant on each cell"),
@@ -92,6 +94,7 @@ GEOMETRY_OPTIONS = [
     Option("roller_crown_radius", positive, REQUIRED, "crown arc: radius [mm], or give its drop"),
     Option("roller_crown_drop", positive, None, "crown arc: drop where the chamfers begin [mm]"),
     Option("roller_profile", word, REQUIRED, "crown profile: text file, y and drop z in mm on each line"),
+    Option("roller_tilt", tilt, 0.0, "angle of the axis to the flat body; positive: more load at positive y [rad]"),
     Option("cone_angle", slant, REQUIRED, "angle between the cone's flank and the flat body [degrees]"),
     Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
     Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),

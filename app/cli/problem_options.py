@@ -33,6 +33,7 @@ PROBLEM_OPTIONS = [
     *MATERIAL_OPTIONS,
     Option("approach", real(), None, "approach of the bodies [mm]"),
     Option("load", real(), None, "total normal force [N]"),
+    Option("line_load", real(), None, "load per length of a roller, cylinder, or patch periodic in x or y [N/mm]"),
     Option("mean_pressure", real(), None, "load over the area of the patch, holes and all [N/mm2]"),
     Option("mean_gap", real(), None, "mean gap of a periodic patch without holes [mm]"),
     *load_path.OPTIONS,
@@ -43,7 +44,14 @@ PROBLEM_OPTIONS = [
     Option("output", word, None, "result file (HDF5)"),
     Option("title", word, None, "output: heading of pictures and report"),
 ]  # fmt: skip
-LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
+LOADING = (
+    "approach",
+    "load",
+    "line_load",
+    "mean_pressure",
+    "mean_gap",
+    *(f"{kind}_path" for kind in load_path.KINDS),
+)
 
 
 class Request:
@@ -158,8 +166,12 @@ def read_loading(parsed, options):
 
     `options` is the reader from `resolve_alternatives`. Raises InputError if the loading is missing or not allowed.
     """
-    needed = "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]"
+    needed = "-approach [mm], -load [N], -line_load [N/mm], -mean_pressure [N/mm2] nor -mean_gap [mm]"
     kind = parsed.select_alternative(LOADING, needed)
+    if kind == "line_load":
+        from app.cli.geometry import find_load  # -help does without MPI
+
+        return "load", find_load(options)
     return kind, options[kind]
 
 

@@ -48,12 +48,16 @@ def _roller_sides(roller, contact_modulus, loading):
     The sides follow from line contact, or from Hertz's ellipse if an arc crown makes the contact shorter than the
     roller.
     """
-    half_width = LINE_MARGIN * roller.line_contact(contact_modulus, **loading).a
+    line = roller.line_contact(contact_modulus, **loading)
+    # A tilt increases the load per length at one end, as on an elastic foundation.
+    tilt = abs(roller.tilt) * roller.half_length / line.approach
+    half_width = LINE_MARGIN * line.a * math.sqrt(1 + tilt if tilt < 1 else 2 * math.sqrt(tilt))
     half_length = END_MARGIN * roller.half_length
     if roller.crown == "arc":
         ellipse = Paraboloid(roller.radius, roller.crown_radius).analytic(contact_modulus, **loading)
         if ellipse.b < roller.half_length:
-            return MARGIN * ellipse.a, min(MARGIN * ellipse.b, half_length)
+            shift = abs(roller.tilt) * roller.crown_radius
+            return MARGIN * ellipse.a, min(MARGIN * ellipse.b + shift, half_length)
     return half_width, half_length
 
 

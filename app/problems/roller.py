@@ -11,6 +11,7 @@ from app.reference.base import require_positive
 from app.reference.line import LineContact
 
 CROWNS = ("none", "log", "arc")
+MAX_TILT = 0.1  # rad; slopes must be small
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Roller(Shape):
         E* for the "log" crown, `Material.contact_modulus` [N/mm2].
     crown_radius : float, optional
         Radius of the "arc" crown in the middle [mm].
+    tilt : float
+        Angle between the roller's axis and the flat body [rad]; positive: the end at positive y is pressed in more.
 
     Examples
     --------
@@ -53,6 +56,7 @@ class Roller(Shape):
     design_load: float | None = None
     contact_modulus: float | None = None
     crown_radius: float | None = None
+    tilt: float = 0.0
 
     name = "roller"
 
@@ -62,6 +66,10 @@ class Roller(Shape):
             raise InputError(
                 f"chamfer of the roller {self.end_chamfer!r}: must be from 0 to less than half its length, "
                 f"{format_exact(self.length / 2)} mm"
+            )
+        if not (is_number(self.tilt) and abs(self.tilt) <= MAX_TILT):
+            raise InputError(
+                f"tilt of the roller {self.tilt!r}: must be a number from -{MAX_TILT} to {MAX_TILT} rad"
             )
         if isinstance(self.crown, str) and self.crown not in CROWNS:
             raise InputError(
@@ -121,7 +129,7 @@ class Roller(Shape):
 
     def distance(self, x, y):
         """Return the undeformed distance at points x, y [mm]."""
-        return x**2 / (2 * self.radius) + self.drop(y)
+        return x**2 / (2 * self.radius) + self.drop(y) - self.tilt * y
 
     def check_grid(self, grid):
         """Raise if a grid is unsuitable, see `check_length`."""
@@ -134,7 +142,7 @@ class Roller(Shape):
         facts["roller_crown"] = self.crown if isinstance(self.crown, str) else "profile"
         if table:
             facts["roller_profile"] = [number for row in self.crown for number in row]
-        numbers = ("end_chamfer", "design_load", "crown_radius")
+        numbers = ("end_chamfer", "design_load", "crown_radius", "tilt")
         return facts | {f"roller_{name}": value for name in numbers if (value := getattr(self, name))}
 
 

@@ -6,12 +6,13 @@ from mpi4py import MPI
 
 from app import Roller
 from app.base.errors import InputError
-from app.cli.geometry import make_problem
+from app.cli.geometry import find_load, find_loading, make_problem
+from app.cli.geometry_options import DEFAULT_CELLS
 from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.option_table import OptionReader
 from app.reference import EllipticHertz
 
-from ..problems.from_options import problem_from, rough_problem
+from ..problems.from_options import ROUGH, problem_from, rough_problem
 
 
 def heights(problem):
@@ -23,6 +24,41 @@ def test_rms_height_and_combined_moduli_are_alternatives():
                    shear_modulus="72", poisson_ratio="0.28")  # fmt: skip
     assert heights(problem).std() == pytest.approx(0.01, rel=1e-12)
     assert problem.material.contact_modulus == pytest.approx(100)
+
+
+@pytest.mark.parametrize(
+    "texts", [{"problem": "sphere", "sphere_radius": 10}, {**ROUGH, "surface_cutoff": 0.5}]
+)
+def test_a_domain_alone_has_the_default_number_of_cells(texts):
+    grid = problem_from(**{**texts, "domain": "-1,2,0,2"}, load=10).grid
+    assert (grid.shape, grid.domain) == ((DEFAULT_CELLS, DEFAULT_CELLS), (-1, 2, 0, 2))
+
+
+@pytest.mark.parametrize(
+    ("texts", "length"),
+    [
+        ({"problem": "roller", "roller_radius": 5, "roller_length": 10, "roller_end_chamfer": 0.5}, 9),
+        ({"problem": "cylinder", "cylinder_radius": 5, "cylinder_length": 8}, 8),
+        ({"problem": "cylinder", "cylinder_radius": 5, "domain": "-1,1,0,3"}, 3),
+        ({"problem": "cylinder", "cylinder_radius": 5, "periodic": "y", "domain": "-1,1,0,3"}, 3),
+        ({"problem": "file", "periodic": "x", "domain": "-1,1,0,3"}, 2),
+        ({"problem": "sphere", "domain": "-1,1,0,3"}, "-line_load: only for -problem roller or cylinder"),
+        (
+            {"problem": "rough", "periodic": "true", "domain": "-1,1,0,3"},
+            "-line_load: only for -problem roller",
+        ),
+        ({"problem": "cylinder", "cylinder_radius": 5}, "-line_load: needs -domain"),
+    ],
+)
+def test_a_line_load_is_a_load_per_length(texts, length):
+    options = OptionReader(
+        PROBLEM_OPTIONS, {name: str(text) for name, text in texts.items()} | {"line_load": "20"}
+    )
+    if isinstance(length, str):
+        with pytest.raises(InputError, match=length):
+            find_load(options)
+    else:
+        assert find_load(options) == find_loading(options)["load"] == 20 * length
 
 
 def test_the_default_roll_off_is_the_longest_side():

@@ -47,6 +47,33 @@ def test_light_load_on_an_arc_is_the_contact_of_hertz():
     assert solution.max_pressure == pytest.approx(exact.max_pressure, rel=0.02)
 
 
+def test_a_tilted_arc_is_a_shifted_arc():
+    """y^2 / 2 R - t y is the arc about y = t R, nearer by t^2 R / 2."""
+    radius, tilt, dy, n = 500.0, 4e-4, 0.05, 48
+    assert tilt * radius == pytest.approx(4 * dy)
+    here, there = (
+        Grid.from_domain(24, n, (-0.3, 0.3, shift - n * dy / 2, shift + n * dy / 2))
+        for shift in (0.0, 4 * dy)
+    )
+    straight, tilted = (Roller(10, 20, crown="arc", crown_radius=radius, tilt=t) for t in (0.0, tilt))
+    material = Material.from_contact_modulus(1e5)
+    wanted = solve(ContactProblem(here, material, straight), load=500)
+    found = solve(ContactProblem(there, material, tilted), load=500)
+    np.testing.assert_allclose(found.pressure, wanted.pressure, rtol=1e-5, atol=1e-5 * wanted.max_pressure)
+    assert found.approach == pytest.approx(wanted.approach - tilt**2 * radius / 2, rel=1e-6)
+    assert found.attributes["roller_tilt"] == tilt
+
+
+def test_a_straight_roller_carries_more_at_the_end_that_is_pressed_in():
+    centres = []
+    for tilt in (1e-4, -1e-4):
+        roller = Roller(5, 10, tilt=tilt)
+        patch = default_patch(roller, 1e5, load=5000)
+        problem = ContactProblem(Grid.from_domain(32, 32, patch), Material.from_contact_modulus(1e5), roller)
+        centres.append(solve(problem, load=5000).pressure_centre_y)
+    assert centres[0] > 0.05 and centres[1] == pytest.approx(-centres[0], rel=1e-4)
+
+
 def test_crowns_are_counted_from_the_chamfers():
     y = np.linspace(-9, 9, 37)
     profile = Roller(10, 18, crown=[(0, 0), (4, 0), (8, 0.01)], end_chamfer=1)
