@@ -23,6 +23,31 @@ def folder():
         yield Path(name)
 
 
+@pytest.mark.parametrize("here", ["writable", "/proc"])
+def test_demo_writes_where_it_can(folder, here):
+    """Results go to results/, else to the current folder, else to a temporary one; nobody can write to /proc."""
+    run, tools, here = folder / "run", folder / "tools", folder if here == "writable" else Path(here)
+    for name, text in {
+        "run/setup": "",
+        "run/env": "",
+        "tools/mpiexec": 'echo "$@"',
+        "tools/python": 'echo "$@"',
+    }.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"#!/bin/sh\n{text}\n")
+        path.chmod(0o755)
+    shutil.copy(TESTS.parent / "run/demo", run / "demo")
+    (folder / "results").touch()  # in the way
+    environment = {"PATH": f"{tools}:/usr/bin:/bin", "TMPDIR": str(folder)}
+    done = subprocess.run(
+        [run / "demo"], cwd=here, env=environment, capture_output=True, text=True, check=True
+    )
+    target = Path(done.stdout.partition("-output ")[2].partition("/hertz.h5")[0])
+    assert target == here if here == folder else target.parent == folder and target.is_dir()
+    assert f"Look at {target}/summary.png" in done.stdout
+
+
 @pytest.mark.slow  # compiles the loops
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can run as somebody else")
 def test_a_checkout_that_may_only_be_read_in_a_path_with_spaces_by_sh(folder):
