@@ -120,7 +120,7 @@ class LoadPath:
         """Raise AttributeError with a similar name, also of the table."""
         if name.startswith("_"):  # unpickling asks for names before there are attributes
             raise AttributeError(name)
-        columns = dict.fromkeys(column for row in self.rows for column in row)
+        columns = dict.fromkeys(column for row in self.__dict__.get("rows", ()) for column in row)
         known = [word for word in dir(self) if word[0] != "_"]
         similar = find_similar_attribute(name, known)
         column = name if name in columns else None if similar else find_similar_attribute(name, columns)

@@ -22,7 +22,9 @@ _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proport
 _UNITS = (
     ("N", "load|.+_design_load"),
     ("N/mm²", "(coating_)?young|.+_modulus|mean_pressure|hardness"),
+    ("N/mm", "line_load"),
     ("degrees", ".+_angle"),
+    ("rad", "roller_tilt"),
     ("ohm m", "resistivity"),
     ("W/(m K)", "thermal_conductivity"),
     (

@@ -13,6 +13,7 @@ import re
 
 from app.base.errors import shorten
 
+_FACTOR = re.compile(r"[\d.]+e[+-]?\d+\s*\*", re.IGNORECASE)
 _SEP_LINE = re.compile(r'"?sep=(.?)"?', re.IGNORECASE)
 _BRACES = r"\{(?:[^{}]|\{[^{}]*\})*\}"
 # Commands around the rows of a LaTeX table; the first alternative has columns as its second argument.
@@ -66,6 +67,10 @@ def plain_rows(rows):
         rows, separator = _pipe_rows(rows), ";"
     elif (found := _bracket_rows(rows)) is not None:
         rows, separator = found, ";"
+    elif any(_FACTOR.fullmatch(text) for text in texts):
+        raise ValueError("MATLAB's display with a common factor: write all digits, as by writematrix")
+    elif all(text.startswith("- ") for text in texts):
+        raise ValueError("its lines begin with '- ', as lists of YAML: write rows of numbers")
     return _plain_characters(rows), separator
 
 

@@ -95,6 +95,9 @@ def read_table(lines, skip=0, heights=False):
     texts = [_FORTRAN_EXPONENT.sub("e", text) if "d" in text.lower() else text for text in texts]
     texts = _unquote(texts)
     separator, decimal_commas = _find_layout(texts, stated)
+    entries = (entry for text in texts for entry in text.split(separator) if "," in entry)
+    if decimal_commas and all(_THOUSANDS.fullmatch(entry.strip()) for entry in entries):
+        raise ValueError("all commas may begin three decimals or group thousands: write decimal points")
     if separator and separator != "\t":
         texts = [text.rstrip() for text in texts]
     if separator and all(text.endswith(separator) for text in texts):

@@ -110,6 +110,10 @@ def test_one_table_in_every_notation_is_the_same_map(name, tmp_path):
         ("[[[1, 2], [3, 4]], [[5, 6], [7, 8]]]", "must be one matrix"),
         ('{"z": [[1, 2], [3, 4]]}', "is no number"),
         ("{{1/2, 1}, {2, 3}}", "'1/2' is no number"),
+        ("1,234\t987\n12,345\t6\n", "may begin three decimals or group thousands"),
+        ("1{,}234 & 987 \\\\\n12{,}345 & 6 \\\\\n", "may begin three decimals or group thousands"),
+        ("   1.0e+03 *\n\n    1.2    3.4\n    5.6    7.8\n", "MATLAB's display with a common factor"),
+        ("- 0.5\n- 1.5\n- 2.5\n", "as lists of YAML"),
     ],
 )
 def test_tables_that_may_be_read_in_two_ways_are_refused_in_one_line(text, message, tmp_path):
