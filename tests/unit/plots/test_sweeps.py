@@ -150,7 +150,7 @@ def test_axes_have_the_units_of_options():
     for option in PROBLEM_OPTIONS:
         said = [
             unit
-            for unit in ("mm", "N", "N/mm2", "degrees", "ohm m", "W/(m K)")
+            for unit in ("mm", "N", "N/mm", "N/mm2", "degrees", "rad", "ohm m", "W/(m K)")
             if f"[{unit}]" in option.meaning
         ]
         if not option.name.endswith("_path"):
