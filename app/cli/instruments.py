@@ -152,7 +152,10 @@ def _archive(path):
             return _channels(path)
         raise ValueError("is no archive of contact.engineering: unpack it")
     # Prefer the archive's own file of a measurement to the instrument's.
-    reader = open_container(path, format="ce", datafile_keys=["squeezed-netcdf", "original"])
+    try:
+        reader = open_container(path, format="ce", datafile_keys=["squeezed-netcdf", "original"])
+    except Exception as error:
+        raise ValueError(f"as CE: {_one_line(error)}") from None
     channels = []
     for k in range(reader.nb_containers):
         surface = reader.container(k)

@@ -105,6 +105,10 @@ def _latex_number(j, cell):
 
 
 def _pipe_rows(rows):
+    if all("||" in text for _, text in rows):  # as in MediaWiki, or a column without any number
+        raise ValueError(
+            "'||' on all lines may separate two cells, or enclose an empty one: write single '|'"
+        )
     # A line of dashes further down may be a row of missing points, unless its columns are marked.
     ruled = [
         bool(_RULE.fullmatch(text)) and (k < 2 or bool(set("+:=") & set(text)))

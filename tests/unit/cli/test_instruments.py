@@ -107,6 +107,10 @@ FILES = {
     "series.sur": (digital_surf(kind=5), "as SUR: is a series of surfaces"),
     "wide.sur": (digital_surf(bits=64), "as SUR: "),
     "alone.zip": (contact_engineering(), "as CE: lacks the file 'a.txt'"),
+    "wrong.zip": (
+        archive(index_json='{"surfaces": [{}]}'),
+        "as CE: The container's 'index.json' does not conform",
+    ),
     "other.zip": (archive(a_txt="1 2"), "is no archive of contact.engineering"),
     "a.hdf": (b"\x89HDF\r\n\x1a\n", "is HDF5 of no known instrument"),
 }

@@ -113,6 +113,7 @@ def test_one_table_in_every_notation_is_the_same_map(name, tmp_path):
         ("1,234\t987\n12,345\t6\n", "may begin three decimals or group thousands"),
         ("1{,}234 & 987 \\\\\n12{,}345 & 6 \\\\\n", "may begin three decimals or group thousands"),
         ("   1.0e+03 *\n\n    1.2    3.4\n    5.6    7.8\n", "MATLAB's display with a common factor"),
+        ("| 1 || 2 || 3\n| 4 || 5 || 6\n", "may separate two cells, or enclose an empty one"),
         ("- 0.5\n- 1.5\n- 2.5\n", "as lists of YAML"),
     ],
 )
