@@ -42,7 +42,7 @@ class CappedPrimalState(PrimalState):
 
     def reset_for_safeguard(self):
         """Set contact in all admissible cells; see `PrimalState.reset_for_safeguard`."""
-        self._add_hardness(self.state.values)
+        self._add_hardness(self.state.values)  # a verified p has it already; `verify` clips what is above
         self.plastic[...] = False
         super().reset_for_safeguard()
 

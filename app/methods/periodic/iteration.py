@@ -13,7 +13,7 @@ import numpy as np
 from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement
-from app.contact.stopping import ROUNDING_RESIDUAL
+from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import STAGNATES, HalvingTest, NeedsSafeguard
 
 MAX_CHANGED_FRACTION = 0.005  # largest fraction of cells that change on the last contact set of a coarse grid
@@ -84,6 +84,10 @@ def primal_active_set(primal, solver, stop, history):
         progress.update(norm or progress.best, otherwise=not norm or update.changed < fewest_changed)
         fewest_changed = min(update.changed, fewest_changed)
         if progress.stagnates:
+            if stop.final and norm <= ROUNDING_RESIDUAL * primal.largest() * np.sqrt(primal.cells):
+                residual = _finish_unsolved(primal, solver)
+                if stop.certified(state):
+                    return Outcome(False, BELOW_ROUNDING, k, residual)
             raise NeedsSafeguard(Outcome(False, STAGNATES, k, residual))
     if stop.final:
         residual = _finish_unsolved(primal, solver)
