@@ -79,18 +79,6 @@ class Layer:
         """
         return self.thickness / self.confined_modulus if self.on_rigid_base else 0.0
 
-    def far_field(self):
-        """Return coefficients of the displacement by a point force far away.
-
-        At a distance of r thicknesses the displacement is S(0)/r + a/r^3 + b/r^5 + c/r^7, for unit thickness and
-        compliance of the layer's material. The result is (a, b, c); they follow from the Taylor series of S.
-        """
-        points = 0.2 / max(1.0, self.long_wave_ratio) * np.exp(2j * np.pi * (np.arange(64) + 0.5) / 64)
-        values = _ratio_of_long_waves(points, self.modulus_ratio, *self.poisson)
-        return [
-            factor * float(np.mean(values / points**k).real) for k, factor in ((2, -1), (4, 9), (6, -225))
-        ]
-
     def ratio(self, q):
         """Return `displacement_ratio` at wave numbers q above 0, an array [1/mm]."""
         x = np.asarray(q, dtype=float) * self.thickness

@@ -4,9 +4,8 @@ Lengths are in thicknesses t of the layer. The displacement by a point force is 
 the layer's material, with ``g(r) = int_0^inf (S(x) - 1) J0(x r) dx`` and the ratio S of `app.halfspace.layer`. The
 coefficient of a cell is the sum of three integrals over the cell: of 1/r, by Love's closed form; of c / sqrt(r^2 + 4)
 with c = S(0) - 1, to which g tends far away, also in closed form; and of the *rest* of g, which is smooth and decays
-like r^-3. The rest is tabulated, and its integral is computed by Gauss points. Near a cell that is not small, the
-integral is computed from a table of ``Phi(r) = int_0^r rest r dr``: the integral over a rectangle with a corner at the
-origin is a sum of two integrals of Phi over angles.
+like r^-3. The rest is tabulated, and its integral is computed by Gauss points. Near the origin, cells that are not
+small are divided into panels.
 """
 
 from functools import lru_cache
@@ -16,12 +15,12 @@ import numpy as np
 from app.halfspace.hankel import HankelRule
 from app.halfspace.layer import displacement_ratio
 
-_TABLE = 1024  # number of points of a table
-_MIN_RADIUS = 1024.0  # of the tables; for a layer much stiffer than its substrate, 256 S(0)
+_DENSITY = 134  # number of points of a table over arcsinh of the distance
+_MIN_RADIUS = 4096.0  # of the tables; for a layer much stiffer than its substrate, 1024 S(0)
 _MAX_GAUSS_CELL = 0.25  # largest cell of which Gauss points suffice everywhere
-_NEAR = 8  # longer sides of a cell within which larger cells need Phi
+_NEAR = 8  # longer sides of a cell within which larger cells need panels
 _FAR = 64  # longer sides of a cell beyond which two points in a direction suffice
-_ANGLES = 64  # Gauss points of an angle
+_POINTS, _FIRST_PANEL = 8, 1.5  # Gauss points of a panel in a larger cell; length of the panel at the origin
 MAX_REACH = 30.0  # distance in thicknesses beyond which a layer on a rigid base is not displaced
 
 
@@ -63,18 +62,23 @@ class LayerTables:
         from scipy.interpolate import CubicSpline
 
         self._excess, self._radius = float(limit) - 1.0, radius
-        v = np.linspace(0.0, np.arcsinh(self._radius), _TABLE)
+        end = np.arcsinh(self._radius)
+        v = np.linspace(0.0, end, int(_DENSITY * end))
         r = np.sinh(v)
         image = np.sqrt(r * r + 4)
         rule = HankelRule(r)
         near, far = ratio(rule.near) - 1, ratio(rule.far) - 1
         g = rule.transform(near, far, "J0")
-        integral = r * r * rule.transform(near / rule.near, far / rule.far, "J1")  # of g r dr from 0
         rest = g - self._excess / image
         even = (1, 0.0), "not-a-knot"
         self._rest_table = CubicSpline(v, rest * image**3, bc_type=even)
         self._tail = rest[-1] * self._radius**3  # rest = tail / r^3 beyond the table
-        self._phi_table = CubicSpline(v, integral - self._excess * (image - 2), bc_type=even)
+        near, far = (
+            (values - self._excess * np.exp(-2 * q)) / q for values, q in ((near, rule.near), (far, rule.far))
+        )
+        line = rule.transform(near, far, "cos")
+        self._line_table = CubicSpline(v, line * image**2, bc_type=even)
+        self._line_tail = line[-1] * self._radius**2
 
     def rest(self, r):
         """Return the short-range part of `influence`, at distances r."""
@@ -85,10 +89,23 @@ class LayerTables:
         """Return the layer's displacement by a point force at distances r."""
         return self._excess / np.sqrt(r * r + 4) + self.rest(r)
 
-    def _phi(self, r):
-        """Return the integral of `rest`(s) s ds from 0 to r."""
-        inside = self._phi_table(np.arcsinh(np.minimum(r, self._radius)))
-        return inside + self._tail * np.maximum(0.0, 1 / self._radius - 1 / np.maximum(r, self._radius))
+    def beyond_base(self, r):
+        """Return the displacement by a point force minus that of the base, at distances r above 0.
+
+        It decays like r^-3; on a rigid base, faster.
+        """
+        image = np.sqrt(r * r + 4)
+        values = self.rest(r) - self._excess * 4 / (r * image * (r + image))
+        return values if self._excess > -1 else np.where(r > MAX_REACH, 0.0, values)
+
+    def line_beyond_base(self, x):
+        """Return half the integral of `beyond_base` over a line, at distances x above 0 from the line."""
+        inside = self._line_table(np.arcsinh(np.minimum(x, self._radius))) / (
+            np.minimum(x, self._radius) ** 2 + 4
+        )
+        rest = np.where(x <= self._radius, inside, self._line_tail / np.maximum(x, self._radius) ** 2)
+        values = rest - self._excess / 2 * np.log1p(4 / x**2)
+        return values if self._excess > -1 else np.where(x > MAX_REACH, 0.0, values)
 
     def integrals(self, cell, rows, columns):
         """Return the layer's part of influence coefficients, in thicknesses.
@@ -105,7 +122,7 @@ class LayerTables:
             j, i = np.nonzero((cells >= low) & (cells < high))
             total[j, i] += self._gauss_integrals(x[0, i], y[j, 0], dx, dy, points)
         j, i = np.nonzero(cells < near)
-        total[j, i] += self._corner_integrals(cell, rows[j], columns[i])
+        total[j, i] += self._near_integrals(cell, rows, columns, j, i)
         return total
 
     def _gauss_integrals(self, x, y, dx, dy, points):
@@ -117,29 +134,40 @@ class LayerTables:
                 total += in_x * in_y * self.rest(np.hypot(x + a * dx / 2, y + b * dy / 2))
         return dx * dy / 4 * total
 
-    def _corner_integrals(self, cell, rows, columns):
-        """Return integrals of `rest` over cells, from their corners."""
-        if not rows.size:
+    def _near_integrals(self, cell, rows, columns, j, i):
+        """Return integrals of `rest` over the cells ``rows[j], columns[i]``, which are not far from the origin."""
+        if not j.size:
             return 0.0
-        x, y = ((np.arange(k.max() + 1) + 0.5) * d for k, d in zip((columns, rows), cell, strict=True))
-        to_corner = self._triangles(x, y[:, None]) + self._triangles(y[:, None], x)
-        # Row and column -1 are the mirror images of row and column 0.
-        to_corner = np.pad(to_corner, ((1, 0), (1, 0)), mode="edge")
-        to_corner[0] *= -1
-        to_corner[:, 0] *= -1
-        return np.diff(np.diff(to_corner, axis=0), axis=1)[rows, columns]
+        across = [_panels(cell[0], columns[k]) for k in range(i.max() + 1)]
+        x, in_x = (np.concatenate(parts) for parts in zip(*across, strict=True))
+        starts = np.cumsum([0, *(len(points) for points, _ in across[:-1])])
+        table = np.zeros((j.max() + 1, len(across)))
+        for k in np.unique(j):
+            y, in_y = _panels(cell[1], rows[k])
+            table[k] = np.add.reduceat(in_y @ self.rest(np.hypot(x, y[:, None])) * in_x, starts)
+        return table[j, i]
 
-    def _triangles(self, u, v):
-        """Return the integrals of `rest` over triangles.
 
-        The corners are (0, 0), (u, 0) and (u, v), with arrays u and v above 0 that are broadcast.
-        """
-        nodes, weights = np.polynomial.legendre.leggauss(_ANGLES)
-        half, total = np.arcsinh(v / u) / 2, 0.0
-        for node, weight in zip(nodes, weights, strict=True):
-            stretch = np.cosh(half * (node + 1))
-            total = total + weight * self._phi(u * stretch) / stretch
-        return half * total
+def _panels(side, offset):
+    """Return points and weights of a composite Gauss rule over a cell, in one direction.
+
+    The cell has the `side`, and its centre at `offset` times the side. Panels are longer at larger distances from the
+    origin, around which the function is even.
+    """
+    low, high = max((offset - 0.5) * side, 0.0), (offset + 0.5) * side
+    if side <= _MAX_GAUSS_CELL:
+        low, edges, points = (offset - 0.5) * side, [], 3
+    else:
+        edges, points = (
+            _FIRST_PANEL * 2.0 ** np.arange(max(0, int(np.log2(high / _FIRST_PANEL))) + 1),
+            _POINTS,
+        )
+        edges = [edge for edge in edges if low < edge < high]
+    edges = np.array([low, *edges, high])
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
+    twice = 2 if low == 0 else 1
+    return (middle + half * nodes).ravel(), twice * (half * weights).ravel()
 
 
 def _rectangle(x, y, a, b, z):

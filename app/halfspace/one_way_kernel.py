@@ -9,7 +9,8 @@ modified Bessel function K0:
 
 The first term is the line contact of plane strain. D is the distance from a line of force at which the displacement is
 zero, on average over the period. D is arbitrary, and an approach depends on it. We take twice the longer side of the
-patch, or four thicknesses of a layer if this is more. Then A is positive definite, and no influence coefficient of
+patch, or four thicknesses of a layer if this is more, or for a stiff layer 2 t sqrt(S(0)), about the length on which
+it bends and stretches. Then A is positive definite, and no influence coefficient of
 half-spaces is negative.
 
 Coefficients are integrals of K over cells. Far from the line x = 0, few waves are needed. Near it, K is the sum over
@@ -21,17 +22,13 @@ Hurwitz's zeta function, and Euler's constant gamma,
 
 Both sums are exact up to rounding where they are used.
 
-A layer of thickness t multiplies the compliance of waves by S(q t) (`app.halfspace.layer`). So it adds, for k >= 0,
-
-    (2 or 4) / L cos(q_k y) integral over p > 0 of (S(q t) - 1) / q cos(p x),    q^2 = q_k^2 + p^2,
-
-with the factor 2 for k = 0, and 4 otherwise. For k = 0 the limit of S - 1 at long waves is multiplied by the image of
-the line of force at the depth 2 t, ln(D / sqrt(x^2 + 4 t^2)), whose transform is exp(-2 p t) / p.
-
-For thin layers the sum over waves is too long. Far from a force, a layered body is displaced by S(0)/r + a t^2/r^3 +
-b t^4/r^5 + ..., with numbers a, b of the layer. So for thin layers we add S(0) times the sum for half-spaces, the
-difference between the layered body and S(0) times the half-space for the copies with |m| <= M, and for all further
-copies the other terms of the far field.
+A layer of thickness t on a substrate displaces the surface far away as the substrate does, S(0)/r
+(`app.halfspace.layer`). So a layered body adds to S(0) K the sum over copies of a function G(r) that decays like r^-3.
+Three copies are integrated over cells as on a free patch. The effect of further copies is smooth, and is interpolated
+by polynomials. Their sum ends by a smooth taper w(y): the sum of the smooth function (1 - w) G over copies is the same
+for all y up to rounding, so it is an integral over y. Far from the line x = 0, the whole sum over copies is this
+integral, and is tabulated (`LayerTables.line_beyond_base`). The cost does not depend on the ratios of thickness, period
+and cells.
 """
 
 from functools import lru_cache
@@ -39,26 +36,32 @@ from itertools import pairwise
 from math import comb
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 
 from app.base.errors import InputError
+from app.halfspace.chebyshev import chebyshev_nodes, fit_even_chebyshev
 from app.halfspace.kernel import HalfSpaceKernel
-from app.halfspace.layer_coefficients import MAX_REACH, layered_coefficients
+from app.halfspace.layer_coefficients import layer_tables, layered_coefficients
 from app.halfspace.love import love_coefficients
 
-_DATUM_SIDES = 2.0  # D over the longer side of the patch, or over the depth 2 t of images if this is more
+_DATUM_SIDES = 2.0  # D over the longer side of the patch, or over the reach of layers if this is more
 _NEAR = 0.125  # distance from the line x = 0, in periods, from which waves are summed
 _COPIES = 4  # M
 _LARGEST_ORDER = 30  # of Legendre polynomials: the rest is below (1.4 / (M + 1))^32
 _NEGLIGIBLE = 40.0  # q |x| from which K0 is below rounding
 _WAVES = int(_NEGLIGIBLE / (2 * np.pi * _NEAR)) + 1
 _GAUSS = np.polynomial.legendre.leggauss(16)  # exact for the powers of the smooth rest
-_MAX_DECAY = 19.0  # q t above which S(q t) - 1 is below rounding
-_MAX_SUMMED_THICKNESS = 1 / 512  # thickness over D below which copies are summed instead of waves
-# Distance over S(0) t from which the terms above describe the displacement by a force on a thin layer.
-_FAR_FIELD_DISTANCE = 150.0
-_COPIES_PER_WAVE = 0.1  # number of copies over the number of waves for which both sums take as long
-_MAX_PHASE = 8.0  # p x over an interval of integration
-_BLOCK = 1024  # wave numbers p that are summed together
+# Sums over the copies of a force on a layered body, lengths in periods:
+_REACH = 4.0  # distance from the line x = 0 from which waves along the period are negligible
+_TAPER_CENTRE, _TAPER_WIDTH = (
+    9.5,
+    1.6,
+)  # distance of a copy at which its weight is 1/2, and width of the decrease
+_TAPER_RANGE = 4.8  # widths on each side of the centre after which the weight is 1 or 0
+_LEAST_DISTANCE = 1.25  # of the further copies from any cell of the period
+_DIGITS = 13.0  # half the logarithm of the accuracy of polynomials across the period
+_ROWS = 10  # number of polynomials along the period
+_INFINITY = 1e6  # end of the integral over the far field, in scales of this field
 
 
 class OneWayKernel(HalfSpaceKernel):
@@ -121,7 +124,8 @@ class OneWayKernel(HalfSpaceKernel):
         folded = np.asarray(along) % n
         folded, index = np.unique(np.minimum(folded, n - folded), return_inverse=True)
         across = np.asarray(across)
-        waves = _wave_integrals(width, period, max(count, int(across.max(initial=0)) + 1))[:, across]
+        count = max(count, int(across.max(initial=0)) + 1)
+        waves = _wave_integrals(width, period, count)[:, across]
         k = np.arange(1, _WAVES + 1)
         cosines = np.cos(2 * np.pi / n * (np.outer(folded, k) % n)) * (4 * length / period * np.sinc(k / n))
         total = cosines @ waves
@@ -137,18 +141,8 @@ class OneWayKernel(HalfSpaceKernel):
         half_space = total.copy() if self.base.layers else total
         for layer in self.base.layers:
             share = layer.plane_compliance / self.compliance
-            if _sums_copies(layer, period, self.datum):
-                total += share * (
-                    _sum_thin_layer(layer, n, length, width, folded, across, half_space) - half_space
-                )
-                continue
-            own = _layer_integrals(
-                layer, width, period, self.datum, max(count, int(across.max(initial=0)) + 1)
-            )
-            k = np.arange(len(own))
-            waves = np.where(k > 0, 4, 2) * length / period * np.sinc(k / n)
-            own = np.cos(2 * np.pi / n * (np.outer(folded, k) % n)) * waves @ own[:, across]
-            total += share * own
+            own = _layer_integrals(layer, n, length, width, folded, across, count, half_space)
+            total += share * (own - half_space)
         return total[index]
 
     def _near_integrals(self, n, length, width, along, across):
@@ -197,7 +191,9 @@ def patch_kernel(kernel, grid):
     sides, layers = grid.sides[::-1], kernel.layers
     if not (kernel.scale_free or layers):
         raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a {type(kernel).__name__}")
-    longest = max(*sides, *(2 * layer.thickness for layer in layers))
+    # Or a load on a stiff layer, which spreads it, would displace the bodies less than the same load at the distance D.
+    reach = (layer.thickness * max(2.0, np.sqrt(layer.long_wave_ratio)) for layer in layers)
+    longest = max(*sides, *reach)
     return OneWayKernel(kernel, axis, sides[axis], _DATUM_SIDES * longest)
 
 
@@ -273,94 +269,91 @@ def _smooth_rest():
     return table
 
 
-@lru_cache(maxsize=8)
-def _layer_integrals(layer, width, period, datum, count):
-    """Return integrals of the layer's part of waves over the width of cells.
-
-    The part is the layer's integral in the module docstring, without the factor (2 or 4) / L. The shape is (waves,
-    cells): waves from k = 0 on, cells at offsets from 0 to `count` - 1.
-    """
-    t, excess = layer.thickness, layer.long_wave_ratio - 1
-    x, highest = width * np.arange(count), _MAX_DECAY / layer.thickness
-    along = 2 * np.pi / period * np.arange(int(highest * period / (2 * np.pi)) + 1)
-    table = np.zeros((along.size, count))
-    p, weights = _across(min(np.pi / period, 1e-3 / t), min(_MAX_PHASE / (x[-1] + width), 0.5 / t), highest)
-    for start in range(0, p.size, _BLOCK):
-        part = slice(start, start + _BLOCK)
-        q = np.hypot(along[:, None], p[part])
-        waves = layer.ratio(q.ravel()).reshape(q.shape) - 1
-        waves[0] -= excess * np.exp(-2 * p[part] * t)
-        waves *= weights[part] * width * np.sinc(p[part] * width / (2 * np.pi)) / q
-        table += waves @ np.cos(np.outer(p[part], x))
-    nodes, gauss = _GAUSS
-    if width < t:
-        points = width * (np.arange(count)[:, None] + nodes / 2)
-        table[0] += excess * width / 2 * (np.log(datum / np.hypot(points, 2 * t)) @ gauss)
-    else:
-        edges = x - width / 2, x + width / 2
-        low, high = (
-            a * (np.log(datum / np.hypot(a, 2 * t)) + 1) - 2 * t * np.arctan(a / (2 * t)) for a in edges
-        )
-        table[0] += excess * (high - low)
-    return table
-
-
-def _count_copies(layer, period):
-    """Return the number of copies on each side that `_sum_thin_layer` adds one by one."""
-    reach = MAX_REACH if layer.on_rigid_base else _FAR_FIELD_DISTANCE * max(1.0, layer.long_wave_ratio)
-    return max(_COPIES, int(np.ceil(reach * layer.thickness / period)))
-
-
-def _sums_copies(layer, period, datum):
-    """Return whether a layer is so thin that a sum over copies takes less time than one over waves."""
-    t = layer.thickness
-    waves = datum / t * max(1.0, period / t)
-    return t < _MAX_SUMMED_THICKNESS * datum and _count_copies(layer, period) < _COPIES_PER_WAVE * waves
-
-
-def _sum_thin_layer(layer, n, length, width, along, across, half_space):
-    """Integrate the displacement of a thin-layered body over cells.
+def _layer_integrals(layer, n, length, width, along, across, count, half_space):
+    """Integrate the displacement of a layered body over cells.
 
     The displacement is by a point force, for compliance 1 of the layer's material; `half_space` are the same integrals
     for a half-space. The other arguments are as in `_integrals`, with `n` cells in a period.
     """
-    t, period, limit = layer.thickness, n * length, layer.long_wave_ratio
-    copies = _count_copies(layer, period)
-    total = limit * half_space
-    for m in range(-copies, copies + 1):
-        rows = np.abs(along + m * n)
-        love = love_coefficients((width, length), 1.0, rows, int(across.max()) + 1)[:, across]
-        total += layered_coefficients(layer, (width, length), rows, across, love) - limit * love
-    if layer.on_rigid_base:
+    period, limit, scale = n * length, layer.long_wave_ratio, 2 / n
+    total, near = limit * half_space, (across - 0.5) * width < _REACH * period
+    if not near.all():
+        edges = width * (across[~near] + np.array([[-0.5], [0.5]]))
+        total[:, ~near] += scale * _line_integrals(layer, *edges)
+    if not near.any():
         return total
-    a, b, c = (number * t**power for number, power in zip(layer.far_field(), (2, 4, 6), strict=True))
-    x, edges = width * across, width * np.stack([across - 0.5, across + 0.5])
-    for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
-        y = length * (along[:, None] + node / 2)
-        for s in ((copies + 0.5) * period - y, (copies + 0.5) * period + y):
-            # Sums over further copies, by Euler and Maclaurin. The first terms of 1/r^3 are integrated over the cell.
-            r, start = np.hypot(s[:, None], edges), s[:, None]
-            cubes = edges / (start * period * (r + start))
-            cubes -= period / 24 * edges / start * (1 / r**2 + 2 / start**2) / r
-            r = np.hypot(s, x)
-            ratio, square = s / r, r * (r + s)
-            others = -7 / 5760 * a * period**3 * (45 - 105 * ratio**2) * ratio / r**6
-            others += b * ((2 + ratio) / (3 * period * square**2) - 5 / 24 * period * ratio / r**6)
-            others += c * (8 + 9 * ratio + 3 * ratio**2) / (15 * period * square**3)
-            total += weight / 2 * length * (a * (cubes[:, 1] - cubes[:, 0]) + width * others)
+    inner, columns = min(width, 2 * _REACH * period), across[near]
+    rows, index = np.unique(np.abs(along + n * np.arange(-1, 2)[:, None]), return_inverse=True)
+    love = love_coefficients((inner, length), 1.0, rows, int(columns.max()) + 1)[:, columns]
+    own = layered_coefficients(layer, (inner, length), rows, columns, love) - limit * love
+    total[:, near] += own[index.reshape(3, -1)].sum(axis=0)
+    sides = (n // 2 + 0.5) * length, (min(count, int(_REACH * period / width + 0.5) + 1) - 0.5) * inner
+    terms = _further_copies(layer, period, *sides)
+    in_y, in_x = (
+        _cell_integrals(places, cell, side, k)
+        for places, cell, side, k in zip((along, columns), (length, inner), sides, terms.shape, strict=True)
+    )
+    total[:, near] += in_y @ terms @ in_x.T
+    for low in inner / 2 * 2.0 ** np.arange(int(np.ceil(np.log2(width / inner)))):  # beyond, on both sides
+        total[:, near] += (
+            2 * scale * _line_integrals(layer, np.array([low]), np.array([min(2 * low, width / 2)]))
+        )
     return total
 
 
-def _across(first, step, highest):
-    """Return points and weights of a composite Gauss rule from 0 to `highest`.
+def _line_integrals(layer, low, high):
+    """Return integrals of the layer's displacement by a line of force, from `low` to `high` on one side of the line.
 
-    The first interval has the length `first`; the next ones are twice as long each, up to the length `step`.
+    That of the base is subtracted. The force is 1/2 per length.
     """
-    growing = first * 2.0 ** np.arange(max(int(np.log2(step / first)) + 1, 1))
-    edges = np.concatenate([[0.0], growing, np.arange(growing[-1] + step, highest + step, step)])
+    nodes, weights = _GAUSS
+    x = (low + high)[:, None] / 2 + (high - low)[:, None] / 2 * nodes
+    return (high - low) / 2 * (layer_tables(layer).line_beyond_base(x / layer.thickness) @ weights)
+
+
+@lru_cache(maxsize=16)
+def _further_copies(layer, period, side_y, side_x):
+    """Return the displacement by the copies of a force from the second on, a smooth function of the position.
+
+    That of the base is subtracted. The result has the coefficients [y, x] of even Chebyshev polynomials for positions
+    up to the sides. Copies are summed with a taper; the rest of the sum is an integral.
+    """
+    from scipy.special import erfc
+
+    t, influence = layer.thickness, layer_tables(layer).beyond_base
+    count = int(np.ceil(_DIGITS / np.arcsinh(_LEAST_DISTANCE * period / side_x))) + 2
+    y, x = side_y * chebyshev_nodes(_ROWS)[:, None], side_x * chebyshev_nodes(count)
+    last, total = _TAPER_CENTRE + _TAPER_RANGE * _TAPER_WIDTH, np.zeros((_ROWS, count))
+    for m in [m for m in range(-int(last) - 2, int(last) + 3) if abs(m) > 1]:
+        place = np.abs(y + m * period)
+        taper = erfc((place / period - _TAPER_CENTRE) / _TAPER_WIDTH) / 2
+        total += taper * influence(np.hypot(place, x) / t) / t
+    first = _TAPER_CENTRE - _TAPER_RANGE * _TAPER_WIDTH
+    end = max(period, side_x, t * max(1.0, layer.long_wave_ratio)) * _INFINITY
+    edges = period * np.append(
+        np.arange(first, last), last * 2.0 ** np.arange(np.log2(end / period / last) + 2)
+    )
     nodes, weights = _GAUSS
     half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
-    return (half * nodes + middle).ravel(), (half * weights).ravel()
+    s, weights = (middle + half * nodes).ravel(), (half * weights).ravel()
+    weights *= erfc((_TAPER_CENTRE - s / period) / _TAPER_WIDTH) / period
+    total += influence(np.hypot(x[:, None], s) / t) @ weights / t
+    return fit_even_chebyshev(total)
+
+
+def _cell_integrals(offsets, cell, side, count):
+    """Return integrals of even Chebyshev polynomials over cells, shape (offsets, count).
+
+    Cells have the size `cell`, and centres at `offsets` times the size; the polynomials are those of the position over
+    `side`.
+    """
+    k = 2 * np.arange(count)
+    powers = chebvander(cell / side * (offsets + np.array([[-0.5], [0.5]])), 2 * count)
+    # The integral of T_k is T_(k+1) / 2 (k + 1) - T_(k-1) / 2 (k - 1).
+    integrals = powers[..., 1::2][..., :count] / (2 * (k + 1))
+    integrals[..., 1:] -= powers[..., 1 : 2 * count - 1 : 2] / (2 * (k[1:] - 1))
+    integrals[..., 0] *= 2
+    return side * (integrals[1] - integrals[0])
 
 
 @lru_cache(maxsize=16)

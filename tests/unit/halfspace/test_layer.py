@@ -5,7 +5,6 @@ import pytest
 
 from app.halfspace import layer as layer_module
 from app.halfspace.layer import Layer
-from app.halfspace.layer_coefficients import layer_tables
 
 MATERIALS = {  # Young's moduli and Poisson's ratios of layer and substrate
     "soft": ((1.0, 10.0), (0.3, 0.2)),
@@ -109,12 +108,3 @@ def test_an_incompressible_layer_on_a_rigid_base_bulges():
     assert layer.uniform_compliance == 0
     u = 2 * np.pi * layer.plane_compliance * layer.ratio(q) / q
     assert u == pytest.approx(q**2 * 0.2**3 / 3.0, rel=1e-6)  # G = 1
-
-
-@pytest.mark.parametrize(("young", "poisson"), MATERIALS.values(), ids=MATERIALS)
-def test_far_field_is_that_of_the_tables(young, poisson):
-    layer = Layer(1.0, young, poisson)
-    (a, b, c), r = layer.far_field(), max(1.0, layer.long_wave_ratio) * np.array([100.0, 150.0, 200.0])
-    terms = [(layer.long_wave_ratio - 1) / r, a / r**3, b / r**5, c / r**7]
-    found = layer_tables(layer).influence(r)
-    np.testing.assert_allclose(found, sum(terms), rtol=0, atol=1e-9 * layer.long_wave_ratio + 1e-12)

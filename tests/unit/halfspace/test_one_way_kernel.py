@@ -8,6 +8,8 @@ from app.halfspace import one_way_kernel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
 from app.halfspace.kernel import UNIT, HalfSpaceKernel
+from app.halfspace.layer import Layer
+from app.halfspace.layer_coefficients import LayerTables
 from app.halfspace.love import love_coefficients
 from app.halfspace.material import Material
 from app.halfspace.one_way_kernel import patch_kernel
@@ -118,9 +120,11 @@ def test_waves_along_the_period_displace_layers_as_on_a_periodic_patch(material)
     padded = np.zeros(wide.shape)
     padded[:, : grid.nx] = pressure
     u = displaced(grid, material, pressure)
-    np.testing.assert_allclose(
-        displaced(wide, material, padded)[:, : grid.nx], u, rtol=0, atol=1e-14 * abs(u).max()
+    expected, largest = (
+        displaced(wide, material, padded)[:, : grid.nx],
+        dense_matrix(grid, material.kernel).max(),
     )
+    np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * largest)
 
 
 @each_body
@@ -148,6 +152,18 @@ def test_layers_keep_the_matrix_positive_and_its_bounds(material):
         )
 
 
+@pytest.mark.parametrize("stiffness", [1e3, 1e6])
+@pytest.mark.parametrize("poisson", [(0.3, 0.3), (0.5, 0.0), (0.0, 0.5)])
+def test_matrix_of_stiff_layers_is_positive(stiffness, poisson):
+    """They spread a load over more than the patch."""
+    for thickness in (0.01, 0.1, 1.0):
+        material = Material.coated((stiffness, 1.0), poisson, thickness)
+        assert (
+            np.linalg.eigvalsh(dense_matrix(Grid(12, 6, 1 / 12, 1 / 6, periodic="y"), material.kernel)).min()
+            > 0
+        )
+
+
 def test_equal_materials_are_a_half_space():
     grid, equal = Grid(10, 12, 0.11, 1 / 12, periodic="y"), Material.coated((1.0, 1.0), (0.3, 0.3), 0.2)
     body = Material.pair((1.0, np.inf), (0.3, 0.0))
@@ -157,33 +173,87 @@ def test_equal_materials_are_a_half_space():
     )
 
 
+def sum_of_waves(grid, layer):
+    """The layer's part of coefficients for compliance 1, by its integral over waves."""
+    (width, period), t, datum = (grid.dx, grid.sides[1]), layer.thickness, patch_kernel(UNIT, grid).datum
+    x, excess, highest = width * np.arange(grid.nx), layer.long_wave_ratio - 1, 19 / t
+    step = min(8 / (x[-1] + width), 0.5 / t)
+    edges = np.append(
+        step * np.append(0, np.geomspace(1e-9, 1, 31)), np.arange(2 * step, highest + step, step)
+    )
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    half, middle = np.diff(edges)[:, None] / 2, (edges[1:] + edges[:-1])[:, None] / 2
+    p, weights = (middle + half * nodes).ravel(), (half * weights).ravel()
+    weights *= width * np.sinc(p * width / (2 * np.pi))
+    total = np.zeros(grid.shape)
+    for k in range(int(highest * period / (2 * np.pi)) + 1):
+        q = np.hypot(2 * np.pi / period * k, p)
+        values = layer.ratio(q) - 1 - (0 if k else excess * np.exp(-2 * p * t))
+        own = np.cos(np.outer(x, p)) @ (weights * values / q)
+        if not k:
+            low, high = (
+                a * (np.log(datum / np.hypot(a, 2 * t)) + 1) - 2 * t * np.arctan(a / (2 * t))
+                for a in (x - width / 2, x + width / 2)
+            )
+            own += excess * (high - low)
+        along = np.cos(2 * np.pi * k * np.arange(grid.ny) / grid.ny) * np.sinc(k / grid.ny)
+        total += (4 if k else 2) / grid.ny * along[:, None] * own
+    return total
+
+
+LAYERS = [
+    ((1.0, 2.0), (0.3, 0.3)),
+    ((1.0, 20.0), (0.5, 0.2)),
+    ((1.0, 1e3), (0.3, 0.3)),
+    ((40.0, 1.0), (0.45, 0.3)),
+    ((1e3, 1.0), (0.3, 0.3)),
+    ((1.0, np.inf), (0.3, 0.3)),
+]
+each_layer = pytest.mark.parametrize(("young", "poisson"), LAYERS)
+
+
 @pytest.mark.parametrize(
     "grid",
-    [*GRIDS[::2], Grid(9, 1, 1 / 9, 0.2, periodic="y"), Grid(7, 9, 0.5, 1 / 20, periodic="y")],
+    [
+        *GRIDS[::2],
+        Grid(7, 9, 0.5, 1 / 20, periodic="y"),
+        Grid(24, 8, 1.0, 0.01, periodic="y"),  # long cells
+        Grid(8, 24, 0.01, 1.0, periodic="y"),
+        Grid(1, 1, 1.0, 0.1, periodic="y"),
+    ],
     ids=lambda grid: f"{grid.nx}x{grid.ny}",
 )
-@pytest.mark.parametrize(
-    ("young", "poisson"),
-    [
-        ((1.0, 2.0), (0.3, 0.3)),
-        ((1.0, 20.0), (0.5, 0.2)),
-        ((40.0, 1.0), (0.45, 0.3)),
-        ((1.0, np.inf), (0.3, 0.3)),
-    ],
-)
-def test_sums_over_copies_of_thin_layers_are_sums_over_waves(grid, young, poisson, monkeypatch):
-    kernel = patch_kernel(Material.coated(young, poisson, 1 / 150).kernel, grid)
-    waves = kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
-    monkeypatch.setattr(one_way_kernel, "_MAX_SUMMED_THICKNESS", 1.0)
-    copies = kernel.coefficients(grid, np.arange(grid.ny), grid.nx)
-    np.testing.assert_allclose(copies, waves, rtol=0, atol=1e-9 * waves.max())
+@each_layer
+def test_coefficients_of_layers_are_sums_over_waves(grid, young, poisson):
+    for thickness in (0.05, 0.3, 3.0):
+        if thickness * 200 < max(grid.sides):
+            continue
+        layer, kernel = Layer(thickness, young, poisson), Material.coated(young, poisson, thickness).kernel
+        expected = layer.plane_compliance * (influence_quadrant(grid, UNIT) + sum_of_waves(grid, layer))
+        datum = patch_kernel(kernel, grid).datum / patch_kernel(UNIT, grid).datum  # larger for thick layers
+        shift = 2 * grid.dx / grid.ny * np.log(datum) * layer.plane_compliance * layer.long_wave_ratio
+        expected += shift
+        found = influence_quadrant(grid, kernel)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
 
 
-def test_layers_with_many_short_periods_are_not_summed_over_copies(monkeypatch):
-    """One row of narrow cells on a soft substrate would have 30,000 copies on each side."""
-    monkeypatch.setattr(one_way_kernel, "_sum_thin_layer", None)  # must not be called
-    kernel = Material.coated((100.0, 1.0), (0.3, 0.3), 0.02).kernel
-    assert np.isfinite(influence_quadrant(Grid(32, 1, 0.3, 0.01, periodic="y"), kernel)).all()
+@each_layer
+@pytest.mark.parametrize("direction", ["", "x", "y"])
+def test_coefficients_of_layers_cost_the_same_for_all_cells(young, poisson, direction, monkeypatch):
+    """Apart from the tables, which do not depend on the grid."""
+    counts, rest = [], LayerTables.rest
+
+    def counted(self, r):
+        counts.append(np.size(r))
+        return rest(self, r)
+
+    monkeypatch.setattr(LayerTables, "rest", counted)
+    for nx, ny, dx, dy in ((24, 8, 1.0, 0.01), (8, 24, 0.01, 1.0), (24, 24, 1.0, 1.0), (64, 2, 1e-3, 1.0)):
+        for thickness in (1e-4, 1e-2, 1.0, 1e2):
+            counts.clear()
+            grid = Grid(nx, ny, dx, dy, periodic=direction)
+            influence_quadrant(grid, Material.coated(young, poisson, thickness).kernel)
+            assert sum(counts) < 2000 * grid.n + 1e6
 
 
 @each_grid
