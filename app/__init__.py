@@ -53,8 +53,15 @@ __all__ = [*_PLACES, "__version__"]
 def __getattr__(name):
     if name not in _PLACES:
         raise AttributeError(f"module 'app' has no attribute {name!r}")
-    with import_path.names_shadows():
-        return getattr(import_module(_PLACES[name]), name)
+    try:
+        with import_path.names_shadows():
+            return getattr(import_module(_PLACES[name]), name)
+    except ImportError as error:
+        if (
+            type(error).__module__ == "app.base.errors"
+        ):  # a missing package: without the frames of this program
+            raise error.with_traceback(None) from None
+        raise
 
 
 def __dir__():

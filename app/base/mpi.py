@@ -33,8 +33,8 @@ def __getattr__(name):
     with temporary_environment(single_host_variables(os.environ)), existing_folder():
         try:
             from mpi4py import MPI
-        except RuntimeError as error:  # pip's mpi4py brings no MPI library
-            if "MPI library" not in str(error):
+        except (RuntimeError, ModuleNotFoundError) as error:  # pip's mpi4py brings no MPI library
+            if "MPI library" not in str(error) and getattr(error, "name", None) != "mpi4py":
                 raise
             raise missing("mpi4py") from None
 

@@ -7,9 +7,9 @@ Each field is a dataset of shape (rows, ny, nx); entry k belongs to row k of the
 from contextlib import contextmanager
 from dataclasses import replace
 
-import h5py
 import numpy as np
 
+from app.base import hdf5 as h5py
 from app.base.errors import InputError
 from app.base.quantities import unit_of
 from app.io.files import atomic_file, check_output_path, report_write_errors

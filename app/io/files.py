@@ -11,6 +11,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from app.base import hdf5
 from app.base.errors import InputError, call_collectively, check_type, format_message
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
@@ -42,6 +43,8 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
             raise InputError(f"{what} {path}: is another user's, and {folder} keeps it; choose another name")
     except OSError as error:
         raise InputError(f"{what} {path}: {error.strerror}") from None
+    if path.suffix.lower() in SUFFIXES:
+        hdf5.File  # noqa: B018  raises an error if h5py is missing
     for other in inputs:
         with suppress(OSError):
             if Path(other).samefile(target):

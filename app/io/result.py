@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import h5py
 import numpy as np
 
+from app.base import hdf5 as h5py
 from app.base.errors import InputError, check_type, format_message
 from app.base.memory import check_fits
 from app.base.quantities import QUANTITIES

@@ -3,9 +3,9 @@
 import os
 from collections.abc import Mapping
 
-import h5py
 import numpy as np
 
+from app.base import hdf5 as h5py
 from app.base.errors import InputError, call_collectively, check_type, format_message
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks

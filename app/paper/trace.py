@@ -16,9 +16,9 @@ dataset                 shape             unit   meaning
 ======================  ================  =====  ==================================================================
 """
 
-import h5py
 import numpy as np
 
+from app.base import hdf5 as h5py
 from app.cli import session
 from app.contact.history import Listener
 

@@ -77,6 +77,75 @@ def take_compiled_loops_along(site):
                 shutil.copy(compiled, cache)
 
 
+PIP_RUNS_SETUP = """
+import subprocess, sys
+sys.exit(subprocess.run([sys.executable, {!r}, "--name"]).returncode)
+"""
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """The Python of a venv without packages."""
+    venv = tmp_path_factory.mktemp("bare") / "venv"
+    base = Path(sys.base_prefix, "bin", "python3")
+    subprocess.run([base, "-m", "venv", "--without-pip", venv], check=True, timeout=60)
+    return venv / "bin" / "python"
+
+
+@pytest.mark.parametrize(
+    ("words", "refused"),
+    [
+        (["install", "."], True),
+        (["-q", "install", "--upgrade", str(SOURCE)], True),
+        (["install", ".[wheels]"], False),
+        (["install", ".", "petsc", "petsc4py", "h5py"], False),
+        (["install", "--no-deps", "."], False),
+        (["wheel", "."], False),
+    ],
+)
+def test_pip_install_without_petsc4py_names_the_ways_that_work_before_a_build(bare, tmp_path, words, refused):
+    """But not with it, and a wheel can be built anywhere."""
+    pip = tmp_path / "pip3"
+    pip.write_text(PIP_RUNS_SETUP.format(str(SOURCE / "setup.py")))
+    environment = {"PYTHONPATH": "", "PETSC_DIR": ""}
+    done = run(pip, *words, program=bare, cwd=SOURCE, env=environment)
+    assert done.returncode
+    *_, last = done.stderr.splitlines()
+    if refused:
+        assert last == done.stderr.strip()
+        assert "pip install '.[wheels]'" in last and "--system-site-packages" in last
+    else:
+        assert last == "ModuleNotFoundError: No module named 'setuptools'"
+    done = run(pip, *words, cwd=SOURCE)
+    assert done.stdout.split()[-1:] == ["elastic-contact-fmg"], done.stderr
+
+
+def test_a_bare_environment_does_not_see_the_petsc_of_the_system(bare):
+    """Which is compiled for the numpy and the MPI of the system."""
+    program = "from app.base.petsc_path import PathFinder; print(PathFinder.find_spec('petsc4py'))"
+    done = run("-c", program, program=bare, env={"PYTHONPATH": str(SOURCE), "PETSC_DIR": ""})
+    assert done.stdout == "None\n", done.stderr
+
+
+@pytest.mark.parametrize(
+    "command", [path.stem for path in (SOURCE / "app").glob("*.py") if "main" in path.read_text()]
+)
+def test_help_needs_neither_petsc_nor_hdf5(bare, tmp_path, command):
+    """And without them a program ends with one line, below its own."""
+    for folder in {Path(find_spec(name).origin).parents[1] for name in ("numpy", "numba", "pyfftw")}:
+        for entry in folder.iterdir():
+            if not entry.name.startswith(("h5py", "petsc4py", "_distutils", "__pycache__")):
+                (tmp_path / entry.name).symlink_to(entry)
+    environment = {"PYTHONPATH": f"{SOURCE}:{tmp_path}", "PETSC_DIR": ""}
+    done = run("-m", f"app.{command}", "--help", program=bare, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"usage: python -m app.{command} ")
+    if command == "solve":
+        done = run("-c", "import app\napp.solve()", program=bare, env=environment)
+        lines = done.stderr.splitlines()
+        assert [line for line in lines if "/app/" in line] == [lines[-3]] and "PackageMissing: " in lines[-1]
+
+
 def test_wheel_has_every_file_of_the_package(installed):
     _, site = installed
     wanted = {
