@@ -391,7 +391,6 @@ class ContactSolver(Derivatives):
         # Rank 0 has a part of every grid and window.
         counted = applied, history.entries, self.comm.count_traffic().since(traffic)
         applied, history.entries, traffic = self.comm.bcast(counted)
-        seconds = self.comm.allreduce(seconds, MPI.MIN)  # of the rank that waited least for a compilation
         return Solution(
             pressure=state.p,
             displacement=state.u,
@@ -426,7 +425,7 @@ class ContactSolver(Derivatives):
             | theories(self.problem, measured.mean_pressure, self._roughness.rms_slope),
             options=format_options(self.settings.texts),
             notes=(*self.settings.warnings, *notes),
-            solve_seconds=seconds,
+            solve_seconds=self.comm.allreduce(seconds, MPI.MIN),  # other ranks may wait for a compilation
             setup_seconds=self.setup_seconds,
             traffic=traffic,
             grid=self.problem.grid,
