@@ -1,8 +1,8 @@
 """Figures of load paths, and reading of their tables.
 
 A load path is a mapping of columns with an entry for each step, as in the group ``path`` of a result file; their units
-are in `app.base.quantities`. Missing columns are not drawn. Estimated relative errors, such as ``load_error``, are
-bands around the curves.
+are in `app.base.quantities`. Missing columns are not drawn. Estimated relative errors, such as ``load_error``, are bars
+on the curves.
 """
 
 import csv
@@ -121,7 +121,7 @@ def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, T
         values = values * np.array(scale(path))[:, None]
         axes.plot(*values, **series_style(number), label=path.name or "computed")
         for name in x, y:
-            _draw_band(axes, path, (x, y), name, scale(path), number)
+            _draw_errors(axes, path, (x, y), name, scale(path), number)
         _mark_unloading(axes, *values, values[0 if x in _FORCES else 1], number)
     if not axes.lines:
         missing = [name for name in (x, y) if all(path.select(name, above=above) is None for path in paths)]
@@ -140,11 +140,11 @@ def _mark_unloading(axes, x, y, force, number):
         axes.plot(x[falls], y[falls], **style)
 
 
-def _draw_band(axes, path, names, name, scale, number):
-    """Draw a column's estimated error as a band about a curve.
+def _draw_errors(axes, path, names, name, scale, number):
+    """Draw a column's estimated errors as bars on a curve.
 
     `names` are the columns of the curve, `name` is the column with the error. Where the relative error is 1 there is no
-    band: this number means that the quantity does not converge with the grid.
+    bar: this number means that the quantity does not converge with the grid.
     """
     reference, error = _ERRORS.get(name, (name, f"{name}_error"))
     reference = reference if reference in path.columns else name
@@ -152,23 +152,12 @@ def _draw_band(axes, path, names, name, scale, number):
     if any(column is None for column in columns):
         return
     x, y, size, share = (np.asarray(column, float) for column in columns)
-    half = size * share * scale[names.index(name)]
-    x, y = x * scale[0], y * scale[1]
-    valid = np.isfinite([x, y, half]).all(axis=0) & (half > 0) & (share < 1)
-    if axes.lines[-1].get_xdata().min() > 0 and axes.lines[-1].get_ydata().min() > 0:
-        valid &= (x > 0) & (y > 0)
-    sideways = name == names[0]
-    along, middle = (y, x) if sideways else (x, y)
-    fill = axes.fill_betweenx if sideways else axes.fill_between
-    style = {"color": series_style(number)["color"], "alpha": 0.2, "linewidth": 0, "zorder": 0.5}
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(along)))) + 1  # a band that turns back would erase itself
-    for first, last in zip([0, *turns], [*turns, along.size - 1], strict=True):
-        run = slice(first, last + 1)
-        if not (valid[run][1:] & valid[run][:-1]).any():
-            continue
-        label = None if axes.collections else "estimated error"
-        low, high = (middle - half)[run], (middle + half)[run]
-        fill(along[run], low, high, where=valid[run], label=label, **style)
+    along = names.index(name)
+    half = np.where((share > 0) & (share < 1), np.abs(size) * share * scale[along], np.nan)
+    if np.isfinite(half).any():
+        label = None if axes.containers else "estimated error"
+        style = {"ecolor": series_style(number)["color"], "alpha": 0.5, "fmt": "none", "label": label}
+        axes.errorbar(x * scale[0], y * scale[1], **{("xerr", "yerr")[along]: half}, **style)
 
 
 def _draw_analytic(axes, paths, x, y, scale):
@@ -203,7 +192,7 @@ def _draw_shares(axes, paths, value):
         with np.errstate(divide="ignore"):
             one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
         names = "mean_pressure", "contact_fraction"
-        _draw_band(axes, path, names, names[1], (path.relative, one), number)
+        _draw_errors(axes, path, names, names[1], (path.relative, one), number)
         _mark_unloading(axes, x, value(x, fraction), p, number)
     label, cross = "corrected for the stepped boundary", {"color": "0.4", "marker": "x", "linestyle": "none"}
     for path in paths:

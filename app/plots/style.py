@@ -11,6 +11,7 @@ from functools import wraps
 from typing import NamedTuple
 
 import matplotlib
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.style.core import STYLE_BLACKLIST
@@ -71,6 +72,7 @@ _IN_POINTS = (
     "figure.constrained_layout.h_pad figure.constrained_layout.w_pad"
 ).split()
 _FONT_SIZES = "font.size", "axes.titlesize", "figure.titlesize", "legend.fontsize"
+MIN_LOG_RATIO = 1.01  # of the largest to the smallest value on a logarithmic axis
 STYLES = {
     "screen": Style(1.0, None, RC),
     "paper": Style(
@@ -215,9 +217,14 @@ def series_style(number):
 def set_log_axes(axes, names="xy"):
     """Make axes logarithmic.
 
-    If an axis has few powers of ten, 2 and 5 times these are labelled, too.
+    If an axis has few powers of ten, 2 and 5 times these are labelled, too. If y hardly varies, its axis begins at
+    zero instead, so that rounding does not look like a change.
     """
     for name in names:
+        values = np.concatenate([line.get_ydata() for line in axes.lines] or [[]])
+        if name == "y" and values.size and 0 < values.max() < MIN_LOG_RATIO * values.min():
+            axes.set_ylim(0, 1.3 * values.max())
+            continue
         axes.set(**{f"{name}scale": "log"})
         axis = getattr(axes, f"{name}axis")
         low, high = axis.get_view_interval()

@@ -83,3 +83,25 @@ def test_a_layer_with_much_smaller_stresses_than_its_base_has_its_own_colours(po
     ends = [max(layer, base)] if poisson < 0.4 else [layer, base]
     assert [part.get_clim()[1] for part in drawn] == pytest.approx(ends)
     assert len(figure.axes[0].child_axes) == len(ends)
+
+
+def thin_coating():
+    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    x, y = grid.x()[None, :], grid.y()[:, None]
+    layer = Material.coated((3e5, 2e5), (0.2, 0.3), "2 um").coatings[0]
+    below = LayeredStress(np.sqrt(np.maximum(0.5 - x**2 - y**2, 0)), grid, layer)
+    return stress.stress_figure(grid, api_survey(below), "")
+
+
+def test_a_thin_coating_has_a_panel_of_its_own():
+    (panel,) = (axes for axes in thin_coating().axes if axes.get_title() == "in the coating")
+    assert panel.get_ylim() == pytest.approx((2.0, 0)) and panel.get_ylabel() == "depth z  [µm]"
+    assert all(len(line.get_xdata()) >= 5 for line in panel.lines if line.get_label()[0] != "_")
+
+
+def test_curves_of_a_panel_have_different_dashes():
+    for axes in thin_coating().axes:
+        curves = [line for line in axes.lines if line.get_label()[0] != "_"]
+        assert len({line._unscaled_dash_pattern for line in curves if line._unscaled_dash_pattern}) == len(
+            curves
+        )

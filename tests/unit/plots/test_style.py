@@ -4,6 +4,7 @@ import matplotlib
 import pytest
 from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from app.plots import figures, style
@@ -96,3 +97,11 @@ def test_without_the_users_backend_a_figure_is_made_all_the_same(monkeypatch):
     monkeypatch.setattr(pyplot, "figure", no_display)
     with style.interactive():
         assert style.new_figure(4, 3).get_size_inches().tolist() == [4, 3]
+
+
+def test_values_that_hardly_vary_are_shown_from_zero():
+    axes = Figure().subplots()
+    axes.plot([1, 10, 100], [5.0, 5.0 + 1e-9, 5.002])
+    style.set_log_axes(axes)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "linear")
+    assert axes.get_ylim() == pytest.approx((0, 6.5), rel=1e-3)
