@@ -81,10 +81,10 @@ class Canvas:
         if self.grid.n == whole.n:
             return
         patch = tuple(end * self.unit.per_mm for end in whole.domain)
-        contact, view = self.result.contact[self.view], self.extent
+        view = self.extent
         if self.lies:
-            contact, patch, view = contact.T, patch[2:] + patch[:2], view[2:] + view[:2]
-        draw_inset(axes, (self.width, self.height), contact, patch, view)
+            patch, view = patch[2:] + patch[:2], view[2:] + view[:2]
+        draw_inset(axes, (self.width, self.height), patch, view)
 
     def _draw_image(self, axes, pixels, b, **options):
         """Draw an image whose pixels are blocks of b x b cells."""

@@ -30,29 +30,19 @@ def find_view(result):
     return (rows, columns) if shown <= MAX_SHARE * contact.size else whole
 
 
-def draw_inset(axes, size, contact, patch, view):
+def draw_inset(axes, size, patch, view):
     """Draw an inset of the whole patch, with the view's outline.
 
-    The inset is in the corner with the least contact. `size` is width and height of the map [inch], `contact` the mask
-    of contact on the cells of the view. `patch` and `view` are x0, x1, y0, y1.
+    The inset is transparent, in the lower left corner, which is usually outside the contact. `size` is width and height
+    of the map [inch]. `patch` and `view` are x0, x1, y0, y1.
     """
     side = max(_SIDE * min(size), _MIN_SIDE)
-    width, height = side / size[0], side / size[1]
-    ny, nx = contact.shape
-    corners = {
-        (x, y): contact[
-            slice(0, int(height * ny) + 1) if y == 0 else slice(int((1 - height) * ny), ny),
-            slice(0, int(width * nx) + 1) if x == 0 else slice(int((1 - width) * nx), nx),
-        ].mean()
-        for x, y in ((0, 0), (1, 0), (0, 1), (1, 1))
-    }
-    x, y = min(corners, key=corners.get)
-    inset = axes.inset_axes([x * (1 - width), y * (1 - height), width, height])
+    inset = axes.inset_axes([0, 0, side / size[0], side / size[1]], facecolor="none")
     inset.set(xlim=patch[:2], ylim=patch[2:], xticks=[], yticks=[])
     for spine in inset.spines.values():
         spine.set_visible(True)
     x0, x1, y0, y1 = view
     inset.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor="0.35", edgecolor="0.35"))
     if side >= _MIN_TITLED_SIDE:
-        inset.set_title("patch", fontsize="x-small", pad=1 if y == 0 else -14, y=1 if y == 0 else 0)
+        inset.set_title("patch", fontsize="x-small", pad=1)
     return inset

@@ -5,6 +5,7 @@ import pytest
 from app.base.errors import InputError
 from app.base.units import UNITS, to_length, to_millimetres
 from app.cli.problem_options import PROBLEM_OPTIONS
+from app.contact.loading_input import validate_number
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.options.option_table import Option, OptionReader, positive, word
@@ -78,6 +79,18 @@ def test_python_arguments_accept_units(unit):
         -length,
         length,
     )
+
+
+def test_a_prescribed_approach_may_have_a_unit():
+    assert validate_number("approach", "2 um") == validate_number("mean_gap", "2e-6 m") == 0.002
+    for kind, text in (
+        ("approach", "2 furlongs"),
+        ("approach", "0.002"),
+        ("load", "2um"),
+        ("approach", "inf m"),
+    ):
+        with pytest.raises(InputError, match=f"^{kind}[ :].*must be a number"):
+            validate_number(kind, text)
 
 
 def test_wrong_units_of_python_arguments():
