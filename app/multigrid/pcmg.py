@@ -109,7 +109,8 @@ class ContactMG:
     operators = _transfers = _mats = ()
     _cycle = _mat = _coarse = None
     _contact = -1  # version of the contact set that was restricted last
-    _needs_symmetry = ""  # type of the KSP, if it needs a symmetric cycle
+    _ksp_type = ""  # of a KSP that may need a symmetric cycle
+    _needs_symmetry = False
     _applied = None  # copies of x and y of the first application, before symmetry is checked; () afterwards
     _adjoint = None  # ContactMG whose cycle is the adjoint of this one
     _is_adjoint = False
@@ -138,8 +139,8 @@ class ContactMG:
 
     def preSolve(self, pc, ksp, b, x):
         """Make the cycle symmetric if the KSP needs a symmetric preconditioner."""
-        if ksp.getType() in _NEED_SYMMETRY and not self._needs_symmetry:
-            self._needs_symmetry = ksp.getType()
+        if ksp.getType() in (*_NEED_SYMMETRY, "python") and ksp.getType() != self._ksp_type:
+            self._ksp_type = ksp.getType()
             self.reset(pc)
             self.setUp(pc)
 
@@ -180,7 +181,7 @@ class ContactMG:
         self._forget_applied(())
         if difference > allowed:
             raise InputError(
-                f"-ksp_type {self._needs_symmetry}: needs a symmetric preconditioner, and these smoothers before and "
+                f"-ksp_type {self._ksp_type}: needs a symmetric preconditioner, and these smoothers before and "
                 "after the coarse grid (-mg_levels_*, -mg_levels_up_*) are not adjoint; choose -ksp_type fcg or gmres"
             )
 
@@ -224,8 +225,7 @@ class ContactMG:
         cycle.setType(PETSc.PC.Type.MG)
         cycle.setMGLevels(len(self.operators))
         self._set_levels(pc.comm)
-        if (ksp_type := options.getString("ksp_type", "")) in _NEED_SYMMETRY:
-            self._needs_symmetry = self._needs_symmetry or ksp_type
+        self._ksp_type = self._ksp_type or options.getString("ksp_type", "")
         defaults, forced = self._cycle_options(options)
         forced |= {"pc_type": "mg", "pc_mg_levels": str(len(self.operators))}
         with temporary_options(prefix, defaults, forced):
@@ -244,12 +244,17 @@ class ContactMG:
             )
         several = len(self.operators) > 1
         texts, one_smoother = options.getAll(), kind == "additive" or not several
-        wanted = f"-ksp_type {self._needs_symmetry} needs" if self._needs_symmetry else "the transpose is of"
+        # This program's own KSPs are methods of CG that tolerate the usual cycle.
+        ksp = self._ksp_type
+        self._needs_symmetry = ksp in _NEED_SYMMETRY or (ksp == "python" and one_smoother)
         if several and kind in _WITHOUT_ADJOINT and (self._needs_symmetry or self._is_adjoint):
-            raise InputError(
-                f"-pc_mg_type {kind}: {wanted} a symmetric cycle; choose -pc_mg_type multiplicative or additive, or "
-                "-ksp_type fcg or gmres"
+            reason = (
+                f"-ksp_type {ksp} needs a symmetric cycle"
+                if self._needs_symmetry
+                else "has no transpose here"
             )
+            advice = "choose -pc_mg_type multiplicative or additive, or -ksp_type fcg or gmres"
+            raise InputError(f"-pc_mg_type {kind}: {reason}; {advice}")
         defaults = _default_options(texts, self._needs_symmetry and not one_smoother)
         if self._needs_symmetry and one_smoother:
             return defaults, _symmetric_sweeps(defaults | texts)

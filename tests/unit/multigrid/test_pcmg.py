@@ -91,3 +91,10 @@ def test_work_of_multigrid_in_windows_is_counted():
     assert first.converged
     assert first.load == pytest.approx(plain.load, rel=first.error_bound + plain.error_bound)
     assert second.operator_applications == pytest.approx(first.operator_applications)
+
+
+@pytest.mark.parametrize("options", [{"pc_mg_type": "additive"}, {"pc_mg_levels": 1}])
+def test_cycles_without_smoothers_after_the_coarse_grid_suit_the_default_method(options):
+    """Its own CG took 250 and 650 iterations with one-way sweeps."""
+    solution = solve(hertz(64), approach=0.1, method="fast", options={"pc_type": "mg"} | options)
+    assert solution.converged and solution.inner_iterations < 30
