@@ -11,12 +11,12 @@ from pathlib import Path
 from app.base.errors import InputError, shorten
 
 _KINDS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
-_NO_FILES = "draw", "socket", "saws", "string"
 _VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_(view\w*|converged_reason)")
 # Options at which PETSc aborts unless they are shown as text; some may be drawn, too.
 _DRAWABLE = re.compile(r"(\w+_)?ksp_monitor(_true_residual|_solution)?")
 _TEXT_ONLY = re.compile(r"(\w+_)?ksp_monitor_(short|range|max|singular_value)|snes_converged_reason")
 _VECTORS = re.compile(r"(\w+_)?(ksp_view_(solution|rhs|final_residual)|(snes|tao)_view_solution)")
+_TO_FILE = re.compile("(ascii|binary|hdf5|matlab|vtk|):([^:]+)")
 _MIN_BYTES = 4096  # of a file of text
 _AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw_lg))?)?"
 
@@ -27,7 +27,7 @@ def check_viewers(texts):
     `texts` maps names of options to their texts.
     """
     for name, text in texts.items():
-        if _is_viewer(name):
+        if any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY)):
             check_viewer(name, text)
 
 
@@ -38,16 +38,12 @@ def estimate_files(texts, cells):
     """
     sizes = {}
     for name, text in texts.items():
-        kind, file, *_ = [*text.split(":"), ""]
-        if _is_viewer(name) and file and kind not in _NO_FILES:
+        if viewer := _TO_FILE.match(text):
+            kind, file = viewer.groups()
             per_cell = 8 if kind in ("binary", "hdf5") else 2
             size = _MIN_BYTES + per_cell * cells * bool(_VECTORS.fullmatch(name))
             sizes[file] = max(size, sizes.get(file, 0))
     return sizes
-
-
-def _is_viewer(name):
-    return any(pattern.fullmatch(name) for pattern in (_VIEW, _DRAWABLE, _TEXT_ONLY))
 
 
 def check_viewer(name, text):
@@ -62,7 +58,7 @@ def check_viewer(name, text):
             raise InputError(f"-{name} {text}: must be empty, ascii:FILE or draw")
     elif _TEXT_ONLY.fullmatch(name) and not re.fullmatch(_AS_TEXT, text, re.IGNORECASE):
         raise InputError(f"-{name} {text}: must be empty or ascii:FILE")
-    if kind not in _NO_FILES:
+    if kind not in ("draw", "socket"):
         check_output(name, text, file)
 
 
