@@ -55,8 +55,9 @@ def calls_of(function):
     return names
 
 
-def test_second_solve_makes_two_vecs_per_level_only():
-    with ContactSolver(bowl(160)) as solver:
+@pytest.mark.parametrize("method", [None, "fmg_v11", "fmg_lift", "norm"])
+def test_second_solve_makes_two_vecs_per_level_only(method):
+    with ContactSolver(bowl(160), method) as solver:
         solver.solve(approach=0.3)
         made = [name for name in calls_of(lambda: solver.solve(approach=0.301)) if MAKES.search(name)]
         assert set(made) <= {"Vec.createWithArray", "Vec.duplicate"}
