@@ -143,18 +143,18 @@ class PrescribedApproach(Loading):
 
     def first_solve(self, state, solve):
         """Solve from contact in all cells with h <= 0; see `Loading`."""
-        self.set_depth(state)
+        state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
 
     def resume(self, state, load):
         """Set the prescribed depth; see `Loading.resume`."""
-        self.set_depth(state)
+        state.depth = self.depth_on(state.distance)
 
     def begin(self, state):
         """Set the prescribed depth on this grid; see `Loading.begin`."""
         # The depth on the coarser grid may differ: at full contact, or under a mean gap.
-        self.set_depth(state)
+        state.depth = self.depth_on(state.distance)
 
 
 class PrescribedMeanGap(PrescribedApproach):
@@ -188,6 +188,10 @@ class PrescribedMeanGap(PrescribedApproach):
     def depth_on(self, distance):
         """Return the depth for the mean gap; see `Loading.depth_on`."""
         return self._depth + (distance.statistics.mean - self._mean)
+
+    def begin(self, state):
+        """Set the depth on this grid; see `Loading.begin`."""
+        self.set_depth(state)
 
     def set_depth(self, state):
         """Set the depth, whose rounding error is an error of the mean gap; see `Loading.set_depth`."""
