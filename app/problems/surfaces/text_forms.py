@@ -32,6 +32,7 @@ _PREFIX = re.compile(
 _SUFFIX = re.compile(r"\s*(?:,\s*dtype\s*=\s*[\w.'\"]+\s*)?\)?\s*[;.]?\s*")
 _INNER = {"[": re.compile(r"\[([^\[\]{}]*)\]"), "{": re.compile(r"\{([^\[\]{}]*)\}")}
 _CLOSING = {"[": "]", "{": "}"}
+_NO_NUMBERS = {"", *"+-*_"}  # in brackets
 _CONTINUED = re.compile(r"\.\.\.[ \t]*\n")
 _MINUS = re.compile(
     r"(?:(?<=[\s;,|&eE])|^)[\u2010\u2011\u2012\u2013\ufe63\uff0d\x96](?=[\d.,])", re.MULTILINE
@@ -168,9 +169,11 @@ def _bracket_rows(rows):
 
 
 def _bracket_numbers(k, text):
-    numbers = re.split(r"\s*,\s*|\s+", re.sub(r",\s*$", "", text.strip()))
-    numbers = [re.sub(r"`[\d.]*", "", number).replace("*^", "e") for number in numbers]
-    wrong = next((number for number in numbers if not re.search(r"[\w.]|--", number) or ";" in number), None)
+    text = re.sub(r",\s*$", "", text)
+    if "`" in text or "*^" in text:  # of Mathematica
+        text = re.sub(r"`[\d.]*", "", text).replace("*^", "e")
+    numbers = [number for part in text.split(",") for number in part.split() or [""]]
+    wrong = next((number for number in numbers if number in _NO_NUMBERS or ";" in number), None)
     if wrong is not None:
         raise ValueError(
             f"row {k} of the matrix in brackets: {wrong!r} is no number; must be numbers, separated by commas or blanks"
