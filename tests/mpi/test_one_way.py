@@ -37,7 +37,8 @@ def test_all_ranks_together_find_the_solution_of_one(comm, method, shape, period
     assert alone.fallbacks == together.fallbacks == 0
     pressure = np.vstack(comm.allgather(together.pressure))
     np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-6 * alone.max_pressure)
-    for name in ("approach", "perimeter", "rms_slope", "pressure_centre_x", "pressure_centre_y"):
+    extents = "contact_extent_x", "contact_extent_y"
+    for name in ("approach", "perimeter", "rms_slope", "pressure_centre_x", "pressure_centre_y", *extents):
         assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-6, nan_ok=True)
     assert together.contact_patches() == pytest.approx(alone.contact_patches())
 
