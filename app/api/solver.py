@@ -48,9 +48,7 @@ from app.parallel.reductions import minimum_over
 
 @usage("solve(problem, load=700), or approach=, mean_pressure=, mean_gap=")
 def solve(problem, *, method=None, options=None, comm=None, start=None, **loading):
-    """Solve a contact problem for an approach or load.
-
-    Collective over `comm`. Raises the errors of `ContactSolver` and its `solve`.
+    """Solve a contact problem. Collective; raises the errors of `ContactSolver` and its `solve`.
 
     Parameters
     ----------
@@ -59,9 +57,14 @@ def solve(problem, *, method=None, options=None, comm=None, start=None, **loadin
         Arguments of `ContactSolver`.
     start : Solution, optional
         Solution of a similar loading, from which the iteration starts.
-    approach, load, mean_pressure, mean_gap : float
-        Exactly one of: the approach of the bodies [mm]; the total force [N], at least 0; the load over the area of the
-        patch [N/mm2]; the mean gap of a periodic patch without holes [mm], with a hardness the mean of e = h + u.
+    approach : float, optional
+        Approach of the bodies [mm]. Give exactly one of the four loadings.
+    load : float, optional
+        Total force [N], at least 0.
+    mean_pressure : float, optional
+        Load over the area of the patch [N/mm2].
+    mean_gap : float, optional
+        Mean gap of a periodic patch without holes [mm]; with a hardness the mean of e = h + u.
 
     Returns
     -------
