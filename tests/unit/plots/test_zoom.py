@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from results import made_up_result
 
-from app.plots import figures
+from app.plots import figures, pictures
 from app.plots.zoom import find_view
 
 
@@ -56,3 +56,13 @@ def test_colours_and_counts_are_those_of_the_whole_patch(small_contact):
     assert f"{100 * fraction:.3g}%" in axes.get_legend().get_texts()[0].get_text()
     image = figures.pressure_figure(small_contact).axes[0].images[-1]
     assert image.get_array().shape == (14, 20) and image.get_clim()[1] == pytest.approx(46)
+
+
+def test_map_of_spots_shows_the_view(small_contact):
+    axes = pictures.spots_figure(small_contact.patches()).axes[0]
+    assert np.ptp(axes.get_xlim()) < 0.5 * np.ptp(small_contact.x) and len(axes.child_axes) == 1
+
+
+def test_inset_hides_no_contact(small_contact):
+    inset = figures.contact_figure(small_contact).axes[0].child_axes[-1]
+    assert inset.get_facecolor()[3] == 0
