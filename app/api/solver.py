@@ -27,7 +27,6 @@ from app.api.notes import NoteWarnings, notes_on
 from app.api.solution import Solution, fingerprint
 from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
-from app.base.mpi import MPI
 from app.base.numba_cache import clock, report_compilation
 from app.base.petsc import Resources, mpi_comm, synchronized
 from app.base.usage import usage
@@ -428,7 +427,7 @@ class ContactSolver(Derivatives):
             | theories(self.problem, measured.mean_pressure, self._roughness.rms_slope),
             options=format_options(self.settings.texts),
             notes=(*self.settings.warnings, *notes),
-            solve_seconds=self.comm.allreduce(seconds, MPI.MIN),  # other ranks may wait for a compilation
+            solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             traffic=traffic,
             grid=self.problem.grid,
