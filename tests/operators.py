@@ -62,7 +62,7 @@ BOXED_ONE_WAY = Grid(230, 190, 0.2, 0.25, periodic="y")
 
 def make_convolution(comm, grid, block=1, dtype=np.float64):
     layout = Layout(slabs_of(comm, grid, block), comm, dtype)
-    if grid.symbol:
+    if grid.doubly_periodic:
         return PeriodicProduct(partial(STEEL.eigenvalues, grid), grid.shape, layout)
     if grid in (BOXED, BOXED_ONE_WAY):
         return BoxProduct(grid, patch_kernel(STEEL, grid), layout)

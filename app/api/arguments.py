@@ -51,7 +51,7 @@ def parse_arguments(problem, method, options, prefix, listeners):
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: must be names without the dash")
     grid = problem.grid
-    settings = make_settings(method, texts, bool(grid.symbol), problem.kernel.is_thin_film(grid))
+    settings = make_settings(method, texts, grid.doubly_periodic, problem.kernel.is_thin_film(grid))
     check_viewers(settings.texts)
     _check_python_types(settings.texts)
     return settings, SolverOptions(prefix, settings.texts, ignored)

@@ -193,7 +193,7 @@ class Derivatives:
                     "sensitivity: of approach: the solution has no elastic contact, so the load does not change with it"
                 )
             return np.zeros(cells.shape)
-        if grid.symbol and count == grid.n:
+        if grid.doubly_periodic and count == grid.n:
             return self._in_full_contact(g, fixed)
         with self._system(cells, SENSITIVITY_RTOL) as solve:
             uniform = self._uniform_compliance if fixed == "approach" else 0.0
@@ -245,7 +245,7 @@ class Derivatives:
         """
         grid, count = self.hierarchy.target.grid, self._sum(cells)
         uniform = self._uniform_compliance / grid.area
-        if not count or (grid.symbol and count == grid.n):
+        if not count or (grid.doubly_periodic and count == grid.n):
             return (1 / uniform if uniform else np.inf) if count else 0.0
         with self._system(cells, RTOL) as solve:
             stiffness = float(grid.cell_area * self._sum(solve(1.0)))

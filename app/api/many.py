@@ -168,7 +168,7 @@ def _make_jobs(problems, loading, grid, material):
     for number, (problem, values) in enumerate(
         zip(problems, _as_loads(kind, numbers, len(problems)), strict=True)
     ):
-        if kind == "mean_gap" and not problem.grid.symbol:
+        if kind == "mean_gap" and not problem.grid.doubly_periodic:
             raise InputError(f"problems[{number}]: mean_gap: needs a periodic patch; use approach= or loads")
         jobs.append(_Job(number, first_row, problem, values))
         first_row += len(values)

@@ -101,7 +101,7 @@ def notes_on(state, problem, contact, moments, roughness):
             f"the bodies approach each other by {format_distinct(state.depth, side, 2)} mm beyond first touch, "
             f"more than the patch is wide ({format_distinct(side, state.depth, 2)} mm)"
         )
-    if grid.symbol and roughness.rms_height == 0:
+    if grid.doubly_periodic and roughness.rms_height == 0:
         notes.append(
             "the distance is the same in all cells of this periodic patch: the bodies have no shape here"
         )

@@ -127,7 +127,7 @@ class Strategy:
             if outcome := FullPlasticity(len(hierarchy.levels) - 1).solve(state, loading, history):
                 return state, outcome
             state.destroy()
-        if hierarchy.target.grid.symbol:
+        if hierarchy.target.grid.doubly_periodic:
             full = FullContact(hierarchy, self._distances)
             state = self._new_state()
             if outcome := full.solve(state, loading, self._stop(), history):
@@ -224,7 +224,7 @@ class Film(ActiveSet):
         settings, hierarchy = self._settings, self._hierarchy
         iterate = partial(solve_film, hierarchy)
         capped = start is not None and start.plastic is not None
-        if capped and not (loading.approach_is_known or hierarchy.target.grid.symbol):
+        if capped and not (loading.approach_is_known or hierarchy.target.grid.doubly_periodic):
             # Pressures at the hardness cannot be scaled to a very different load.
             low, high = sorted((start.load, loading.load))
             start = start if high <= MAX_LOAD_RATIO * low else None

@@ -141,7 +141,7 @@ def _pressure_picture(solution):
 def solution_html(solution):
     """Return HTML with a solution's numbers, notes and pressure."""
     grid = solution.grid
-    names = (*_ROWS, *_PERIODIC_ROWS) if grid.symbol else _ROWS
+    names = (*_ROWS, *_PERIODIC_ROWS) if grid.doubly_periodic else _ROWS
     return _as_html(
         f"{type(solution).__name__}, {grid.nx} x {grid.ny} cells",
         _quantities_table(solution, names),

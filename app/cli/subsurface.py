@@ -142,7 +142,7 @@ def summary(hottest, sheared, result, below):
     highest = float(np.nanmax(result.pressure))
     # Without pressure, or below a uniform one, the stress has no maximum.
     variation = np.ptp(result.pressure)
-    uniform = highest <= 0 or (result.grid.symbol and variation <= MIN_STRESS_VARIATION * highest)
+    uniform = highest <= 0 or (result.grid.doubly_periodic and variation <= MIN_STRESS_VARIATION * highest)
     texts = []
     for name, value, at, body in _stated_stresses(hottest, sheared, result, below):
         unit = choose_length_unit(at.depth or float(np.ptp(result.x)))

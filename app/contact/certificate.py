@@ -146,10 +146,10 @@ def _prove(state, enough, work):
     smallest = kernel.smallest_eigenvalue(grid)
     bounds, penetrates = state.bounds, np.empty(len(b), bool)
     # Beyond full contact no gap without overlaps has the mean of e.
-    overlaps = bounds.capped and bool(grid.symbol) and depth > state.distance.full_depth
+    overlaps = bounds.capped and grid.doubly_periodic and depth > state.distance.full_depth
     upper = bounds.upper if overlaps or state.plastic_cells() else None
     largest, sums = np.full(6, -np.inf), np.zeros(6)
-    lifts = upper is None and not state.grid.symbol
+    lifts = upper is None and not state.grid.doubly_periodic
     loops.survey(b, depth, u, p, upper, admissible, smallest, lifts, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
@@ -159,7 +159,7 @@ def _prove(state, enough, work):
     shifted = squares = 0.0
     if tension > bounds.rounding * highest:
         gap = np.inf
-    elif state.grid.symbol:
+    elif state.grid.doubly_periodic:
         gap, squares, energy, shifted = _close_gap(state, energy, u_squares, enough, work, upper)
     else:
         gap, squares = to_p + moved / (2 * smallest), moved / smallest
@@ -170,7 +170,7 @@ def _prove(state, enough, work):
             gap, squares = _best([gap, *(defect + lifted)], [squares, *distances])
     gap = max(gap, 0.0)
     diagonal = state.operator.diagonal
-    if state.grid.symbol and state.grid.n <= DenseProduct.largest:
+    if state.grid.doubly_periodic and state.grid.n <= DenseProduct.largest:
         diagonal *= max(kernel.largest_eigenvalue(grid) / smallest, 1.0)
     rounding = np.sqrt(diagonal * p_squares) + np.sqrt(u_squares / smallest)
     error = _largest_error(gap, squares) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted

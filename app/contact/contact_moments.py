@@ -42,7 +42,7 @@ def measure_moments(state):
     second moments of each cell about its own centre are included.
     """
     grid, rows = state.grid, state.operator.slabs.rows
-    if grid.symbol:
+    if grid.doubly_periodic:
         return _NOWHERE
     # Relative to the middle of the patch, which may be far from the origin.
     x, y = grid.x0 + grid.sides[0] / 2, grid.y0 + grid.sides[1] / 2

@@ -206,7 +206,7 @@ def _measure(levels, comm):
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = window_from_bounds(box), float(touching)
         distance.zero_load_depth = distance.touching if np.isfinite(touching) else -np.inf
-        if distance.patch.symbol and cells == distance.patch.n:
+        if distance.patch.doubly_periodic and cells == distance.patch.n:
             distance.full_depth = mean - _MEAN_GAP_ROUNDING * abs(mean)
             distance.max_depth = np.inf if finite else distance.full_depth  # plastic cells may overlap
             if finite and softest == -minus_hardest:

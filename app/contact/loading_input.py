@@ -66,7 +66,7 @@ def make_loading(grid, distance, uniform_compliance=0.0, **given):
     if uniform_compliance and distance.bounds.capped:
         what, advice = f"approach {format_exact(value)}", "use load, mean_pressure or mean_gap"
         raise InputError(f"{what}: not for a layer on a rigid base with a hardness; {advice}")
-    if not grid.symbol or uniform_compliance:
+    if not grid.doubly_periodic or uniform_compliance:
         return PrescribedApproach(value)
     size = max(abs(value), abs(reference))
     if distance.max_depth == np.inf and not holes and value - full > _ROUNDING_ULPS * ulp(size):
@@ -132,7 +132,7 @@ def _check_mean_gap(value, distance, grid, holes, rounding):
     """
     text, others = f"mean_gap {format_exact(value)}", "use approach, load or mean_pressure"
     doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown" if holes else ""
-    if not grid.symbol:
+    if not grid.doubly_periodic:
         doubt = "only on a periodic patch, in x and y, does it determine the approach"
     if doubt:
         raise InputError(f"{text}: {doubt}; {others}")

@@ -94,7 +94,7 @@ def measure_contact(state):
     load, area = grid.cell_area * float(force), cells * grid.cell_area
     admissible, mean, *_ = distance.statistics
     # The displacement of a periodic patch has no mean, which gives that of e without rounding.
-    gap = mean - state.depth if grid.symbol and admissible == grid.n else total / admissible
+    gap = mean - state.depth if grid.doubly_periodic and admissible == grid.n else total / admissible
     plastic_depth = float(depths / admissible)
     if plastic_depth:
         gap = max(gap + plastic_depth, 0.0)  # rounding may leave less
@@ -173,7 +173,7 @@ def measure_roughness(operator, distance, shape):
     rows, nx) [mm], is the undeformed distance at the reference, NaN in inadmissible cells.
     """
     grid = operator.grid
-    waves = grid.symbol and distance.statistics.cells == grid.n
+    waves = grid.doubly_periodic and distance.statistics.cells == grid.n
     compute = _wave_slope if waves else _difference_slope
     square = compute(operator, shape)
     steps = _steps_at_sides(operator, shape) if grid.periodic else (0.0, 0.0)

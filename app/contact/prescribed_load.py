@@ -232,7 +232,7 @@ class PrescribedLoad(Loading):
         if not gaps.cells and not state.plastic_cells():
             state.first_contact()
         depth = state.depth
-        least_plastic = 0 if state.grid.symbol else MAX_PLASTIC_FRACTION * gaps.cells
+        least_plastic = 0 if state.grid.doubly_periodic else MAX_PLASTIC_FRACTION * gaps.cells
         if state.plastic_cells() > least_plastic:
             stiffness = PLASTIC_STIFFNESS_RATIO * least_stiffness(state)
             expected, step = np.nan, self._plastic_step(state, gaps, stiffness)
@@ -336,7 +336,7 @@ def least_stiffness(state):
     the cell area times 1.q, and 1.q >= (1.1)^2 / (1.A 1), with sums over C. Near full contact this bound grows to
     infinity.
     """
-    if not state.grid.symbol:
+    if not state.grid.doubly_periodic:
         return 0.0
     energy, cells = state.operator.energy_of_contact()
     return state.grid.cell_area * cells**2 / energy if energy > 0 else 0.0

@@ -116,7 +116,12 @@ class Grid:
     @cached_property
     def symbol(self):
         """Name of the symbol of a patch periodic in x and y, else empty."""
-        return self.periodic if self.periodic in SYMBOLS else ""
+        return self.periodic if self.doubly_periodic else ""
+
+    @cached_property
+    def doubly_periodic(self):
+        """Whether the patch is periodic in x and in y."""
+        return self.periodic in SYMBOLS
 
     @cached_property
     def one_way(self):
@@ -225,7 +230,7 @@ def plan_grids(grid, coarsest=4, target_only=False):
     if not target_only and grid.coarsen(coarsest) is None:
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
-        if coarser.symbol and coarser.n == 1:
+        if coarser.doubly_periodic and coarser.n == 1:
             break  # A of a single periodic cell is zero
         grids.append(coarser)
     return grids

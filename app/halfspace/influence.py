@@ -25,7 +25,7 @@ def quadrant_rows(grid, kernel):
     The quadrant of a periodic grid is computed once and stored; it takes a quarter of the memory of a field.
     """
     kernel = patch_kernel(kernel, grid)
-    quadrant = periodic_quadrant(grid, kernel) if grid.symbol else None
+    quadrant = periodic_quadrant(grid, kernel) if grid.doubly_periodic else None
 
     def rows(selected=slice(None), columns=None):
         offsets, count = np.arange(*selected.indices(grid.ny)), grid.nx if columns is None else columns

@@ -68,7 +68,7 @@ class LayeredKernel(HalfSpaceKernel):
 
     def uniform_compliance(self, grid):
         """Return the displacement by pressure 1 on all cells; see `HalfSpaceKernel`."""
-        return sum(layer.uniform_compliance for layer in self.layers) if grid.symbol else 0.0
+        return sum(layer.uniform_compliance for layer in self.layers) if grid.doubly_periodic else 0.0
 
     def wave_compliance(self, q):
         """Return the compliance [mm2/N] for an array of `q` above 0 [1/mm]."""
@@ -167,7 +167,7 @@ class LayeredKernel(HalfSpaceKernel):
 
     def _spectrum(self, grid):
         """Return samples of the eigenvalues of A, from long to short waves."""
-        longest = max(grid.sides) * (1 if grid.symbol else 2)
+        longest = max(grid.sides) * (1 if grid.doubly_periodic else 2)
         q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
         return 2 * np.pi * self.wave_compliance(q) / q
 

@@ -199,13 +199,13 @@ class InfluenceOperator(MatMethods):
     @cached_property
     def diagonal(self):
         """Diagonal entry of A [mm3/N]. Collective on first use."""
-        if self.grid.symbol and self.active and not self._dense:
+        if self.grid.doubly_periodic and self.active and not self._dense:
             return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.kernel, slice(0, 1), 1)[0, 0])
 
     def _kind(self, dtype):
         dtype = np.dtype(dtype)
-        if self.grid.symbol:
+        if self.grid.doubly_periodic:
             return PeriodicProduct
         return BoxProduct if BoxProduct.suits(self.grid, self.kernel, dtype) else Convolution
 

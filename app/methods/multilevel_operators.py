@@ -147,7 +147,7 @@ def multilevel_influence(operator):
 
     The product is created on first use. None on periodic patches and small grids.
     """
-    if operator.grid.symbol:
+    if operator.grid.doubly_periodic:
         return None
     inverse = operator.multipliers.get("apart")
     other = inverse if isinstance(inverse, MultilevelOperator) else None
@@ -187,14 +187,14 @@ def _stencils(grid, power, kernel):
     The result has no stencils for levels so small that an FFT is faster. Periodic patches stop at the first level
     outside COMPLIANCE_RATIOS.
     """
-    smallest = MIN_CELLS_PERIODIC if grid.symbol else MIN_CELLS
-    periods = grid.shape if grid.symbol else kernel.period_cells(grid)
+    smallest = MIN_CELLS_PERIODIC if grid.doubly_periodic else MIN_CELLS
+    periods = grid.shape if grid.doubly_periodic else kernel.period_cells(grid)
     if max(grid.shape) < smallest or min(grid.shape) < smallest // 2:
         return []
     dy, dx, levels, (ny, nx) = grid.dy, grid.dx, [], grid.shape
     unit = kernel.compliance * max(dy, dx)
     for level in fit_stencils(grid, power, kernel):
-        if grid.symbol and not _has_accurate_stencils(kernel, max(dy, dx)):
+        if grid.doubly_periodic and not _has_accurate_stencils(kernel, max(dy, dx)):
             break
         fy, fx = level.factors
         dy, dx = fy * dy, fx * dx

@@ -35,7 +35,7 @@ def check_memory(comm, problem, grid, settings):
     coarse = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(coarse)
     layered = bool(problem.material.coatings)
-    per_cell = doubles_per_cell(settings, grid.symbol, problem.hardness is not None, layered)
+    per_cell = doubles_per_cell(settings, grid.doubly_periodic, problem.hardness is not None, layered)
     doubles = cells * per_cell + doubles_in_strips(grid)
     check_host_memory(ranks.comm, grid, doubles)
 
@@ -173,7 +173,7 @@ class Hierarchy:
 
     def may_be_windowed(self, operator):
         """Return whether the level of `operator` may be solved in a window."""
-        return self.margin > 0 and not operator.grid.symbol and operator.grid.n > _MIN_WINDOWED_CELLS
+        return self.margin > 0 and not operator.grid.doubly_periodic and operator.grid.n > _MIN_WINDOWED_CELLS
 
     def share(self, operator):
         """Return an operator's number of cells, divided by the target grid's."""

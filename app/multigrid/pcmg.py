@@ -307,7 +307,7 @@ def _levels_wanted(operator, options):
         raise InputError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
     if most == 1:
         grid = operator.grid
-        least = "3 cells in a direction of a period" if grid.symbol else "2 cells"
+        least = "3 cells in a direction of a period" if grid.doubly_periodic else "2 cells"
         size = f"{grid.nx},{grid.ny}"
         raise InputError(f"multigrid: the grid {size} cannot be halved; it must have at least {least}")
     return min(wanted, levels)
@@ -320,7 +320,7 @@ def _energy_of_constant(fine, coarse):
     patch; on other patches it is 0. The energy is computed on the fine grid, because C may cover all cells of the
     coarsest grid, where a constant pressure has no energy.
     """
-    if not fine.grid.symbol:
+    if not fine.grid.doubly_periodic:
         return 0.0
     energy = max(fine.energy_of_contact()[0], fine.diagonal)  # at least that of one open cell
     return energy * coarse.grid.n / fine.grid.n

@@ -87,7 +87,7 @@ def extract_roughness(result):
     if min(h.shape) < 8 or not np.isfinite(h).all():
         return None
     roughness = h - h.mean()
-    if not result.grid.symbol:
+    if not result.grid.doubly_periodic:
         paraboloid = Moments("", lambda *rows: h[slice(*rows)], h.shape).fit("quadratic")
         roughness = add_polynomial(h.copy(), paraboloid, 0, len(h), sign=-1)
     return roughness if np.abs(roughness).max() > 1e-9 * np.ptp(h) else None
@@ -98,7 +98,7 @@ def _is_smooth(surface, grid):
 
     Such a body has no roughness.
     """
-    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.symbol)
+    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.doubly_periodic)
     q, power = spectrum.wave_number, spectrum.wave_number * spectrum.density
     short = q > min(_LONG_WAVES * q[0], q[-1] / 2)
     return power[short].sum() < _SMOOTH_SHARE * power.sum()
@@ -148,7 +148,7 @@ def draw_spectrum(axes, surface, grid, label):
     Return wave numbers, densities [mm4] and the `Unit` of length in which wave numbers are drawn. If there are fewer
     than three points, draw nothing and return None.
     """
-    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.symbol)
+    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.doubly_periodic)
     unit = choose_length_unit(max(grid.sides))
     q, density = spectrum.wave_number / unit.per_mm, spectrum.density
     known = density > 1e-14 * density.max(initial=0.0)  # the rest is rounding error

@@ -118,7 +118,7 @@ class ContactProblem(Problem):
                 "surfaces are given by name, surfaces=[...]"
             )
         periodic = bool(periodic) if isinstance(periodic, np.bool_) else periodic
-        if periodic is not None and not (periodic is True and self.grid.symbol):
+        if periodic is not None and not (periodic is True and self.grid.doubly_periodic):
             object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
         if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
             raise InputError(f"surfaces: is an array of shape {self.surfaces.shape}; must be [array]")

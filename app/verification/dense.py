@@ -80,7 +80,7 @@ def long_matrix(grid, kernel):
 
     The coefficients of a periodic patch are not rounded to doubles, because this would change the smallest eigenvalues.
     """
-    if not grid.symbol:
+    if not grid.doubly_periodic:
         return dense_matrix(grid, kernel).astype(np.longdouble)
     j, i = np.arange(grid.ny), np.arange(grid.nx)
     symbol = kernel.eigenvalues(grid, i[: grid.nx // 2 + 1], j[: grid.ny // 2 + 1]).T
@@ -117,7 +117,7 @@ class DenseProblem:
         self._a = self.matrix[np.ix_(self.inside, self.inside)]
         self._long = self._matrix[np.ix_(self.inside, self.inside)]
         # On all cells of a periodic patch A is singular.
-        self._singular = bool(self.grid.symbol) and self.inside.all()
+        self._singular = self.grid.doubly_periodic and self.inside.all()
         hardness = np.inf if problem.hardness is None else problem.hardness
         self._upper = np.broadcast_to(hardness, self.grid.shape).ravel()[self.inside].astype(np.longdouble)
         self._sets = None  # the last open, elastic and plastic cells, a good guess of the next

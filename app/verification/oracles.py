@@ -104,7 +104,7 @@ def every_method(quick):
             exact = dense.at(approach)
             load = problem.grid.cell_area * float(exact.sum())
             ways = {"approach": approach, "load": load, "mean_pressure": load / problem.grid.area}
-            if problem.grid.symbol and not np.isnan(problem.gap).any():
+            if problem.grid.doubly_periodic and not np.isnan(problem.gap).any():
                 ways["mean_gap"] = problem.gap.mean() - approach
             cases += [(problem, dense, {name: number}, exact) for name, number in ways.items()]
         figures += _by_every_method(periodic, cases)

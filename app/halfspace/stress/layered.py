@@ -62,7 +62,7 @@ class LayeredStress(SubsurfaceStress):
 
         if grid.one_way:
             return layer_sums.LayeredOneWayStress(pressure, grid, self.layer)
-        kind = layer_sums.LayeredPeriodicStress if grid.symbol else layer_sums.LayeredFreeStress
+        kind = layer_sums.LayeredPeriodicStress if grid.doubly_periodic else layer_sums.LayeredFreeStress
         return kind(pressure, grid, self.layer)
 
     def describe(self, nu="nu"):

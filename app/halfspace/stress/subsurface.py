@@ -117,7 +117,7 @@ class SubsurfaceStress:
         # Imported late, so that plots of stresses do not load MPI and numba.
         from app.halfspace.stress.stress_sums import FreeStress, OneWayStress, PeriodicStress
 
-        kind = PeriodicStress if grid.symbol else OneWayStress if grid.one_way else FreeStress
+        kind = PeriodicStress if grid.doubly_periodic else OneWayStress if grid.one_way else FreeStress
         return kind(pressure, grid, self.nu)
 
     def __repr__(self):

@@ -228,7 +228,7 @@ def _create_rest(grid, kernel, layout):
     If R is nearly constant, a constant replaces it.
     """
     kernel = kernel.base
-    grid = grid if grid.symbol else replace(grid, periodic="love")
+    grid = grid if grid.doubly_periodic else replace(grid, periodic="love")
     compliance, squeeze = kernel.film
 
     def symbol(columns, rows):

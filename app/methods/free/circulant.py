@@ -62,7 +62,7 @@ def circulant_inverse(operator, apart=False, padded=False):
     """
     if not operator.active:
         return operator.product
-    periodic = operator.grid.symbol
+    periodic = operator.grid.doubly_periodic
     if padded:
         return get_or_create(operator, "apart", PaddedInverse)
     create = _create_periodic_inverse if periodic else partial(create_circulant_inverse, apart=apart)
@@ -106,8 +106,8 @@ class Circulant:
             return
         self.operator = operator
         grid, kernel = operator.grid, operator.kernel
-        blocks, periodic, contrast = self.blocks, bool(grid.symbol), kernel.contrast(grid)
-        has_stiff_layer = not grid.symbol and contrast > MIN_STIFF_CONTRAST
+        blocks, periodic, contrast = self.blocks, grid.doubly_periodic, kernel.contrast(grid)
+        has_stiff_layer = not grid.doubly_periodic and contrast > MIN_STIFF_CONTRAST
         self.multiplier = circulant_inverse(operator, apart=True, padded=has_stiff_layer)
         shared = operator.slabs, operator.comm
         steps = self.steps * (STIFF_LAYER_STEPS if has_stiff_layer else 1)
