@@ -5,7 +5,7 @@ Arrays have the shape (rows, nx), with the rows of this rank. `b` is -h at depth
 """
 
 from app.base.numba_cache import njit
-from app.parallel.reductions import add_tuples, njit_reassoc
+from app.parallel.reductions import add_tuples, copy_row, njit_reassoc
 
 
 @njit()
@@ -128,4 +128,44 @@ def count_faces(contact, before, periodic):
         in_x += _count_differences(row[1:], row[:-1])
         in_x += row[0] != row[-1] if periodic else int(row[0]) + int(row[-1])
         in_y += _count_differences(row, contact[j - 1] if j else before)
+    return in_x, in_y
+
+
+@njit_reassoc
+def _lengthen_row(contact, runs, enough):
+    longest = 0
+    for i in range(contact.size):
+        run = min(runs[i] + 1, enough) if contact[i] else 0
+        runs[i] = run
+        longest = max(longest, run)
+    return longest
+
+
+@njit_reassoc
+def _count_and_shift(run, cells):
+    """Count the cells that begin a run; keep those that begin a run longer by one."""
+    count = 0
+    for i in range(cells):
+        count += run[i]
+        run[i] &= run[i + 1]
+    return count
+
+
+@njit()
+def longest_runs(contact, wraps, enough, runs, buffer):
+    """Return the longest runs of contact cells in x and y, up to `enough` cells, at most 255.
+
+    `runs`, uint8 of shape (nx,), has the runs in y that end in the row before; on return those that end in the last
+    row. If `wraps` is true, a row continues at its begin. `buffer` is a work array, bool of shape (nx + enough,).
+    """
+    nx, in_x, in_y = contact.shape[1], 0, 0
+    for j in range(contact.shape[0]):
+        in_y = max(in_y, _lengthen_row(contact[j], runs, enough))
+        copy_row(contact[j], buffer[:nx])
+        for i in range(enough):
+            buffer[nx + i] = wraps and contact[j, i % nx]
+        length = 0
+        while length < enough and _count_and_shift(buffer, nx + enough - 1 - length):
+            length += 1
+        in_x = max(in_x, length)
     return in_x, in_y

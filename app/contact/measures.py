@@ -134,21 +134,24 @@ def contact_width(state, contact, enough):
     if 2 * PER_FACE * contact.contact_fraction >= enough * excess:
         return enough, enough
 
-    def longest(before):
-        run, width = state.in_contact(), 0
-        while width < enough and state.sum([run.any()])[0]:
-            run, width = run & before(run), width + 1
-        return width
-
-    def left(run):
-        other = np.roll(run, 1, axis=1)
-        other[:, :1] &= repeats_x
-        return other
-
-    def below(run):
-        return np.concatenate([fetch_row_before(run, repeats_y, slabs, state.comm, False)[None], run])[:-1]
-
-    return min(longest(left), grid.nx), min(longest(below), grid.ny)
+    contact = state.in_contact()
+    runs, buffer = np.zeros(contact.shape[1:], np.uint8), np.empty(grid.nx + enough, bool)
+    passes = 1
+    if state.comm or repeats_y:  # runs continue on this rank, from one or more ranks before
+        fewest = (
+            grid.ny
+            if state.comm is None
+            else min(filter(None, np.subtract(*slabs.bounds(state.comm.size)[::-1])))
+        )
+        passes += -(-(enough - 1) // int(fewest))
+    for k in range(passes):
+        if k:
+            last = np.zeros(contact.shape, np.uint8)
+            last[-1:] = runs
+            runs[...] = fetch_row_before(last, repeats_y, slabs, state.comm, 0)
+        widths = kernels.longest_runs(contact, repeats_x, enough, runs, buffer)
+    in_x, in_y = np.negative(state.minimum(np.negative(widths))).astype(int).tolist()
+    return min(in_x, grid.nx), min(in_y, grid.ny)
 
 
 def measure_indentation(depth, shape, slabs, comm):

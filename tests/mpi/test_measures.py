@@ -5,9 +5,16 @@ from itertools import product
 import numpy as np
 import pytest
 from mpi4py import MPI
+from operators import slabs_of
 from running import solve
 
 from app import ContactProblem, Grid, Material, SelfAffineSurface, read_surface
+from app.contact.distance import UndeformedDistance
+from app.contact.measures import ContactMeasures, contact_width
+from app.contact.periodic_state import contact_state
+from app.halfspace.kernel import UNIT
+from app.halfspace.operator import InfluenceOperator
+from app.parallel.communicator import Communicator
 
 STEEL = Material.from_contact_modulus(1e5)
 MEASURES = (
@@ -86,3 +93,28 @@ def test_load_on_filled_points_is_of_all_ranks(comm):
     assert any(
         f"{100 * share:.2g}% of the load is carried by filled points" in note for note in solution.notes
     )
+
+
+@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.parametrize("periodic", [False, "x", "y", True])
+def test_contact_width_is_the_longest_run(comm, periodic):
+    rng, fractions = np.random.default_rng(3), ContactMeasures(*[0.0] * 9, -1.0, *[0.0] * 4)
+    comm = Communicator(comm)
+    for shape in ((7, 12), (3, 5), (23, 9), (1, 4)):
+        grid = Grid(*shape[::-1], 1.0, 1.0, periodic=periodic)
+        several = comm if comm.size > 1 else None
+        operator = InfluenceOperator(grid, UNIT, slabs_of(comm, grid), several)
+        for share in (0.0, 0.3, 0.7, 0.9, 1.0):
+            contact = rng.random(shape) < share
+            state = contact_state(operator, UndeformedDistance(operator, np.ones(operator.local_shape)))
+            state.contact[...] = contact[operator.slabs.rows]
+            expected = []
+            for axis, repeats in ((1, grid.repeats[1]), (0, grid.repeats[0])):
+                run, width = contact, 0
+                while width < shape[axis] and run.any():
+                    other = np.roll(run, 1, axis)
+                    np.moveaxis(other, axis, 0)[0] &= repeats
+                    run, width = run & other, width + 1
+                expected.append(min(width, 10, shape[axis]))
+            assert contact_width(state, fractions, 10) == tuple(expected)
+            state.destroy()
