@@ -127,7 +127,7 @@ class LoadPath:
         hint = (
             f"path.table[{column!r}] has the numbers of all steps" if column else f"did you mean {similar}?"
         )
-        raise AttributeError(f"this path has no {name}" + f"; {hint}" * bool(column or similar))
+        raise AttributeError(f"this path has no {name}" + (f"; {hint}" if column or similar else ""))
 
     def __repr__(self):
         return f"<LoadPath: {len(self)} steps by {self._kind}, {len(self.rows)} done>"

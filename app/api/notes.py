@@ -12,10 +12,8 @@ from app.problems.arrays import is_measured
 from app.problems.surfaces.doubts import MAX_SLOPE, note_doubtful_units, note_spike
 
 MAX_ELASTIC_PRESSURE = 0.2  # of E*; hardly any solid is elastic beyond
-MAX_METAL_PRESSURE, MIN_METAL_MODULUS = (
-    0.05,
-    1e4,
-)  # of E*, no metal is elastic beyond; [N/mm2], of E* of metals
+MAX_METAL_PRESSURE = 0.05  # of E*; no metal is elastic beyond
+MIN_METAL_MODULUS = 1e4  # of E* of metals [N/mm2]
 MIN_MODULUS, MAX_MODULUS = 1e-3, 1.5e6  # [N/mm2], of soft gels, and above diamond's 1.1e6
 DOUBTFUL_MODULI = 1.0, 1e3  # [N/mm2] of the stiffer body; they may be meant in GPa (1: without units)
 MIN_RUBBER_POISSON = 0.4  # rubbers with larger Poisson's ratios have such moduli
@@ -62,7 +60,7 @@ def notes_on(state, problem, contact, moments, roughness):
             "or a modulus is not in N/mm2, or a length not in mm"
         )
     elif (
-        not state.bounds.capped
+        problem.hardness is None
         and modulus >= MIN_METAL_MODULUS
         and contact.max_pressure > MAX_METAL_PRESSURE * modulus
     ):

@@ -25,10 +25,10 @@ def active_set(state, solver, loading, stop, history):
     Collective over the ranks of `state`, which has the initial contact set and pressure. `solver` is a LinearSolver or
     DirectSolver of the same operator. Return the Outcome.
     """
-    return ActiveSet(state, solver, loading, stop).run(history)
+    return ActiveSetIteration(state, solver, loading, stop).run(history)
 
 
-class ActiveSet:
+class ActiveSetIteration:
     """The paper's iteration on one grid; a subclass may change its steps. Collective.
 
     The parameters are as in `active_set`.
@@ -99,7 +99,7 @@ def active_set_or_search(state, solver, loading, stop, history):
     The root search is used on periodic patches, and with a hardness. Near full contact, or where cells become plastic,
     the slope of the load changes with every cell, so that Newton's method for the load may not converge.
     """
-    if loading.approach_is_known or state.patience == float("inf"):
+    if loading.approach_is_known or not state.may_cycle:
         return active_set(state, solver, loading, stop, history)
     outcome = active_set(state, solver, loading, replace(stop, max_it=-(-stop.max_it // 2)), history)
     if outcome.converged or outcome.to_rounding:
@@ -120,7 +120,7 @@ def start_grid(state, solver, loading, history):
     If C is empty, cells that overlap without pressure are added to C, because a coarser grid may have missed contact.
     """
     loading.begin(state)
-    if state.patience < float("inf"):
+    if state.may_cycle:
         state.forget_exchanges()
     history.start(state, solver)
     touches = state.cells_in_contact() > 0

@@ -1,8 +1,8 @@
 """Compiled loops of `app.contact.bounds.PressureBounds`.
 
 `upper` is the hardness H, of shape (rows, nx), or None for p >= 0. For None numba compiles each loop without the
-branches for H. Outside the contact set C a cell with p >= H is plastic; any other cell is open. Other arrays are as in
-`app.contact.kernels`.
+branches for H; loops about plastic cells need an array. Outside the contact set C a cell with p >= H is plastic; any
+other cell is open. Other arrays are as in `app.contact.kernels`.
 """
 
 import numpy as np

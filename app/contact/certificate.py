@@ -63,8 +63,8 @@ coefficients, which cancel in short waves: there ``||row of A|| / sqrt(smallest)
 A||^2 <= A_II largest eigenvalue``. Undeformed distances count as exact. On a periodic patch of n cells, let m be one
 unit in the last place of the depth, plus the mean gap that full contact neglects. Spread over the k cells without
 pressure, m changes the pressure by about ``n m sqrt(B_II / k)``. If cells are plastic, u may be much smaller than the
-depth. Then m is one unit in the last place of u, plus the rounding error of the depth: the gap of elastic cells has no
-other error, and no other gap matters.
+depth. Then m is the larger of one unit in the last place of u and the rounding error of the depth: the gap of elastic
+cells has no other error, and the gaps of open and of plastic cells have no price.
 """
 
 import math
@@ -176,7 +176,7 @@ def _prove(state, enough, work):
     error = _largest_error(gap, squares) + _ROUNDING_FACTOR * np.finfo(float).eps * rounding + shifted
     if upper is not None and _is_plastic_everywhere(state):  # p is exact, even if its energy is only rounding
         gap = error = 0.0
-    without_energy = np.inf if gap > 0 else 0.0
+    without_energy = 0.0 if gap == 0 else np.inf
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
         error_bound=float(error / np.sqrt(energy)) if energy > 0 and error > 0 else without_energy,
@@ -241,9 +241,8 @@ def _close_gap(state, energy, u_squares, enough, work, upper):
     diagonal = float(inverse.centre[1, 1]) or 1.0
     rounded = math.ulp(state.depth)  # of the mean gap
     if upper is not None:
-        rounded = max(
-            state.distance.depth_rounding(state.depth), min(rounded, math.ulp(math.sqrt(u_squares)))
-        )
+        of_u = min(rounded, math.ulp(math.sqrt(u_squares)))
+        rounded = max(state.distance.depth_rounding(state.depth), of_u)
     rounded += state.distance.neglected_gap
     fields = state.distance.b, state.depth, state.u, state.p, upper, state.admissible, 1 / diagonal
     gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))

@@ -77,7 +77,7 @@ class GridErrors(NamedTuple):
         edge = max(1 - measured.contact_fraction_corrected / measured.contact_fraction, 0.0)
         least = edge**2, edge * _unresolved(pressure_change)
         load, approach = (error and max(error, *least) for error in self[:2])
-        is_limited = measured.max_pressure == np.max(problem.hardness)
+        is_limited = measured.plastic_area > 0 and measured.max_pressure == np.max(problem.hardness)
         pressure = 0.0 if is_limited else max(self.max_pressure_error, edge**2)
         is_line = problem.grid.one_way or min(problem.grid.shape) == 1
         scatter = SCATTER_FACTOR * (edge if is_line else np.sqrt(edge / measured.contact_cells))

@@ -114,7 +114,10 @@ class ContactState:
     """
 
     _fewest_changed, _stagnating, _has_released = np.inf, 0, False
-    _counted_at = None  # state of `pressure` when plastic cells were last counted
+    _counted_at, _plastic_cells = (
+        None,
+        0,
+    )  # state of `pressure` when plastic cells were last counted, and their number
 
     def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
@@ -149,6 +152,11 @@ class ContactState:
     def depth(self, value):
         self.distance.move_to(min(value, self.distance.max_depth))
 
+    @property
+    def may_cycle(self):
+        """True if contact sets may cycle: on periodic patches, and with a hardness."""
+        return self.patience < np.inf
+
     def gap(self):
         """Return e = h + A p, shape (local rows, nx) [mm]."""
         return self.u - (self.distance.b + self.distance.depth)  # (2.8)
@@ -178,7 +186,7 @@ class ContactState:
 
     def in_contact(self):
         """Return a mask of cells in contact: C and plastic cells."""
-        if not (self.bounds.capped and self._local_plastic_cells()):
+        if not self._local_plastic_cells():
             return self.contact
         return self.contact | self.bounds.plastic(self.p)
 
@@ -187,7 +195,9 @@ class ContactState:
         return self.bounds.not_plastic(self.p)
 
     def _local_plastic_cells(self):
-        """Count this rank's plastic cells, again only if p has changed."""
+        """Count this rank's plastic cells, again only if p has changed; 0 without a hardness."""
+        if not self.bounds.capped:
+            return 0
         if self._counted_at != (key := self.pressure.stateGet()):
             self._counted_at, self._plastic_cells = key, None
             self._local_plastic = self.bounds.count_plastic(self.p)
@@ -195,9 +205,7 @@ class ContactState:
 
     def plastic_cells(self, factor=1.0):
         """Return the number of cells with factor * p >= H, by default of plastic cells. Collective."""
-        if not self.bounds.capped:
-            return 0
-        if factor != 1:
+        if factor != 1 and self.bounds.capped:
             return int(self.sum([self.bounds.count_plastic(self.p, factor)])[0])
         local = self._local_plastic_cells()
         if self._plastic_cells is None:
@@ -338,14 +346,14 @@ class ContactState:
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)
-        plastic = pressure is not None or self.plastic_cells() > 0
+        plastic = pressure is not None or self._local_plastic_cells() > 0
         p, expected = self._p if pressure is None else pressure, _NO_FIELD if expected is None else expected
         fields = self.distance.b, self.distance.depth, self.u, p, self.contact, self._released
         sums = self.bounds.activate(*fields, expected, plastic)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)
         update = Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)
-        if self.patience < np.inf:
+        if self.may_cycle:
             stagnates = update.changed >= self._fewest_changed
             self._stagnating, self._has_released = self._stagnating + 1 if stagnates else 0, False
             self._fewest_changed = min(self._fewest_changed, update.changed)

@@ -268,7 +268,7 @@ class Material:
     @property
     def is_conducting(self):
         """True if the material has constants for the conductance."""
-        return not self.resistivity is self.thermal_conductivity is None
+        return self.resistivity is not None or self.thermal_conductivity is not None
 
     def describe(self):
         """Return E* and the constants given by the user.

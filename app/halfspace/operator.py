@@ -25,9 +25,8 @@ from app.parallel.reductions import sum_over
 from app.parallel.slabs import Slabs
 
 _KIND = PETSc.Mat.SORType
-_FORWARD = (
-    _KIND.FORWARD_SWEEP | _KIND.LOCAL_FORWARD_SWEEP
-)  # "local" kinds are treated as global ones, see `SOR`
+# "local" kinds are treated as global ones, see `SOR`
+_FORWARD = _KIND.FORWARD_SWEEP | _KIND.LOCAL_FORWARD_SWEEP
 _BACKWARD = _KIND.BACKWARD_SWEEP | _KIND.LOCAL_BACKWARD_SWEEP
 _ZERO_GUESS = _KIND.ZERO_INITIAL_GUESS
 # Cached properties:

@@ -1,6 +1,6 @@
 """Test of an iteration's progress, and the exception for missing progress."""
 
-STAGNATES = "the residual stagnates"
+STAGNATES, TOO_MANY = "the residual stagnates", "{} active set iterations were not enough"
 PATIENCE = 8  # iterations within which a residual must be halved
 
 

@@ -87,7 +87,8 @@ def projected_newton(state, solver, stop, history):
             update = _update_contact(state, gap, before)  # including the cells that the system left out
             exact = state.displacement_status is Displacement.EXACT
             solved = exact and update.residual <= stop.rtol * state.distance.norm() and stop.certified(state)
-            return Outcome(solved, "rounding leaves no step that makes it better", k, residual)
+            reason = CONVERGED if solved else "rounding leaves no step that makes it better"
+            return Outcome(solved, reason, k, update.residual / state.distance.norm())
         np.add(p, change, out=state.values)
         state.project()  # rounding
         state.u[...], gap = trial_u, trial_gap

@@ -50,9 +50,8 @@ _NEED_SYMMETRY = (
 _OF_LEVELS = re.compile(r"mg_levels_(\d+_)?(up_)?(.+)")
 _ONE_WAY = re.compile(r"(?<=^pc_sor_)(local_)?(forward|backward)$")
 _WITHOUT_ADJOINT = "full", "kaskade"  # cycles whose adjoint is no cycle of PETSc
-_MAX_ASYMMETRY = (
-    1e-2  # |x.My - y.Mx| / |x| |My| of a cycle M; rounding makes 1e-13, one-way sweeps make 0.05 to 0.3
-)
+# |x.My - y.Mx| / |x| |My| of a cycle M; rounding makes 1e-13, one-way sweeps make 0.05 to 0.3
+_MAX_ASYMMETRY = 1e-2
 _DIRECT = {
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "bjacobi",

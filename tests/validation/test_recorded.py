@@ -1,7 +1,7 @@
-"""Recorded solves: counts are as before, on one rank and on two.
+"""Recorded solves: operator applications are nearly as before, on one rank and on two.
 
-Counts may differ a little between processors, and those of the safeguard differ more. `python tests/recorded.py`
-compares to the last bit on one machine.
+Counts differ a little between processors, and those of the safeguard differ more: of forced solves only the result is
+compared. `python tests/recorded.py` compares everything, to the last bit on one machine.
 """
 
 import pytest

@@ -2,10 +2,10 @@
 
 from math import sqrt
 
-from app.contact.active_set import NO_CONTACT, ActiveSet
+from app.contact.active_set import NO_CONTACT, ActiveSetIteration
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.film.cg import ConstrainedCG
-from app.methods.progress import STAGNATES, HalvingTest
+from app.methods.progress import STAGNATES, TOO_MANY, HalvingTest
 from app.methods.safeguard import solve_safeguarded
 from app.methods.stopping import UNPROVED
 
@@ -31,7 +31,7 @@ def solve_film(hierarchy, number, state, solver, loading, stop, history, first=F
     """
 
     def solve(loading):
-        return ConstrainedActiveSet(state, solver, loading, stop).run(history)
+        return ConstrainedIteration(state, solver, loading, stop).run(history)
 
     if first and loading.approach_is_known:
         outcome = loading.first_solve(state, solve)
@@ -45,13 +45,13 @@ def solve_film(hierarchy, number, state, solver, loading, stop, history, first=F
     return solve_safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 
-class ConstrainedActiveSet(ActiveSet):
+class ConstrainedIteration(ActiveSetIteration):
     """Iteration on one grid, with a prescribed load as constraint of the linear solver. Collective.
 
     With a KSP other than ConstrainedCG, the loading changes the approach. The parameters are as in `active_set`.
     """
 
-    too_many = "{} active set iterations were not enough"
+    too_many = TOO_MANY
 
     def __init__(self, *args):
         super().__init__(*args)
@@ -59,7 +59,7 @@ class ConstrainedActiveSet(ActiveSet):
         self._constrained = self._unproved = False
 
     def solve(self, k):
-        """Solve for the contact set and, under a load, for the approach; see `ActiveSet.solve`."""
+        """Solve for the contact set and, under a load, for the approach; see `ActiveSetIteration.solve`."""
         state, solver, by_load = self.state, self.solver, not self.loading.approach_is_known
         self._constrained = by_load and bool(_constrained_cg(solver)) and state.cells_in_contact() > 0
         if not self._constrained:  # with the constraint A is regular in full contact, too
@@ -91,7 +91,7 @@ class ConstrainedActiveSet(ActiveSet):
         return False
 
     def gives_up(self, update, history):
-        """Return why the iteration ends; see `ActiveSet.gives_up`.
+        """Return why the iteration ends; see `ActiveSetIteration.gives_up`.
 
         It ends if neither the residual nor the number of changed cells falls.
         """

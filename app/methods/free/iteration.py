@@ -24,7 +24,7 @@ import numpy as np
 from app.contact.active_set import CONVERGED, NO_CONTACT, failure_reason, start_grid
 from app.contact.history import Outcome
 from app.contact.state import Displacement, Update
-from app.methods.progress import STAGNATES, HalvingTest, NeedsSafeguard
+from app.methods.progress import STAGNATES, TOO_MANY, HalvingTest, NeedsSafeguard
 from app.methods.stopping import UNPROVED
 
 MAX_RELEASED_SHARE = 0.01  # largest share of the load that a coarse grid releases without updating u
@@ -61,7 +61,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             raise NeedsSafeguard(Outcome(False, STAGNATES, k, residual))
         if (exchanged.done or exchanged.too_loose) and sets.stop.at_rounding:
             raise NeedsSafeguard(Outcome(False, UNPROVED, k, residual))
-    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+    return Outcome(False, TOO_MANY.format(stop.max_it), stop.max_it, residual)
 
 
 class _Solved(NamedTuple):

@@ -205,6 +205,7 @@ class CappedPrimalState(PrimalState):
         Outside C, p is set to a bound.
         """
         state, upper = self.state, self.state.bounds.upper
+        # The lower bound first: without plastic cells the sum is that without a hardness, to the last bit.
         total = bounds_kernels.project(as_writable(state.p), None, state.contact, p)
         limited = self.plastic | (p > upper)
         if limited.any():

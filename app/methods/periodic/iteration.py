@@ -14,7 +14,7 @@ from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
 from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
-from app.methods.progress import STAGNATES, HalvingTest, NeedsSafeguard
+from app.methods.progress import STAGNATES, TOO_MANY, HalvingTest, NeedsSafeguard
 
 MAX_CHANGED_FRACTION = 0.005  # largest fraction of cells that change on the last contact set of a coarse grid
 AIM_FRACTION = 0.5  # aim over allowed error: the preconditioned residual underestimates the error
@@ -93,7 +93,7 @@ def primal_active_set(primal, solver, stop, history):
         residual = _finish_unsolved(primal, solver)
     else:
         primal.finish(solver)
-    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+    return Outcome(False, TOO_MANY.format(stop.max_it), stop.max_it, residual)
 
 
 def _finish_unsolved(primal, solver):
