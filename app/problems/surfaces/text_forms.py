@@ -4,14 +4,16 @@ r"""Tables in the notation of other programs, as plain rows of numbers.
 - Markdown, Org and grid tables: cells between ``|``, lines of ``---``;
 - nested brackets of JSON, Python, numpy, Mathematica and C, and matrices ``[1 2; 3 4]`` of MATLAB and Julia;
 - ``sep=;`` in the first line, as spreadsheets write it;
-- typographic minus signs, and groups of thousands separated by narrow or no-break spaces, or by apostrophes.
+- typographic minus signs and groups of thousands, of `app.problems.surfaces.text_numbers`.
 
 A text that could be read in two ways is refused.
 """
 
 import re
+from itertools import pairwise
 
 from app.base.errors import shorten
+from app.problems.surfaces.text_numbers import is_missing, is_number, use_plain_characters
 
 _FACTOR = re.compile(r"[\d.]+e[+-]?\d+\s*\*", re.IGNORECASE)
 _SEP_LINE = re.compile(r'"?sep=(.?)"?', re.IGNORECASE)
@@ -24,7 +26,6 @@ _LATEX_FRAME = re.compile(
 )
 _LATEX_ROW_END = re.compile(r"\\\\(?:\*|\s*\[[\d.]+\s*\w+\])?")  # maybe with a space below, such as [2pt]
 _LATEX_POWER = re.compile(r"\s*\\(?:times|cdot)\s*10\s*\^\s*\{?\s*([+-]?\d+)\s*\}?")
-_RULE = re.compile(r"[-=+|: ]*--[-=+|: ]*|[-=+|: ]*==[-=+|: ]*")
 # A name, and a function that changes neither values nor places.
 _PREFIX = re.compile(
     r"(?:[A-Za-z_][\w.: ]*(?:\[\d*\])*\s*:?=)?\s*(?:(?:(?:np|numpy)\.)?(?:array|asarray|matrix|Matrix)\s*\()?\s*"
@@ -34,14 +35,8 @@ _INNER = {"[": re.compile(r"\[([^\[\]{}]*)\]"), "{": re.compile(r"\{([^\[\]{}]*)
 _CLOSING = {"[": "]", "{": "}"}
 _NO_NUMBERS = {"", *"+-*_"}  # in brackets
 _CONTINUED = re.compile(r"\.\.\.[ \t]*\n")
-_MINUS = re.compile(
-    r"(?:(?<=[\s;,|&eE])|^)[\u2010\u2011\u2012\u2013\ufe63\uff0d\x96](?=[\d.,])", re.MULTILINE
-)
-_SPACES = "\u00a0\u2007\u2009\u202f"
-_GROUPING = re.compile(rf"(?<=\d)[{_SPACES}'’](?=\d)")
-_GROUPED = re.compile(
-    rf"(?<![\w.,{_SPACES}'’])[+-]?[1-9]\d{{0,2}}([{_SPACES}'’])\d{{3}}(?:\1\d{{3}})*(?![\d{_SPACES}'’])"
-)
+_SEPARATED = re.compile(r"\S[ \t;|]+\S")
+_SEPARATORS = ";,|\t"  # that spreadsheets may state
 
 
 def plain_rows(rows):
@@ -57,14 +52,22 @@ def plain_rows(rows):
     >>> plain_rows([(4, r"0,5 & $-1{,}5$ \\ \hline")])
     ([(4, '0,5;-1,5')], ';')
     """
-    texts, separator = [text for _, text in rows], None
+    text = written = "\n".join(text for _, text in rows)
+    separator = None
+    if is_latex := "&" in text and "\\\\" in text:
+        text = text.replace("\\,", "\u2009").replace("~", "\u00a0")
+    separated = bool(_SEPARATED.search(text)) or ("," in text and "." in text)
+    text = use_plain_characters(text, is_latex or (separated and not re.search(r"[\[{]", text)))
+    texts = text.split("\n")
+    if text != written:
+        rows = [(j, line.strip(" ")) for (j, _), line in zip(rows, texts, strict=True)]
     if match := _SEP_LINE.fullmatch(texts[0]):
         separator, rows = match[1] or "\t", rows[1:]
-        if not any(separator in text for _, text in rows):
-            raise ValueError(f"line {texts[0]!r}: no line has this separator")
-    elif any("&" in text for text in texts) and any("\\\\" in text for text in texts):
+        if separator not in _SEPARATORS or not any(separator in text for _, text in rows):
+            raise ValueError(f"line {texts[0]!r}: no line has this separator; must be one of ; , | or a tab")
+    elif is_latex:
         rows, separator = _latex_rows(rows), ";"
-    elif all("|" in text or _RULE.fullmatch(text) for text in texts) and any("|" in text for text in texts):
+    elif "|" in text and all("|" in text or _is_rule(text) for text in texts):
         rows, separator = _pipe_rows(rows), ";"
     elif (found := _bracket_rows(rows)) is not None:
         rows, separator = found, ";"
@@ -72,7 +75,7 @@ def plain_rows(rows):
         raise ValueError("MATLAB's display with a common factor: write all digits, as by writematrix")
     elif all(text.startswith("- ") for text in texts):
         raise ValueError("its lines begin with '- ', as lists of YAML: write rows of numbers")
-    return _plain_characters(rows), separator
+    return rows, separator
 
 
 def _latex_rows(rows):
@@ -93,9 +96,7 @@ def _latex_rows(rows):
 
 def _latex_number(j, cell):
     number = _LATEX_POWER.sub(r"e\1", re.sub(r"\\num\s*\{([^{}]*)\}", r"\1", cell.replace("$", "")))
-    number = (
-        number.replace("{,}", ",").replace("{-}", "-").replace("\\,", "\u2009").replace("~", "\u00a0").strip()
-    )
+    number = number.replace("{,}", ",").replace("{-}", "-").strip()
     number = number[1:-1] if re.fullmatch(r"\{[^{}]*\}", number) else number
     if re.search(r"[\\{}^&;]", number):
         raise ValueError(
@@ -110,23 +111,34 @@ def _pipe_rows(rows):
         raise ValueError(
             "'||' on all lines may separate two cells, or enclose an empty one: write single '|'"
         )
-    # A line of dashes further down may be a row of missing points, unless its columns are marked.
-    ruled = [
-        bool(_RULE.fullmatch(text)) and (k < 2 or bool(set("+:=") & set(text)))
-        for k, (_, text) in enumerate(rows)
-    ]
-    if ruled[:2] == [False, True]:
-        (j, head), rows, ruled = rows[0], rows[1:], ruled[1:]
-        if re.search(r"(?<![^\s|])[-+]?[\d.,]+(?![^\s|])", head):
+    # An unmarked line of dashes may be a row of missing points, except below the first row.
+    marked = [_is_rule(text) and bool(set("+:=") & set(text)) for _, text in rows]
+    rules = [mark or (k == 1 and not marked[0] and _is_rule(rows[1][1])) for k, mark in enumerate(marked)]
+    top = rules.index(False) if False in rules else len(rules)
+    rows, rules = rows[top:], rules[top:]
+    # Grid tables without a head have lines between all rows.
+    if rules[1:2] == [True] and (not top or "=" in rows[1][1] or (False, False) in pairwise(rules)):
+        (j, head), rows, rules = rows[0], rows[1:], rules[1:]
+        if any(map(_may_be_height, head.split("|"))):
             raise ValueError(
-                f"line {j}: numbers in the head of a table in Markdown: they may be heights or names of columns; "
-                "remove the line below, or the head"
+                f"line {j}: numbers in the head of a table in Markdown: if they are heights, remove the line of "
+                "dashes below; if names of columns, remove the head"
             )
     return [
         (j, re.sub(r"\s*\|\s*", ";", re.sub(r"^\||\|$", "", text)).strip())
-        for (j, text), rule in zip(rows, ruled, strict=True)
+        for (j, text), rule in zip(rows, rules, strict=True)
         if not rule
     ]
+
+
+def _is_rule(text):
+    return set("-=+|: ") >= set(text) and ("--" in text or "==" in text)
+
+
+def _may_be_height(cell):
+    number = cell.strip().replace(",", ".")
+    digits_only = re.search(r"\d", number) and not re.search(r"[^\W\d_]", number)
+    return is_number(number) or is_missing(number) or digits_only
 
 
 def _bracket_rows(rows):
@@ -139,7 +151,7 @@ def _bracket_rows(rows):
     opening = body[:1]
     closing = body.rfind(_CLOSING.get(opening, "\0"))
     if closing < 0 or not _SUFFIX.fullmatch(body[closing + 1 :]):
-        if text.startswith(("{", "[")):
+        if text.startswith(("{", "[")) and _CLOSING[opening] in rows[-1][1]:  # no head such as [mm]
             raise ValueError(f"{shorten(text)!r}: its brackets enclose no matrix; keep one matrix only")
         return None
     parts, body = [], body[: closing + 1]
@@ -179,25 +191,3 @@ def _bracket_numbers(k, text):
             f"row {k} of the matrix in brackets: {wrong!r} is no number; must be numbers, separated by commas or blanks"
         )
     return numbers
-
-
-def _plain_characters(rows):
-    """Replace typographic minus signs, and remove separators of thousands."""
-    text = "\n".join(text for _, text in rows)
-    if text.isascii() and "'" not in text:
-        return rows
-    text = _MINUS.sub("-", text.replace("\u2212", "-"))
-    if match := _GROUPING.search(text):
-        joined = _GROUPED.sub(lambda match: match[0].replace(match[1], ""), text)
-        separated = re.search(r"\S[ \t;|]+\S", text) or {",", "."} <= set(text)
-        left = _GROUPING.search(joined)
-        if (left and (separated or match[0] in "'’")) or (joined != text and not separated):
-            place = (left or match).start()
-            raise ValueError(
-                f"{text[max(place - 8, 0) : place + 8]!r}: its space or apostrophe may group thousands or separate "
-                "numbers: write numbers without groups, separated by semicolons"
-            )
-        text = joined
-    for space in _SPACES:
-        text = text.replace(space, " ")
-    return [(j, line) for (j, _), line in zip(rows, text.split("\n"), strict=True)]

@@ -17,26 +17,24 @@ import numpy as np
 
 from app.base.errors import shorten
 from app.problems.surfaces.text_forms import plain_rows
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
-# Error values of spreadsheets, in English and German.
-_ERROR = r"#(?:N/A|N/D|NV|DIV/0!|NUM!|ZAHL!|VALUE!|WERT!|REF!|BEZUG!|NAME\?|NULL!)"
-# Entries for missing points; "No Data" contains a blank.
-_MISSING = re.compile(
-    rf"\*+|-+|_+|n/?a|null|none|bad|void|missing|[+-]?1[.,]#\w+|[+-]?nan\(\w+\)|{_ERROR}", re.IGNORECASE
+from app.problems.surfaces.text_numbers import (
+    ERROR,
+    commas_may_group,
+    count_grouping_blanks,
+    is_missing,
+    is_number,
 )
+
 _NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)
 _COMMA_NAN = re.compile(r"\b1,#(?=IND|INF|[QS]?NAN)")  # 1.#QNAN with a decimal comma
 # A line that begins so is no comment.
-_ERROR_FIRST = re.compile(rf'\s*"?{_ERROR}"?(?![^\s;,])')
+_ERROR_FIRST = re.compile(rf'\s*"?{ERROR}"?(?![^\s;,])')
 _NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+(\S+)", re.IGNORECASE)
 _NUMBER_CHARACTERS = frozenset("0123456789+-.,;eE \t")
 _FORTRAN_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")
 _QUOTED = re.compile(r'"([^"\n]*)"')
 _COMMA_AT_QUOTE = re.compile(r"^ *,|, *$")
 _BLANK = re.compile(r"(?<=\S) (?=\S)")  # within an entry between tabs
-_GROUPED = re.compile(r"(?<![^\s+-])[1-9]\d{0,2}(?: \d{3})+(?![^\s.,])")
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # grouped, or with a decimal comma
 # Commas may begin decimals if so many different negative numbers stand before every second comma, and none behind it.
 MIN_SIGNED_INTEGERS = 8
 
@@ -95,8 +93,7 @@ def read_table(lines, skip=0, heights=False):
     texts = [_FORTRAN_EXPONENT.sub("e", text) if "d" in text.lower() else text for text in texts]
     texts = _unquote(texts)
     separator, decimal_commas = _find_layout(texts, stated)
-    entries = (entry for text in texts for entry in text.split(separator) if "," in entry)
-    if decimal_commas and all(_THOUSANDS.fullmatch(entry.strip()) for entry in entries):
+    if decimal_commas and commas_may_group(entry for text in texts for entry in text.split(separator)):
         raise ValueError("all commas may begin three decimals or group thousands: write decimal points")
     if separator and separator != "\t":
         texts = [text.rstrip() for text in texts]
@@ -131,8 +128,8 @@ def _check_head(numbers, texts, heights):
 
     The message says how many lines to skip.
     """
-    first = next((k for k, text in enumerate(texts) if _first_word(text, heights) is None), None)
-    if not first:
+    first = next((k for k, text in enumerate(texts) if _first_word(text, heights) is None), 0)
+    if numbers[first] == numbers[0]:  # one line may have several rows
         return
     skip = numbers[first] - 1
     advice = "lines that are no row of cells begin with #"
@@ -185,7 +182,7 @@ def _unquote(lines):
     if re.search("[;\t]", "".join(outside)) or not any(map(_COMMA_AT_QUOTE.search, outside)):
         return text.replace('"', "").splitlines()
     commas = [entry for entry in entries if "," in entry]
-    if commas and ("." in text or all(_THOUSANDS.fullmatch(entry.strip()) for entry in commas)):
+    if commas and ("." in text or commas_may_group(commas)):
         raise ValueError(
             f"the comma in {commas[0][:40]!r} may begin decimals or group thousands: write decimal points"
         )
@@ -201,7 +198,7 @@ def _first_word(line, heights):
     if _NUMBER_CHARACTERS.issuperset(line):
         return None
     for entry in re.split(r'[\s;,"]+', _COMMA_NAN.sub("1.#", line)):
-        if entry and not _NUMBER.fullmatch(entry) and not (heights and _MISSING.fullmatch(entry)):
+        if entry and not is_number(entry) and not (heights and is_missing(entry)):
             return entry
     return None
 
@@ -216,7 +213,7 @@ def _find_layout(lines, stated=None):
     separator = ";" if ";" in text else stated
     if "\t" in text and not separator and not re.search(r",[ \t]*\t", text):
         blanks = len(_BLANK.findall(text))
-        if blanks and blanks == sum(match[0].count(" ") for match in _GROUPED.finditer(text)):
+        if blanks and blanks == count_grouping_blanks(text):
             raise ValueError("numbers are separated by tabs, and blanks group thousands: remove these blanks")
         separator = None if blanks else "\t"
     if separator and separator != ",":
@@ -276,7 +273,7 @@ def _number(entry, j, i, heights):
     If `heights` is true, an entry for a missing point is NaN.
     """
     entry = entry.strip()
-    if heights and (not entry or _MISSING.fullmatch(entry)):
+    if heights and (not entry or is_missing(entry)):
         return np.nan
     try:
         return float(entry)

@@ -8,6 +8,7 @@ import pytest
 
 from app import read_surface
 from app.base.errors import InputError
+from app.problems.surfaces.height_map import open_heights
 
 HEIGHTS = np.array([[0.12, -3.4, 5.6, 1.25], [7.0, 8.5, -9.25, 0.5], [2.5, -1.5, 0.25, 3.75]])
 
@@ -31,6 +32,7 @@ def grouped(mark, point="."):
 
 LATEX = table(" & ", end=" \\\\\n")
 PIPES = table(" | ", start="| ", end=" |\n")
+RULE = 4 * "+---" + "+\n"
 READ = {
     "UTF-16 without a mark": table("\t").encode("utf-16-le"),
     "UTF-16 of the other order": codecs.BOM_UTF16_BE + table(";", comma).encode("utf-16-be"),
@@ -51,6 +53,10 @@ READ = {
     "Markdown": PIPES,
     "Markdown with a head": "| a | b | c | d |\n|--:|:-:|---|---|\n" + PIPES,
     "Markdown without sides": table(" | ", comma),
+    "Markdown with an empty head": "| | | | |\n|---|---|---|---|\n" + PIPES,
+    "grid": RULE.join(["", *PIPES.splitlines(keepends=True), ""]),
+    "grid with a head": RULE + "| a | b | c | d |\n" + RULE.replace("-", "=") + PIPES + RULE,
+    "Org with a head": "|---+---+---+---|\n| a | b | c | d |\n|---+---+---+---|\n" + PIPES,
     "Org": "|---+---+---+---|\n" + PIPES + "|---+---+---+---|\n",
     "JSON": json.dumps(HEIGHTS.tolist()),
     "JSON in many lines": json.dumps(HEIGHTS.tolist(), indent=2),
@@ -64,6 +70,8 @@ READ = {
     "thousands after narrow spaces": table(";", grouped("\u202f", ",")),
     "thousands after no-break spaces": table("\t", grouped("\u00a0")).encode("latin-1"),
     "thousands in LaTeX": table(" & ", grouped("\\,"), end=" \\\\\n"),
+    "thousands in Markdown": table(" | ", grouped("\u00a0"), start="| ", end=" |\n"),
+    "no-break spaces between": table("\u00a0", "{:.2f}".format),
     "thousands after apostrophes": table(";", grouped("\u2019")),
 }  # fmt: skip
 
@@ -74,6 +82,12 @@ def test_one_table_in_every_notation_is_the_same_map(name, tmp_path):
     (tmp_path / "s.txt").write_bytes(content if isinstance(content, bytes) else content.encode())
     heights = read_surface(tmp_path / "s.txt", unit="mm", spacing=1.0).heights()
     np.testing.assert_allclose(heights, HEIGHTS * (1000 if name.startswith("thousands") else 1), rtol=1e-5)
+
+
+CELLS = "No Data;0;1.5;1,5;1e-3;1.5e+00;2,5D-3;\u22121;-.5;nan;***;---;#N/A;1,500.5;1\u202f234;1'234".split(
+    ";"
+)
+SPACES = "\u00a0\u2009\u202f"
 
 
 @pytest.mark.parametrize(
@@ -98,6 +112,30 @@ def test_one_table_in_every_notation_is_the_same_map(name, tmp_path):
             "first row and column",
         ),
         ("| 0 | 1 | 2 | 3 |\n|---|---|---|---|\n" + PIPES, "numbers in the head of a table in Markdown"),
+        *((f"| {cell} | b | c | d |\n|--|--|--|--|\n" + PIPES, "numbers in the head") for cell in CELLS),
+        (
+            "|---+---|\n| 0 | 1 |\n|---+---|\n| 1.5 | 2.5 |\n| 3 | 4 |\n|---+---|\n",
+            "numbers in the head of a table",
+        ),
+        (
+            RULE + PIPES.replace("\n", "\n" + RULE.replace("-", "="), 1) + RULE,
+            "numbers in the head of a table",
+        ),
+        *((f"1{a}234{b}2{a}345\n" * 2, "may group thousands") for a in SPACES for b in SPACES),
+        *((f"[1{a}234{b}2{a}345]", "may group thousands") for a in SPACES for b in ";,"),
+        *((f"{{{{1{a}234, 2{a}345}}, {{3, 4}}}}", "may group thousands") for a in SPACES),
+        ("0.123\u2009456\u00a00.234\u2009567\n", "may group thousands"),
+        ("1,500 & 2,500 \\\\\n950 & 1,500 \\\\\n", "may begin three decimals or group thousands"),
+        ("| 1,500 | 2,500 |\n| 950 | 1,250 |\n", "may begin three decimals or group thousands"),
+        ("1,500;2,500\n950;1,250\n", "may begin three decimals or group thousands"),
+        *((f"sep={mark}\n1{mark}5\n2{mark}5\n", "must be one of ; , | or a tab") for mark in ".1- "),
+        ("[mm]\n1 2\n3 4\n", "'[mm]' is no number; skip the line at the head by skip=1"),
+        (
+            "[Header]\nWidth=3\n\n1 2\n3 4\n",
+            "'[Header]' is no number; skip the 3 lines at the head by skip=3",
+        ),
+        ("[[1+2j, 2], [3, 4]]", "line 1, entry 1: '1+2j' is no number"),
+        ("1.5(2) & 2 \\\\ 3 & 4 \\\\", "line 1, entry 1: '1.5(2)' is no number"),
         (LATEX.replace("-3.4", "\\multicolumn{1}{c}{3}"), "in a LaTeX table is no plain number"),
         (LATEX.replace("\\\\\n7", "\n7"), "has 4 entries, line 1 has 7"),
         (np.array2string(np.arange(5000.0).reshape(50, 100)), "is abbreviated"),
@@ -122,3 +160,10 @@ def test_tables_that_may_be_read_in_two_ways_are_refused_in_one_line(text, messa
     with pytest.raises(InputError) as error:
         read_surface(tmp_path / "s.txt", unit="mm", spacing=1.0)
     assert message in str(error.value) and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("rule", ["| --- | --- |\n", "|---|---|\n"])
+def test_a_first_line_of_dashes_is_a_row_of_missing_points(rule, tmp_path):
+    (tmp_path / "s.md").write_text(rule + "| 1 | 2 |\n| 3 | 4 |\n")
+    rows = open_heights(tmp_path / "s.md").rows()
+    np.testing.assert_array_equal(rows, [[np.nan, np.nan], [1, 2], [3, 4]])
