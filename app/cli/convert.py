@@ -16,6 +16,7 @@ from app.base import units
 from app.base.errors import InputError
 from app.cli import streams
 from app.cli.arguments import Parser, argument_type, cell_size, command, length_unit
+from app.cli.instruments import FAULTY
 from app.options.option_table import cells, integer, subset
 from app.problems.surfaces.array_file import UnknownFormat
 from app.problems.surfaces.formats import ARRAY_KINDS, ARRAYS, TEXTS, detect_format, split_suffix
@@ -25,6 +26,10 @@ ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # variable with the path of a Python t
 _line_count = integer(0, "a whole number from 0")
 _SHARED = ".stp", ".tif", ".tiff", ".xlsx"  # endings of instruments' files, and of others
 _NAMES = "--unit", "--height-unit", "--spacing", "--override"
+
+
+class _FaultyFile(InputError):
+    """Error for a file in an instrument's format that cannot be read."""
 
 
 def find_instruments_python():
@@ -99,7 +104,7 @@ def _read(path, arguments):
         try:
             return _make_map(path, *_read_instruments(path, channel), arguments)
         except InputError as error:
-            if ": as " in str(error):
+            if isinstance(error, _FaultyFile):
                 raise
     try:
         source = open_heights(path, skip, arguments.orient, channel, coordinates=bool(arguments.crop))
@@ -137,7 +142,8 @@ def _read_instruments(path, channel):
         )  # fmt: skip
         if process.returncode or not output.exists():
             errors = process.stderr.strip().splitlines() or ["its reader died"]
-            raise InputError(f"surface file {path}: cannot be read: {errors[-1]}")
+            refusal = _FaultyFile if process.returncode == FAULTY else InputError
+            raise refusal(f"surface file {path}: cannot be read: {errors[-1]}")
         with np.load(output) as arrays:
             heights, facts = arrays["heights"], json.loads(str(arrays["facts"]))
     if not heights.size:

@@ -5,7 +5,7 @@
     .venv-surfaces/bin/python -P app/cli/instruments.py FILE OUT.npz [CHANNEL]
 
 The program writes heights (ny, nx) in the instrument's unit, NaN for missing points, and facts as JSON. After an error
-the exit status is 2, and standard error has one line.
+standard error has one line, and the exit status is 2, or `FAULTY` if a reader knows the format.
 """
 
 import gzip
@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+FAULTY = 3  # exit status
 # Channels that are no heights, even if their unit is a length.
 _NO_HEIGHT = re.compile("phase|amplitude|deflection|friction|lateral|current|intensity|error", re.IGNORECASE)
 _NO_SIGNATURE = {"hgt", "nms", "mat"}  # formats whose readers accept other files of a suitable size
@@ -33,6 +34,10 @@ _SUR_TYPES = {  # objects of Digital Surf that are no single map of heights
 _HDF5 = "is HDF5 of no known instrument: end its name in .h5, and name a data set of heights as FILE:/DATASET"
 _UNKNOWN = "is in no format that SurfaceTopography knows"
 _INDEXES = {"index.json", "meta.yml"}  # of contact.engineering's archives
+
+
+class FaultyFile(ValueError):
+    """Error for a file in a known format, or for a channel that it does not have."""
 
 
 class Channel(NamedTuple):
@@ -60,12 +65,12 @@ def read_heights(path, wanted):
     try:
         topography, sized = channel.read()
     except Exception as error:
-        raise ValueError(f"as {kind.upper()}: {_one_line(error)}") from None
+        raise FaultyFile(f"as {kind.upper()}: {_one_line(error)}") from None
     if topography.dim != 2:
         raise ValueError(f"channel {channel.name} is a line, no map of heights")
     heights = np.ma.filled(np.ma.asarray(topography.heights(), float), np.nan)
     if kind == "nms":  # 65534 steps from least to largest height; number 65535 marks a missing point
-        low, high = struct.unpack("<2d", Path(path).read_bytes()[16:32])
+        low, high = struct.unpack("<2d", _read_start(path)[16:32])
         heights[heights > high + (high - low) / 2**17] = np.nan
     nx, ny = topography.nb_grid_pts
     lx, ly = topography.physical_sizes
@@ -89,15 +94,14 @@ def _channels(path):
 
     packed = path.lower().endswith(".gz")
     ending = path.lower().removesuffix(".gz").rpartition(".")[2]
-    with gzip.open(path) if packed else Path(path).open("rb") as file:
-        start = file.read(512)
+    start = _read_start(path)
     known = [reader for reader in readers if reader.format() not in _ARRAYS]
     own = [reader for reader in known if ending in reader.file_extensions() and reader.format() not in _TEXTS]
     others = [reader for reader in known if reader not in own and reader.format() not in _NO_SIGNATURE]
     matches = [(reader, reader.can_read(start)) for reader in (*own, *others)]
     certain = [reader for reader, match in matches if match == MagicMatch.YES]
     candidates = certain or [reader for reader, match in matches if match == MagicMatch.MAYBE]
-    faults, empty = [], None
+    faults, empty, refusal = [], None, ValueError
     for reader in candidates:
         source = gzip.open(path) if packed else path  # noqa: SIM115: the reader's own
         kind = reader.format()
@@ -108,16 +112,23 @@ def _channels(path):
             if reader in own or reader in certain:
                 faults.append(f"{'no' if mismatch else 'as'} {kind.upper()}: {_one_line(error)}")
                 if not mismatch:
+                    refusal = FaultyFile
                     break
             continue
         if kind == "sur" and start[18] in _SUR_TYPES:
-            raise ValueError(f"as SUR: is {_SUR_TYPES[start[18]]}: export one surface")
+            raise FaultyFile(f"as SUR: is {_SUR_TYPES[start[18]]}: export one surface")
         if any(channel.has_heights for channel in channels):
             return channels, kind
         empty = empty or (channels, kind)
     if faults or not empty:
-        raise ValueError("; ".join(faults) or (_HDF5 if start.startswith(b"\x89HDF") else _UNKNOWN))
+        raise refusal("; ".join(faults) or (_HDF5 if start.startswith(b"\x89HDF") else _UNKNOWN))
     return empty
+
+
+def _read_start(path):
+    """Return the first 512 bytes of a file, which may be compressed."""
+    with gzip.open(path) if path.lower().endswith(".gz") else Path(path).open("rb") as file:
+        return file.read(512)
 
 
 def _one_line(error):
@@ -155,7 +166,7 @@ def _archive(path):
     try:
         reader = open_container(path, format="ce", datafile_keys=["squeezed-netcdf", "original"])
     except Exception as error:
-        raise ValueError(f"as CE: {_one_line(error)}") from None
+        raise FaultyFile(f"as CE: {_one_line(error)}") from None
     channels = []
     for k in range(reader.nb_containers):
         surface = reader.container(k)
@@ -186,7 +197,7 @@ def choose_channel(channels, wanted):
         raise ValueError(f"has no channel of heights, only {others or 'none at all'}")
     if not wanted:
         if len(maps) > 1:
-            raise ValueError(f"has several channels of heights; choose one by --channel: {names}")
+            raise FaultyFile(f"has several channels of heights; choose one by --channel: {names}")
         return maps[0]
     matching = [channel for channel in channels if str(channel.index) == wanted]
     matching = matching or [channel for channel in channels if channel.name == wanted]
@@ -194,7 +205,7 @@ def choose_channel(channels, wanted):
     if len(heights) != 1:
         several = "several have this name, choose by number"
         reason = several if heights else "it is no map of heights" if matching else "there is none"
-        raise ValueError(f"--channel {wanted}: {reason}; allowed: {names}")
+        raise FaultyFile(f"--channel {wanted}: {reason}; allowed: {names}")
     return heights[0]
 
 
@@ -207,7 +218,7 @@ def main(path, output, wanted=""):
         heights, facts = read_heights(path, wanted)
     except Exception as error:  # of any reader
         print(_one_line(error), file=sys.stderr)
-        return 2
+        return FAULTY if isinstance(error, FaultyFile) else 2
     np.savez(output, heights=heights, facts=json.dumps(facts))
     return 0
 

@@ -14,6 +14,7 @@ from processes import run
 
 from app import read_surface
 from app.cli.convert import find_instruments_python, main
+from app.cli.instruments import FAULTY
 from app.problems.surfaces.moments import Moments
 
 HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
@@ -197,6 +198,20 @@ def test_text_of_an_instrument_is_converted(convert, tmp_path):
     surface = read_surface(tmp_path / "s.h5")
     assert surface.missing_points == 1 and surface.spacing == pytest.approx((2e-3, 2e-3))
     assert sorted(surface.shape) == [16, 20]
+
+
+@pytest.mark.parametrize(("status", "message"), [(2, "is a mesh"), (FAULTY, "cannot be read: strange")])
+def test_a_fault_in_a_known_format_is_quoted(convert, tmp_path, monkeypatch, status, message):
+    """The exit status of the reader decides, not the names of folders."""
+    reader, folder = tmp_path / "reader", tmp_path / "seen: as is"
+    reader.write_text(f"#!/bin/sh\necho x >>$(dirname $0)/runs\necho strange >&2\nexit {status}\n")
+    reader.chmod(0o755)
+    monkeypatch.setenv("ELASTIC_CONTACT_SURFACES", str(reader))
+    folder.mkdir()
+    (folder / "s.stp").write_bytes(b"\x00\xff" * 400)
+    done = convert(folder / "s.stp", "-o", tmp_path / "s.h5", "--unit", "nm", "--spacing", "1,1")
+    assert done.returncode == 2 and message in done.stderr
+    assert (tmp_path / "runs").read_text() == "x\n"
 
 
 @needs_reader

@@ -1,5 +1,6 @@
 """Channels of instruments."""
 
+import gzip
 import io
 import json
 import struct
@@ -35,7 +36,7 @@ def test_channel_is_found_by_name_or_number(wanted, chosen):
     if isinstance(chosen, int):
         assert instruments.choose_channel(channels, wanted).index == chosen
         return
-    with pytest.raises(ValueError, match=chosen):
+    with pytest.raises(instruments.FaultyFile, match=chosen):
         instruments.choose_channel(channels, wanted)
 
 
@@ -100,6 +101,7 @@ FILES = {
     "short.x3p": (x3p(size=69), "as X3P: The file ended"),
     "no.x3p": (b"no\xff\0", "is in no format"),
     "a.nms": (nanofocus(), "69 1"),
+    "a.nms.gz": (gzip.compress(nanofocus()), "69 1"),
     "short.nms": (nanofocus()[:-2], "no NMS: File too small"),
     "renamed.bin": (nanofocus(), "is in no format"),
     "a.sur": (digital_surf(), "70 0"),
@@ -126,7 +128,7 @@ def test_the_reader_that_knows_a_file_reads_it_or_names_its_fault(tmp_path):
         "warnings.simplefilter('ignore')\n"
         "for path in sys.argv[2:]:\n"
         "    try: missing = np.isnan(read_heights(path, '')[0]); print((~missing).sum(), missing.sum())\n"
-        "    except Exception as error: print(str(error).splitlines()[0])\n"
+        "    except Exception as error: print(str(error).splitlines()[0], type(error).__name__)\n"
     )
     folder, paths = Path(instruments.__file__).parent, [tmp_path / name for name in FILES]
     done = subprocess.run(
@@ -137,6 +139,7 @@ def test_the_reader_that_knows_a_file_reads_it_or_names_its_fault(tmp_path):
     )
     for line, (name, (_, expected)) in zip(done.stdout.splitlines(), FILES.items(), strict=True):
         assert line.startswith(expected), (name, line)
+        assert ("FaultyFile" in line) == expected.startswith("as "), (name, line)
 
 
 @pytest.mark.parametrize(
