@@ -22,19 +22,10 @@ STIFFNESS_NUMBERS = (  # None in a Solution unless requested
 # Name in a Solution -> name of the attribute in a file.
 ATTRIBUTE_NAMES = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
 PATCH_UNITS = {"area": "mm2", "load": "N", "max_pressure": "N/mm2", "centre_x": "mm", "centre_y": "mm"}
-_USUAL_WORDS = {
-    "resistance": "conductance",
-    "peak": "max",
-    "maximum": "max",
-    "average": "mean",
-}  # of attributes
-_SHOWN = {
-    "converged",
-    "notes",
-    "error_bound",
-    "iterations",
-    "message",
-}  # by tab completion, with physical numbers
+# Word that may be meant in an attribute's name -> word in the name.
+_USUAL_WORDS = {"resistance": "conductance", "peak": "max", "maximum": "max", "average": "mean"}
+# Other names than those of fields and physical numbers that tab completion shows.
+_SHOWN = {"converged", "notes", "error_bound", "iterations", "message"}
 _HIDDEN = {
     "comm",
     "slabs",
@@ -57,14 +48,15 @@ def find_similar_attribute(name, known):
 
     Examples
     --------
-    >>> names = "max_pressure", "contact_area", "electrical_conductance"
-    >>> [find_similar_attribute(name, names) for name in ("peak_pressure", "area", "electrical_resistance", "x")]
+    >>> names = "max_pressure", "contact_area", "conductance_width", "electrical_conductance"
+    >>> [find_similar_attribute(name, names) for name in ("peak_pressure", "area", "resistance", "x")]
     ['max_pressure', 'contact_area', 'electrical_conductance', None]
     """
     usual = find_similar_name(name, known) if name in USUAL_NAMES else None
     words = [_USUAL_WORDS.get(word, word) for word in name.lower().split("_")]
     whole = [other for other in known if set(words) <= set(other.split("_"))]
-    return usual or min(whole, key=len, default=None) or find_similar_name("_".join(words), known)
+    whole.sort(key=lambda other: (not other.endswith(words[-1]), len(other)))
+    return usual or next(iter(whole), None) or find_similar_name("_".join(words), known)
 
 
 class Patches(NamedTuple):
@@ -129,12 +121,11 @@ class ContactFields:
     def __repr__(self):
         count = len(self.notes)
         notes = f", {count} note{'s'[: count > 1]}: see .notes" if count else ""
-        stiffness = ", stiffness by ContactSolver.with_stiffness" * (getattr(self, "stiffness", None) is None)
         load, approach = format_quantity(self.load, "N", 6), format_quantity(self.approach, "mm", 6)
         return (
             f"<{type(self).__name__}: {self.grid.nx} x {self.grid.ny} cells, load {load}, approach "
             f"{approach}, {'converged' if self.converged else 'NOT converged'}, error bound "
-            f"{self.error_bound:.1g}{stiffness}{notes}>"
+            f"{self.error_bound:.1g}{notes}>"
         )
 
     def _repr_html_(self):
@@ -182,7 +173,7 @@ class ContactFields:
             return attributes[key]
         public = {*super().__dir__(), *attributes, *ATTRIBUTE_NAMES} if attributes else ()
         similar = find_similar_attribute(name, [word for word in public if word[0] != "_"])
-        inverse = " (its reciprocal)" * ("resistance" in name and "conductance" in str(similar))
+        inverse = " (its reciprocal)" * ("resistance" in name and str(similar).endswith("_conductance"))
         hint = f"did you mean {similar}{inverse}?" if similar else "what it has: .attributes"
         if name in STIFFNESS_NUMBERS:
             hint = "it is computed by -stiffness, or by ContactSolver.with_stiffness"
