@@ -28,7 +28,8 @@ from app.plots.pictures import PICTURES, pictures_of
 from app.problems.arrays import is_measured
 
 _dots = integer(20, "a whole number from 20 to 1200", 1200)
-_MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; a .csv is one if --unit is given
+# Maps of heights, except tables; a .csv is a map if --unit is given.
+_MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc", ".md"
 
 
 def save_pictures(pictures, folder, kinds=("png",), dpi=200, title=None):

@@ -46,12 +46,28 @@ def test_command_writes_all_figures_and_prints_their_paths(path, tmp_path, capsy
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_tables_of_sweeps_are_drawn_from_every_format(tmp_path, capsys, suffix):
     names = "load", "young", "exit_status", "approach", "max_pressure", "message"
-    rows = [(load, "2e5,3e5", 0, 1e-3 * load**0.67, 900.0 + load, "") for load in (10, 20, 40)]
+    rows = [(load, "2e5,3e5", 0, 1e-3 * load**0.67, 900.0 + load, "a|b") for load in (10, 20, 40)]
     write_table(tmp_path / f"out{suffix}", [dict(zip(names, row, strict=True)) for row in rows])
     columns = load_curves.read_columns(tmp_path / f"out{suffix}")
     assert tuple(columns) == names and list(map(float, columns["max_pressure"])) == [910, 920, 940]
+    assert columns["message"] == ["a|b"] * 3
     assert main([str(tmp_path / f"out{suffix}"), "-o", str(tmp_path / "pictures"), "--dpi", "30"]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'pictures/sweep.png'}\n"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        (".txt", "1 2 4\n--- --- ---\n3 5 9\n"),
+        (".md", "| a | b | c |\n|---|---|---|\n| 1 | 2 | 4 |\n| 3 | 5 | 9 |\n"),
+        (".md", "| 1 | 2 | 4 |\n| 3 | 5 | 9 |\n"),
+    ],
+)
+def test_texts_of_heights_are_no_tables(tmp_path, capsys, suffix, text):
+    (tmp_path / f"s{suffix}").write_text(text)
+    assert not load_curves.is_table(tmp_path / f"s{suffix}")
+    assert main([str(tmp_path / f"s{suffix}"), "--spacing", "1,1"]) == 2
+    assert "--unit is missing: surface file" in capsys.readouterr().err
 
 
 def test_paper_style_writes_pdf_and_svg_with_the_title_of_the_user(path, tmp_path, capsys):
