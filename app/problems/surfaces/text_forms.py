@@ -149,9 +149,11 @@ def _bracket_rows(rows):
     text = re.sub(r"(?m)^- (?=\[)", "", text)  # YAML
     body = text[_PREFIX.match(text).end() :]
     opening = body[:1]
-    closing = body.rfind(_CLOSING.get(opening, "\0"))
+    bracket = _CLOSING.get(opening, "\0")
+    closing = body.rfind(bracket)
     if closing < 0 or not _SUFFIX.fullmatch(body[closing + 1 :]):
-        if text.startswith(("{", "[")) and _CLOSING[opening] in rows[-1][1]:  # no head such as [mm]
+        is_head = bracket in rows[0][1] and bracket not in rows[-1][1]  # such as [mm]
+        if opening == text[0] in _CLOSING and not is_head:
             raise ValueError(f"{shorten(text)!r}: its brackets enclose no matrix; keep one matrix only")
         return None
     parts, body = [], body[: closing + 1]

@@ -129,6 +129,7 @@ SPACES = "\u00a0\u2009\u202f"
         ("| 1,500 | 2,500 |\n| 950 | 1,250 |\n", "may begin three decimals or group thousands"),
         ("1,500;2,500\n950;1,250\n", "may begin three decimals or group thousands"),
         *((f"sep={mark}\n1{mark}5\n2{mark}5\n", "must be one of ; , | or a tab") for mark in ".1- "),
+        ("[1 2\n3 4\n", "its brackets enclose no matrix"),
         ("[mm]\n1 2\n3 4\n", "'[mm]' is no number; skip the line at the head by skip=1"),
         (
             "[Header]\nWidth=3\n\n1 2\n3 4\n",
