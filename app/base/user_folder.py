@@ -2,25 +2,27 @@
 
 import os
 import stat
-from contextlib import contextmanager
-from itertools import count
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
 def private_folder():
-    """Return a temporary folder that lasts, and that only this user can write.
+    """Return a temporary folder that only this user can write, the same one in each process if possible.
 
     Caches contain code, so other users must not be able to write there. Raises OSError if no folder for temporary files
     is writable.
     """
     import tempfile
 
-    for number in count():
-        folder = Path(tempfile.gettempdir(), f"elastic-contact-{os.getuid()}-{number}")
-        folder.mkdir(mode=0o700, exist_ok=True)
+    name = f"elastic-contact-{os.getuid()}-"
+    for number in range(3):  # others may have taken a name
+        folder = Path(tempfile.gettempdir(), f"{name}{number}")
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
         status = folder.lstat()
         if stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022:
             return folder
+    return Path(tempfile.mkdtemp(prefix=name))
 
 
 def ensure_home():
@@ -29,7 +31,8 @@ def ensure_home():
     Without a home Open MPI crashes, matplotlib raises an error, and numba writes to a folder called ``~``.
     """
     if os.path.expanduser("~") == "~":  # noqa: PTH111  Path.expanduser raises an error
-        os.environ["HOME"] = str(private_folder())
+        with suppress(OSError):
+            os.environ["HOME"] = str(private_folder())
 
 
 def ensure_matplotlib_folder():
@@ -39,9 +42,13 @@ def ensure_matplotlib_folder():
     """
     if os.environ.get("MPLCONFIGDIR"):
         return
-    folder = Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config", "matplotlib").expanduser()
-    existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
-    if not os.access(existing, os.W_OK):
+    config = os.path.expanduser(os.environ.get("XDG_CONFIG_HOME") or "~/.config")  # noqa: PTH111
+    with suppress(OSError):
+        folder = Path(config, "matplotlib")
+        folder.mkdir(parents=True, exist_ok=True)  # as matplotlib does
+        if os.access(folder, os.W_OK):
+            return
+    with suppress(OSError):
         os.environ["MPLCONFIGDIR"] = str(private_folder() / "matplotlib")
 
 

@@ -55,11 +55,41 @@ def test_a_user_unknown_to_the_system_has_a_lasting_private_home(tmp_path, monke
     assert user_folder.private_folder() not in (None, tmp_path / home)
 
 
+@pytest.mark.parametrize("disturb", ["file", "dangling link", "other owner"])
+def test_a_private_folder_is_found_whatever_has_its_name(disturb, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    taken = [tmp_path / f"elastic-contact-{os.getuid()}-{number}" for number in range(5)]
+    for path in taken:
+        if disturb == "file":
+            path.touch()
+        elif disturb == "dangling link":
+            path.symlink_to(tmp_path / "nowhere")
+    if disturb == "other owner":  # as on file systems that give files another owner
+        lstat, uid = Path.lstat, os.getuid()
+        monkeypatch.setattr(
+            Path, "lstat", lambda path: os.stat_result([*lstat(path)[:4], uid + 1, *lstat(path)[5:]])
+        )
+    folder = user_folder.private_folder()
+    assert folder.is_dir() and folder not in taken and folder.stat().st_mode & 0o777 == 0o700
+
+
+def test_no_folder_for_temporary_files_does_not_end_an_import(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+    monkeypatch.delenv("HOME")
+    monkeypatch.delenv("MPLCONFIGDIR", raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", "/dev/null")
+    user_folder.ensure_home()
+    user_folder.ensure_matplotlib_folder()
+    assert "HOME" not in os.environ and "MPLCONFIGDIR" not in os.environ
+
+
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can run as somebody else")
+@pytest.mark.parametrize("home", ["os.environ.pop('HOME', None)", "os.environ['HOME'] = '/root'"])
 @pytest.mark.parametrize("uid", [65534, 54321])
-def test_matplotlib_has_a_lasting_folder_for_a_user_without_a_home(uid):
+def test_matplotlib_has_a_lasting_folder_for_a_user_without_a_home(uid, home):
     program = (
-        f"import os; os.setgid({uid}); os.setuid({uid}); os.environ.pop('HOME', None)\n"
+        f"import os; os.setgid({uid}); os.setuid({uid}); {home}\n"
         "import app, matplotlib; print(matplotlib.get_cachedir())"
     )
     with tempfile.TemporaryDirectory() as folder:
