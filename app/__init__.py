@@ -6,8 +6,8 @@ name, so that a command can start PETSc with its own options first.
 
 from app.base import import_path
 
-import_path.search_current_folder_last()
-with import_path.names_shadows():
+_user_modules = import_path.search_current_folder_last()
+with import_path.names_shadows(_user_modules):
     from functools import partial
     from importlib import import_module
 
@@ -54,7 +54,7 @@ def __getattr__(name):
     if name not in _PLACES:
         raise AttributeError(f"module 'app' has no attribute {name!r}")
     try:
-        with import_path.names_shadows():
+        with import_path.names_shadows(_user_modules):
             return getattr(import_module(_PLACES[name]), name)
     except ImportError as error:
         if (

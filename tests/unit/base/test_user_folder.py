@@ -119,4 +119,35 @@ def test_a_program_next_to_such_a_module_ends_with_its_name(name, content, tmp_p
     (tmp_path / "program.py").write_text(SOLVE)
     done = run(tmp_path / "program.py", cwd=tmp_path)
     message = f"{tmp_path}/{name}.py: has the name of a module that this program needs; rename the file"
-    assert (done.returncode, done.stderr.splitlines()[-1]) == (1, f"ImportError: {message}")
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1 and last.startswith(f"ImportError: {message} ("), done.stderr
+    assert {"": "Error: ", "raise": "RuntimeError: mine)", "from": "'nothing'"}[
+        content.partition(" ")[0]
+    ] in last
+
+
+def test_modules_of_the_user_are_not_blamed_for_other_errors(tmp_path):
+    for name in ("test", "profile"):
+        (tmp_path / f"{name}.py").touch()
+    program = tmp_path / "program.py"
+    program.write_text("import sys, test, profile\nsys.modules['petsc4py'] = None\nfrom app import solve")
+    done = run(program, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "petsc4py" in done.stderr.splitlines()[-1] and "rename" not in done.stderr
+    # A checkout that is also installed elsewhere.
+    (tmp_path / "app").symlink_to(Path(user_folder.__file__).parents[1])
+    (tmp_path / "elsewhere" / "app").mkdir(parents=True)
+    (tmp_path / "elsewhere" / "app" / "__init__.py").touch()
+    (tmp_path / "elsewhere" / "contextlib.py").write_text("raise RuntimeError('theirs')")
+    program.write_text("import sys; sys.modules.pop('contextlib', None); import app")
+    done = run("-S", program, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path / "elsewhere")})
+    assert done.returncode == 1 and done.stderr.endswith("RuntimeError: theirs\n"), done.stderr
+
+
+@pytest.mark.parametrize("word", ["app.h5", "app.solve"])
+def test_a_module_with_a_word_of_this_program_as_argument_is_no_command(word, tmp_path):
+    (tmp_path / "random.py").write_text("raise RuntimeError('mine')")
+    (tmp_path / "package").mkdir()
+    (tmp_path / "package" / "__init__.py").write_text("import app.api.solver")
+    done = run("-m", "package", word, cwd=tmp_path)
+    assert done.returncode == 1 and "Traceback" in done.stderr
