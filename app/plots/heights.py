@@ -72,8 +72,10 @@ def _draw_map(axes, canvas, shown, limits, extend, unit):
 
 
 def draw_heights(axes, surface):
-    """Draw a surface's map of heights on axes."""
-    _draw_map(axes, *_prepare(surface))
+    """Draw a surface's map of heights on axes of the user."""
+    canvas, *shown = _prepare(surface)
+    canvas.titled = False
+    _draw_map(axes, canvas, *shown)
 
 
 @with_style

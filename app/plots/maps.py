@@ -39,11 +39,12 @@ class Canvas:
     `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are the sides of the map [inch]. `low` is True if the
     colour bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows only the
     contact, if the contact is small in its patch; an inset shows the patch. With `lie` a map that is long in y is
-    turned, so that y points to the right.
+    turned, so that y points to the right. If `titled`, the label of the colours is the title, because at the bar it
+    would look like a label of the next panel; else it is at the bar, and the title is the user's.
     """
 
-    def __init__(self, result, zoom=False, lie=False):
-        self.result, whole = result, result.grid
+    def __init__(self, result, zoom=False, lie=False, titled=True):
+        self.result, self.titled, whole = result, titled, result.grid
         self.view = rows, columns = find_view(result) if zoom else (slice(0, whole.ny), slice(0, whole.nx))
         self.grid = grid = replace(
             whole,
@@ -141,7 +142,7 @@ class Canvas:
         inset = axes.inset_axes(below if self.low else [1 + 0.15 / self.width, 0, _BAR_WIDTH / self.width, 1])
         orientation = "horizontal" if self.low else "vertical"
         bar = axes.figure.colorbar(image, cax=inset, extend=extend, orientation=orientation)
-        axes.set_title(label)  # a label of the bar would look like one of the next panel
+        axes.set_title(label) if self.titled else bar.set_label(label)
         ticks = [] if np.isnan(pixels).all() else ticks
         if ticks is not None:
             bar.set_ticks(ticks, labels=[f"{tick:.4g}".replace("-", "−") for tick in ticks])

@@ -96,22 +96,22 @@ def pictures_of(result, names):
 
 
 def _draw_section(along):
-    def draw(axes, result, reference):
+    def draw(axes, result, reference, **_):
         figures.draw_section(axes, result, along, *figures.section_place(result), reference)
 
     return draw
 
 
-# Name -> function that draws one panel on given axes.
+# Name -> function that draws one panel on given axes; `how` is `titled` of maps.
 PANELS = {
-    "contact": lambda axes, result, _: Canvas(result, zoom=True).draw_contact(axes),
-    "pressure": lambda axes, result, _: Canvas(result, zoom=True).draw_pressure(axes),
-    "displacement": lambda axes, result, _: Canvas(result).draw_displacement(axes),
-    "gap": lambda axes, result, _: Canvas(result).draw_gap(axes),
-    "plastic_depth": lambda axes, result, _: Canvas(result, zoom=True).draw_plastic_depth(axes),
+    "contact": lambda axes, result, _, **how: Canvas(result, zoom=True, **how).draw_contact(axes),
+    "pressure": lambda axes, result, _, **how: Canvas(result, zoom=True, **how).draw_pressure(axes),
+    "displacement": lambda axes, result, _, **how: Canvas(result, **how).draw_displacement(axes),
+    "gap": lambda axes, result, _, **how: Canvas(result, **how).draw_gap(axes),
+    "plastic_depth": lambda axes, result, _, **how: Canvas(result, zoom=True, **how).draw_plastic_depth(axes),
     "section_x": _draw_section("x"),
     "section_y": _draw_section("y"),
-    "residual": lambda axes, result, _: figures.draw_residual(axes, result),
+    "residual": lambda axes, result, *_, **__: figures.draw_residual(axes, result),
 }
 
 
@@ -135,7 +135,7 @@ def plot(result, name="summary", axes=None):
     reference = analytic_reference(result)
     if axes is not None:
         check_type("ax", axes, Axes, "axes of matplotlib")
-        PANELS[name](axes, result, reference)
+        PANELS[name](axes, result, reference, titled=False)
         return on_axes(axes)
     draw = PICTURES[name] if name in PICTURES else partial(_panel_figure, name)
     return show(partial(draw, result, reference), name)

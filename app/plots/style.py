@@ -5,6 +5,7 @@ no longer used. Sizes in the code are for the style "screen". In the style "pape
 figure stand below each other in one column.
 """
 
+import re
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import wraps
@@ -14,7 +15,6 @@ import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.style.core import STYLE_BLACKLIST
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 
@@ -110,13 +110,13 @@ def interactive():
     return _set(_uses_pyplot, True)
 
 
-# Settings that the user's program may have changed, by a style or by rcParams, such as text.usetex. The others do not
-# change pictures, or only how windows and notebooks show them.
-_DEFAULTS = {
-    name: value
-    for name, value in matplotlib.rcParamsDefault.items()
-    if name not in STYLE_BLACKLIST and name != "figure.dpi"
-}
+# Settings that the user's program may have changed, by a style or by rcParams, such as text.usetex. The others belong
+# to windows and notebooks, or would make matplotlib choose a backend.
+_OF_WINDOWS = re.compile(
+    r"backend|interactive|toolbar|timezone|date\.epoch|savefig\.directory|(webagg|tk|macosx|docstring)\."
+    r"|figure\.(dpi|raise_window|max_open_warning)"
+)
+_DEFAULTS = {name: value for name, value in matplotlib.rcParamsDefault.items() if not _OF_WINDOWS.match(name)}
 
 
 def with_style(draw):

@@ -32,5 +32,5 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained"
 solution.plot("pressure", ax=left)
 solution.plot("section_y", ax=right)
 left.plot(hottest.x, hottest.y, "r+", markersize=14)
-left.set_title(f"pressure [N/mm²], largest stress {hottest.depth:.1f} mm below +")
+left.set_title(f"largest stress {hottest.depth:.1f} mm below +")
 figure.savefig("wheel_on_rail.png", dpi=60)

@@ -69,6 +69,16 @@ def test_one_panel_is_drawn_on_the_axes_of_the_user(hertz_results, name):
     assert right.has_data() and not left.has_data()
 
 
+@pytest.mark.parametrize("name", ["pressure", "displacement", "gap", "heights"])
+def test_the_title_of_axes_is_the_users_and_the_bar_has_quantity_and_unit(hertz_results, surface, name):
+    axes = pyplot.figure().subplots()
+    axes.set_title("mine")
+    surface.plot(ax=axes) if name == "heights" else hertz_results["solution"].plot(name, ax=axes)
+    assert axes.get_title() == "mine"
+    label = axes.child_axes[0].get_ylabel() + axes.child_axes[0].get_xlabel()
+    assert label.startswith(name.removesuffix("s")[:6]) and "[" in label
+
+
 def test_panels_get_room_for_their_labels(hertz_results):
     figure, (left, right) = pyplot.subplots(1, 2)
     hertz_results["solution"].plot("pressure", ax=left)

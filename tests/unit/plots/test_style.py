@@ -90,6 +90,13 @@ def test_settings_of_the_users_program_do_not_change_a_picture(settings, result,
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
+def test_settings_of_windows_stay_while_a_picture_is_drawn():
+    settings = {"toolbar": "None", "savefig.directory": "x", "figure.max_open_warning": 0, "figure.dpi": 50}
+    with matplotlib.rc_context(settings):
+        drawn_with = style.with_style(lambda: {name: matplotlib.rcParams[name] for name in settings})()
+        assert drawn_with == settings and "backend" not in style._DEFAULTS
+
+
 def test_without_the_users_backend_a_figure_is_made_all_the_same(monkeypatch):
     def no_display(**_):
         raise ImportError("Cannot load backend 'TkAgg'")
