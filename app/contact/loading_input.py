@@ -17,13 +17,15 @@ _ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in 
 
 
 def single_loading(given, where=""):
-    """Return the prescribed quantity, if exactly one is given."""
+    """Return the prescribed quantity, if exactly one is given; raise TypeError for an unknown one."""
     unknown = [kind for kind in given if kind not in LOADINGS]
     given = {kind: value for kind, value in given.items() if value is not None}
     if len(given) != 1 or unknown:
         *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
-        what = f"unknown argument {', '.join(unknown)}; " if unknown else ""
-        raise InputError(f"{where}{what}exactly one of {', '.join(others)} and {last} is needed")
+        needed = f"exactly one of {', '.join(others)} and {last} is needed"
+        if unknown:
+            raise TypeError(f"{where}unexpected argument {unknown[0]!r}; {needed}")
+        raise InputError(where + needed)
     return given.popitem()
 
 

@@ -192,7 +192,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_wrong_loading_is_refused_before_any_step(case):
     loadings, message = REFUSED[case]
-    with ContactSolver(hertz(16)) as solver, pytest.raises(InputError, match=message):
+    with ContactSolver(hertz(16)) as solver, pytest.raises((InputError, TypeError), match=message):
         solver.path(**loadings)
 
 

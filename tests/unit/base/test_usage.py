@@ -14,7 +14,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
     ("call", "right"),
     {
         "a load without its name": (lambda: solve(BALL, 700), r"write solve\(problem, load=700\)"),
-        "a force": (lambda: solve(BALL, force=700), "'force'; write .*load="),
+        "a force": (lambda: solve(BALL, force=700), "'force'; exactly one of .*load"),
         "a solver": (lambda: ContactSolver(BALL).solve(700), r"write solver\.solve\(load=700\)"),
         "a grid of cells alone": (lambda: Grid(64, 64), r"write Grid\.from_domain\(128, 128, "),
         "a grid without a domain": (lambda: Grid.from_domain(64, 64), r"write Grid\.from_domain"),
