@@ -7,6 +7,7 @@ import numpy as np
 from app.api.solver import ContactSolver
 from app.base.errors import InputError, format_exact, plain_number
 from app.base.mpi import MPI
+from app.base.units import to_length
 from app.halfspace.grid import Grid
 from app.problems.contact_problem import ContactProblem
 from app.problems.default_patch import END_MARGIN, MARGIN, default_patch
@@ -59,6 +60,7 @@ def fit_grid(gap, material, cells=256, patch=None, *, approach=None, load=None, 
     if (approach is None) == (load is None):
         raise InputError("fit_grid: exactly one of approach [mm] and load [N] is needed")
     approach, load, hardness = map(plain_number, (approach, load, hardness))
+    approach = to_length("approach", approach) if isinstance(approach, str) else approach
     loading = {"approach": approach} if load is None else {"load": load}
     if load is not None and not load > 0:
         raise InputError(f"fit_grid: load {load!r}: must be positive, for a contact to fit to")

@@ -3,17 +3,15 @@
 import math
 import re
 import unicodedata
-from decimal import Context
 from typing import NamedTuple
 
-from app.base.errors import InputError, to_float
+from app.base.errors import InputError, is_number, plain_number
 
 UNITS = {
     "m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "nm": 1e-6, "pm": 1e-9, "angstrom": 1e-7, "in": 25.4
 }  # fmt: skip  # [mm]
 ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 _LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([^\W\d_]*)\s*", re.IGNORECASE)
-_EXACT = Context(prec=60, traps=[])  # decimal, so that 0.7 um are 0.0007 mm to the last bit
 
 
 class Unit(NamedTuple):
@@ -71,13 +69,19 @@ def to_millimetres(text):
                 name = find_unit(length[2])
                 if name is None:
                     raise ValueError(f"a number [mm], or have a unit of {ALLOWED}")
-                values[k] = repr(
-                    float(_EXACT.multiply(*map(_EXACT.create_decimal, (length[1], str(UNITS[name])))))
-                )
+                values[k] = repr(_times(length[1], UNITS[name]))
         parts.append(":".join(values))
     if len(has_unit) > 1:
         raise ValueError("lengths that all have units, or none")
     return ",".join(parts) if True in has_unit else text
+
+
+def _times(number, factor):
+    """Multiply a number, a text, by a factor, so that 0.7 um are 0.0007 mm to the last bit."""
+    from decimal import Context  # most runs meet no unit
+
+    exact = Context(prec=60, traps=[])
+    return float(exact.multiply(exact.create_decimal(number), exact.create_decimal(str(factor))))
 
 
 def to_length(name, value):
@@ -88,11 +92,15 @@ def to_length(name, value):
     >>> to_length("thickness", "2 um"), to_length("thickness", 3)
     (0.002, 3.0)
     """
+    value = plain_number(value)
     try:
-        return to_float(to_millimetres(value) if isinstance(value, str) else value)
-    except (TypeError, ValueError):
-        allowed = f"must be a number [mm], or have a unit of {ALLOWED}"
-        raise InputError(f"{name} {value!r}: {allowed}") from None
+        if is_number(value):
+            return float(value)
+        if isinstance(value, str) and (text := to_millimetres(value)) != value:
+            return float(text)
+    except (ValueError, OverflowError):  # a list of lengths; a huge integer
+        pass
+    raise InputError(f"{name} {value!r}: must be a number [mm], or have a unit of {ALLOWED}")
 
 
 def choose_length_unit(largest):

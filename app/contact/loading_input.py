@@ -104,7 +104,7 @@ def validate_number(kind, number):
     Raises InputError if it is no real number, too large or too small, or a negative load.
     """
     number = plain_number(number)
-    if isinstance(number, str) and LOADINGS[kind] == "mm" and number[-1:].isalpha():  # with a unit
+    if isinstance(number, str) and LOADINGS[kind] == "mm":
         number = to_length(kind, number)
     if not is_number(number):
         name = type(number).__name__

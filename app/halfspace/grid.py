@@ -21,7 +21,7 @@ from operator import index
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact, to_float
+from app.base.errors import InputError, format_exact
 from app.base.units import to_length
 from app.base.usage import usage
 
@@ -63,9 +63,9 @@ class Grid:
     nx, ny : int
         Number of cells in x and y.
     dx, dy : float
-        Size of a cell.
+        Size of a cell [mm], or a text with a unit.
     x0, y0 : float
-        Lower left corner of the patch.
+        Lower left corner of the patch, as well.
     periodic : str
         "x" or "y" if the patch repeats in this direction only. If it repeats in both, the name of the symbol that
         defines its influence matrix (`app.halfspace.periodic_symbol`). Empty for a free patch.
@@ -82,8 +82,8 @@ class Grid:
     def __post_init__(self):
         checked = dict(zip(("nx", "ny"), _cells(self.nx, self.ny), strict=True))
         try:
-            checked |= {name: to_float(getattr(self, name)) for name in ("dx", "dy", "x0", "y0")}
-        except (TypeError, ValueError):
+            checked |= {name: to_length(name, getattr(self, name)) for name in ("dx", "dy", "x0", "y0")}
+        except InputError:
             checked["dx"] = np.nan
         numbers = list(checked.values())[2:]
         if not (all(map(isfinite, numbers)) and min(numbers[:2]) > 0):

@@ -13,6 +13,7 @@ import scipy.fft
 
 from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
+from app.base.units import to_length
 from app.problems.arrays import lattice
 from app.reference.base import require_numbers
 
@@ -257,8 +258,13 @@ class SelfAffineSurface(_Function):
         longest_wavelength=None,
         origin=(0.0, 0.0),
     ):
-        lengths = {"rolloff_wavelength": rolloff_wavelength, "shortest_wavelength": shortest_wavelength}
-        require_numbers(**{"Hurst exponent": hurst}, **lengths)
+        rolloff_wavelength = to_length("rolloff_wavelength", rolloff_wavelength)
+        shortest_wavelength = to_length("shortest_wavelength", shortest_wavelength)
+        if longest_wavelength is not None:
+            longest_wavelength = to_length("longest_wavelength", longest_wavelength)
+        if rms_height is not None:
+            rms_height = to_length("rms_height", rms_height)
+        require_numbers(**{"Hurst exponent": hurst})
         if not 0 < hurst <= 1:
             raise InputError(f"Hurst exponent {format_exact(hurst)}: must be above 0 and at most 1")
         longest = np.inf if longest_wavelength is None else longest_wavelength

@@ -61,10 +61,11 @@ class Roller(Shape):
     name = "roller"
 
     def __post_init__(self):
+        self._read_lengths(radius="radius", length="length", end_chamfer="chamfer of the roller")
         require_positive(radius=self.radius, length=self.length)
-        if not (is_number(self.end_chamfer) and 0 <= 2 * self.end_chamfer < self.length):
+        if not 0 <= 2 * self.end_chamfer < self.length:
             raise InputError(
-                f"chamfer of the roller {self.end_chamfer!r}: must be from 0 to less than half its length, "
+                f"chamfer of the roller {format_exact(self.end_chamfer)}: must be from 0 to less than half its length, "
                 f"{format_exact(self.length / 2)} mm"
             )
         if not (is_number(self.tilt) and abs(self.tilt) <= MAX_TILT):
@@ -83,6 +84,8 @@ class Roller(Shape):
                 raise InputError(f"crown {self.crown!r} of the roller: needs {name}")
             if name not in needed and value is not None:
                 raise InputError(f"{name} of the roller: has no effect with this crown")
+        if "crown_radius" in needed:
+            self._read_lengths(crown_radius="crown_radius")
         require_positive(**{name: getattr(self, name) for name in needed})
         if not (isinstance(self.crown, str) or callable(self.crown)):
             table = real_numbers("crown of the roller", self.crown)

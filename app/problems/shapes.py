@@ -1,5 +1,7 @@
 """Base shapes: smooth bodies, apex at the origin.
 
+Lengths are numbers [mm] or texts with units, such as "10 um".
+
 A shape has `name`, `sampled`, `shape_on` and `describe`, as `app.problems.problem.Problem` has. A shape may have a
 method `check_grid`, which raises InputError for a grid that does not fit.
 """
@@ -11,6 +13,7 @@ import numpy as np
 
 from app import reference
 from app.base.errors import InputError, format_distinct, format_exact, is_number
+from app.base.units import to_length
 from app.base.usage import usage
 from app.reference.base import require_positive
 
@@ -21,6 +24,11 @@ class Shape:
 
     sampled = False
     _solution = None  # class of `app.reference`, and its parameters
+
+    def _read_lengths(self, **labels):
+        """Replace fields by their lengths as floats; `labels` are their names in messages."""
+        for field, label in labels.items():
+            object.__setattr__(self, field, to_length(label, getattr(self, field)))
 
     def shape_on(self, grid, rows=slice(None)):
         """Return the undeformed distance in `rows`; see `Problem.shape_on`."""
@@ -79,7 +87,9 @@ class Paraboloid(Shape):
     name = "hertz"
 
     def __post_init__(self):
-        require_positive(**{"radius of curvature rx": self.rx, "radius of curvature ry": self.ry})
+        labels = {"rx": "radius of curvature rx", "ry": "radius of curvature ry"}
+        self._read_lengths(**labels)
+        require_positive(**{label: getattr(self, field) for field, label in labels.items()})
 
     @classmethod
     def between(cls, radii1, radii2, angle=0.0):
@@ -94,12 +104,7 @@ class Paraboloid(Shape):
         d1 and d2 are the differences of the two curvatures of body 1 and body 2. The x axis of the patch is the
         principal direction of k nearest to the first axis of body 1.
         """
-        radii1, radii2 = ((r, r) if is_number(r) else r for r in (radii1, radii2))
-        for body, radii in ((1, radii1), (2, radii2)):
-            if np.shape(radii) != (2,) or not all(is_number(r) and abs(r) > 0 for r in radii):
-                raise InputError(
-                    f"radii of body {body}: must be two numbers, not 0, or one; inf: straight; negative: concave"
-                )
+        radii1, radii2 = _read_radii(1, radii1), _read_radii(2, radii2)
         if not (is_number(angle) and math.isfinite(angle)):
             raise InputError(f"angle {angle!r} between the bodies: must be a finite number [degree]")
         k1, k2 = (tuple(1 / radius for radius in radii) for radii in (radii1, radii2))
@@ -117,7 +122,7 @@ class Paraboloid(Shape):
                 f"the bodies' relative curvatures are {one} and {other} per mm; must both be positive "
                 "(0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
             )
-        bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn) + 0.0)
+        bodies = (radii1, radii2, float(angle), math.degrees(turn) + 0.0)
         return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
 
     def distance(self, x, y):
@@ -141,6 +146,17 @@ class Paraboloid(Shape):
         return facts
 
 
+def _read_radii(body, radii):
+    """Return the two radii of a body, given as two lengths or one, as floats [mm]."""
+    radii = (radii, radii) if np.ndim(radii) == 0 else radii
+    lengths = [to_length(f"radii of body {body}:", radius) for radius in radii]
+    if len(lengths) != 2 or not all(abs(length) > 0 for length in lengths):
+        raise InputError(
+            f"radii of body {body}: must be two numbers, not 0, or one; inf: straight; negative: concave"
+        )
+    return tuple(lengths)
+
+
 @usage("Sphere(10), radius [mm]")
 class Sphere(Paraboloid):
     """Sphere of radius R [mm], approximated by a paraboloid.
@@ -151,6 +167,7 @@ class Sphere(Paraboloid):
     name = "sphere"
 
     def __init__(self, radius):
+        radius = to_length("radius", radius)
         require_positive(radius=radius)
         super().__init__(radius, radius)
 
@@ -170,6 +187,7 @@ class Cylinder(Shape):
     name = "cylinder"
 
     def __post_init__(self):
+        self._read_lengths(radius="radius", length="length")
         require_positive(radius=self.radius)
         if self.length != math.inf:
             require_positive(length=self.length)
@@ -224,6 +242,7 @@ class FlatPunch(Shape):
     name = "punch"
 
     def __post_init__(self):
+        self._read_lengths(diameter="diameter")
         require_positive(diameter=self.diameter)
 
     def distance(self, x, y):

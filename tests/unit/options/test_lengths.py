@@ -1,7 +1,12 @@
 """Lengths with units, wherever a length is read."""
 
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
 import pytest
 
+from app.api.fitted_grid import fit_grid
 from app.base.errors import InputError
 from app.base.units import UNITS, to_length, to_millimetres
 from app.cli.problem_options import PROBLEM_OPTIONS
@@ -9,6 +14,9 @@ from app.contact.loading_input import validate_number
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.options.option_table import Option, OptionReader, positive, word
+from app.problems.random_surfaces import SelfAffineSurface
+from app.problems.roller import Roller
+from app.problems.shapes import Cylinder, FlatPunch, Paraboloid, Sphere
 
 LENGTHS = [option for option in PROBLEM_OPTIONS if "[mm]" in option.meaning]
 SAMPLES = {
@@ -81,6 +89,35 @@ def test_python_arguments_accept_units(unit):
     )
 
 
+SHAPES = {
+    "sphere": lambda length: Sphere(length).rx,
+    "paraboloid": lambda length: Paraboloid(length, length).ry,
+    "two bodies": lambda length: 2 * Paraboloid.between(length, (length, length)).rx,
+    "cylinder": lambda length: Cylinder(1, length=length).length,
+    "punch": lambda length: FlatPunch(length).diameter,
+    "roller": lambda length: Roller(length, 1e5, "arc", end_chamfer=0, crown_radius=length).crown_radius,
+    "chamfer": lambda length: Roller(1, 1e5, end_chamfer=length).end_chamfer,
+    "rough": lambda length: SelfAffineSurface(0.8, length, length, (9, 9), 1, rms_slope=1).rolloff_wavelength,
+    "grid": lambda length: Grid(8, 8, length, length).dx,
+    "corner": lambda length: Grid(8, 8, 1, 1, length, length).y0,
+    "approach": lambda length: validate_number("approach", length),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_lengths_of_shapes_and_grids_are_numbers_or_texts_with_units(name):
+    for length in ("3 mm", "3000um", Decimal(3), Fraction(3), np.float32(3), 3):
+        assert SHAPES[name](length) == 3
+    for wrong in ("3", "3 furlongs", "3 mm,4 mm", "", True, None, b"3"):
+        with pytest.raises(InputError, match="must be"):
+            SHAPES[name](wrong)
+
+
+def test_a_fitted_grid_has_the_same_patch_for_an_approach_with_a_unit():
+    steel = Material.isotropic(210e3, 0.3)
+    assert fit_grid(Sphere("10 mm"), steel, approach="2 um") == fit_grid(Sphere(10), steel, approach=0.002)
+
+
 def test_a_prescribed_approach_may_have_a_unit():
     assert validate_number("approach", "2 um") == validate_number("mean_gap", "2e-6 m") == 0.002
     for kind, text in (
@@ -97,6 +134,7 @@ def test_wrong_units_of_python_arguments():
     for make in (
         lambda: Material.coated((2e5, 1e5), (0.3, 0.3), "2 furlongs"),
         lambda: Material.coated((2e5, 1e5), (0.3, 0.3), "thick"),
+        lambda: Material.coated((2e5, 1e5), (0.3, 0.3), "2"),
     ):
         with pytest.raises(
             InputError, match="thickness '.*': must be a number .mm., or have a unit of m, cm"
