@@ -11,7 +11,7 @@ from app.base.errors import InputError, call_collectively
 from app.base.quantities import unit_of
 from app.cli.session import note, print_output, warn
 from app.io.files import check_output_path, hash_file, remove
-from app.options.option_table import Option, flag, format_options, series, word
+from app.options.option_table import Option, flag, format_options, lengths, series, word
 from app.parameter_study.journal import Journal
 
 KINDS = {
@@ -20,9 +20,11 @@ KINDS = {
     "approach": "[mm]",
     "mean_gap": "[mm], periodic patches only",
 }
+_LENGTHS = "approach", "mean_gap"
 OPTIONS = [
     *(
-        Option(f"{kind}_path", series, None, f"first:last:n[:log], numbers, or several of both, a,b,c {unit}")
+        Option(f"{kind}_path", lengths(series) if kind in _LENGTHS else series, None,
+            f"first:last:n[:log], numbers, or several of both, a,b,c {unit}")
         for kind, unit in KINDS.items()
     ),
     Option("path_csv", word, None, "path: table of the steps (default: next to -output)"),

@@ -68,7 +68,7 @@ class Option:
     """An option: its name, kind, default value and meaning.
 
     `kind` is a function that converts a text to a value. If the text is not allowed, `kind` raises ValueError, and the
-    message says what is allowed. If the meaning has the unit ``[mm]``, lengths in the text may have units.
+    message says what is allowed.
     """
 
     name: str
@@ -82,11 +82,6 @@ class Option:
         names = getattr(self.kind, "names", ())
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
-    @property
-    def parse(self):
-        """Function that converts a text to a value, as `kind` does; lengths may have units."""
-        return lengths(self.kind) if "[mm]" in self.meaning else self.kind
-
     def help(self, files=None):
         """Return the line that describes this option in ``-help``.
 
@@ -96,7 +91,7 @@ class Option:
         values = {} if self.default in (None, REQUIRED) else {"default": format_value(self.default)}
         for file, texts in (files or {}).items():
             if self.name in texts:
-                values[file] = format_value(self.parse(texts[self.name]))
+                values[file] = format_value(self.kind(texts[self.name]))
         shown = ", ".join(f"{source} {value}" for source, value in values.items())
         return f"  -{self.name:<20} {self.described}" + (f" ({shown})" if shown else "")
 
@@ -159,7 +154,7 @@ class OptionReader:
             return option.default
         text = self._texts[name]
         try:
-            return option.parse(text)
+            return option.kind(text)
         except ValueError as error:
             wrong = f"-{name} {shorten(text)}" if text else f"-{name}: its value is missing"
             unit = re.search(r"\[[^]:]+\]", option.meaning)
@@ -249,7 +244,7 @@ def describe_unknown_options(names, known, what="unknown"):
 
 
 def lengths(kind):
-    """Return the parser of lengths [mm] that may have units, from a parser `kind` of numbers."""
+    """Return the kind of lengths [mm] that may have units, from a `kind` of numbers."""
     return lambda text: kind(to_millimetres(text))
 
 
@@ -440,5 +435,6 @@ def word(text):
 
 positive = real("a positive number", above=0)
 from_zero = real("a number from 0", lowest=0)
+length, length_from_zero = lengths(positive), lengths(from_zero)
 half = real("from 0 to 0.5", lowest=0, highest=0.5)  # Poisson's ratios
 count = integer(1, "a whole number of at least 1")

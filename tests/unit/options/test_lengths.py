@@ -13,7 +13,7 @@ from app.cli.problem_options import PROBLEM_OPTIONS
 from app.contact.loading_input import validate_number
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
-from app.options.option_table import Option, OptionReader, positive, word
+from app.options.option_table import Option, OptionReader, length, lengths, positive
 from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.roller import Roller
 from app.problems.shapes import Cylinder, FlatPunch, Paraboloid, Sphere
@@ -51,7 +51,6 @@ def test_every_option_of_length_is_here():
     assert {"domain", "approach", "mean_gap", "approach_path", "mean_gap_path", "coating_thickness"} <= names
     assert {"sphere_radius", "hertz_rx", "body1_radii", "roller_length", "punch_diameter"} <= names
     assert {"surface_sigma", "surface_rolloff", "surface_cutoff", "surface_s_filter"} <= names
-    assert all(option.kind is not word for option in LENGTHS)  # names of files have no unit
 
 
 @pytest.mark.parametrize("name", ["load", "contact_modulus", "hardness", "grid", "surface_hurst"])
@@ -61,8 +60,12 @@ def test_other_options_have_no_units_of_length(name):
 
 
 def test_options_of_user_defined_problems_accept_units():
-    reader = OptionReader([Option("bump", positive, 1.0, "height of the bump [mm]")], {"bump": "5 nm"})
-    assert reader["bump"] == 5e-6
+    for kind in length, lengths(positive):
+        assert (
+            OptionReader([Option("bump", kind, 1.0, "height of the bump")], {"bump": "5 nm"})["bump"] == 5e-6
+        )
+    with pytest.raises(InputError):
+        OptionReader([Option("bump", positive, 1.0, "text without [mm]")], {"bump": "5 nm"})["bump"]
 
 
 def test_lengths_have_units_all_or_none():
@@ -106,8 +109,8 @@ SHAPES = {
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_lengths_of_shapes_and_grids_are_numbers_or_texts_with_units(name):
-    for length in ("3 mm", "3000um", Decimal(3), Fraction(3), np.float32(3), 3):
-        assert SHAPES[name](length) == 3
+    for given in ("3 mm", "3000um", Decimal(3), Fraction(3), np.float32(3), 3):
+        assert SHAPES[name](given) == 3
     for wrong in ("3", "3 furlongs", "3 mm,4 mm", "", True, None, b"3"):
         with pytest.raises(InputError, match="must be"):
             SHAPES[name](wrong)
