@@ -339,13 +339,15 @@ _SMOOTH = (
 def is_table(path):
     """Return whether a file is a table, in a format of `app.io.table.write_table`."""
     suffix = path.suffix.lower()
+    if suffix == ".csv" or not path.is_file():  # a pipe would not end
+        return suffix == ".csv"
     if suffix in (".h5", ".hdf5"):
         import h5py  # loads slowly
 
         with suppress(OSError), h5py.File(path) as file:
             return "exit_status" in file
-    if suffix not in (".txt", ".md") or not path.is_file():
-        return suffix == ".csv"
+    if suffix not in (".txt", ".md"):
+        return False
     with path.open("rb") as file:
         lines = file.read(1 << 16).splitlines()
     if suffix == ".md":
