@@ -129,7 +129,10 @@ def _survey_row(b, depth, u, p, upper, j, admissible, smallest):
         outside = max(outside, violation(p[i], upper, j, i, admissible[i]))
         highest = max(highest, p[i])
         price = _price(e, p[i], upper, j, i)
-        product = max(product, abs(price) if abs(price) < np.inf else 0.0)
+        if upper is None:
+            product = max(product, abs(price))
+        else:  # an overlap of a cell without hardness has no finite price
+            product = max(product, price if price < np.inf else 0.0)
         g, w = _reduce(e, p[i], upper, j, i, smallest)
         energy += p[i] * u[i]
         defect += price
