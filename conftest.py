@@ -3,6 +3,8 @@
 import os
 import signal
 
+import app  # noqa: F401  # isort: skip  # first, so that petsc4py of wheels finds MPI
+
 import petsc4py
 import pytest
 
