@@ -189,7 +189,7 @@ def _prove(state, enough, work):
 def _largest_error(gap, squares):
     """Return a bound of ||p - p*||_A, from upper bounds of the duality gap and of ||p - q||_A^2."""
     gap = np.maximum(gap, 0.0)
-    squares = np.minimum(squares, 2 * gap)
+    squares = np.clip(squares, 0.0, 2 * gap)  # sums may be negative by rounding
     return (np.sqrt(squares) + np.sqrt(4 * gap - squares)) / 2
 
 

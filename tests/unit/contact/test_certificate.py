@@ -9,7 +9,7 @@ from cases import periodic_rough
 from scipy.optimize import lsq_linear
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.contact.certificate import _largest_error, certify, estimate
+from app.contact.certificate import _best, _largest_error, certify, estimate
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
@@ -210,6 +210,11 @@ def test_largest_error_holds_for_any_feasible_pair(capped):
         assert error <= bound * (1 + 1e-6) + 1e-7 and bound <= np.sqrt(2 * max(gap, 0)) * (1 + 1e-12)
         shares.append(error / max(bound, 1e-300))
     assert max(shares) > 0.6
+
+
+def test_rounding_of_a_distance_leaves_the_bound_valid():
+    assert _largest_error(2.0, -1e-20) == _largest_error(2.0, 0.0) == np.sqrt(2.0)
+    np.testing.assert_array_equal(_best([8.0, 2.0], [1.0, -1e-20]), (2.0, -1e-20))
 
 
 def bounded_least_squares(a, h, upper):
