@@ -146,7 +146,7 @@ def _prove(state, enough, work):
     smallest = kernel.smallest_eigenvalue(grid)
     bounds, penetrates = state.bounds, np.empty(len(b), bool)
     # Beyond full contact no gap without overlaps has the mean of e.
-    overlaps = bounds.capped and grid.doubly_periodic and depth > state.distance.full_depth
+    overlaps = state.distance.is_beyond_full_contact(depth)
     upper = bounds.upper if overlaps or state.plastic_cells() else None
     largest, sums = np.full(6, -np.inf), np.zeros(6)
     lifts = upper is None and not state.grid.doubly_periodic

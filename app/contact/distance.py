@@ -154,6 +154,10 @@ class UndeformedDistance:
         """Standard deviation of undeformed distance over admissible cells [mm]."""
         return float(np.sqrt(self.statistics.squares_about_mean / max(self.statistics.cells, 1)))
 
+    def is_beyond_full_contact(self, depth):
+        """Return whether cells must overlap at a depth, which a hardness allows."""
+        return self.full_depth < depth <= self.max_depth
+
     @property
     def is_flat(self):
         """True if h is constant up to rounding."""

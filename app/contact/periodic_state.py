@@ -30,7 +30,7 @@ class PeriodicState(ContactState):
         if not np.isfinite(self.distance.full_depth) or self.sum([self.contact.sum()])[0] < self.grid.n:
             return
         inclination = self._p + self.distance.b / (self.operator.diagonal or 1.0)
-        p, beyond = self.values, self.distance.full_depth < self.depth <= self.distance.max_depth
+        p, beyond = self.values, self.distance.is_beyond_full_contact(self.depth)
         if beyond:
             inclination = self.bounds.upper - inclination
         least = self.minimum([inclination.min(initial=np.inf)])[0]
