@@ -138,12 +138,8 @@ def contact_width(state, contact, enough):
     runs, buffer = np.zeros(contact.shape[1:], np.uint8), np.empty(grid.nx + enough, bool)
     passes = 1
     if state.comm or repeats_y:  # runs continue on this rank, from one or more ranks before
-        fewest = (
-            grid.ny
-            if state.comm is None
-            else min(filter(None, np.subtract(*slabs.bounds(state.comm.size)[::-1])))
-        )
-        passes += -(-(enough - 1) // int(fewest))
+        first, end = slabs.bounds(state.comm.size if state.comm else 1)
+        passes += -(-(enough - 1) // int((end - first)[end > first].min()))
     for k in range(passes):
         if k:
             last = np.zeros(contact.shape, np.uint8)
