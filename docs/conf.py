@@ -45,6 +45,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "contact-mechanics-challenge": "Contact Mechanics Challenge",
         "speed": None,
         "comparison": None,
+        "coming-from": "Coming from ...",
     },
     "Develop": {
         "extending": None,
