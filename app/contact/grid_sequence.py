@@ -87,8 +87,7 @@ def _route(hierarchy, distances, loading, nested):
     if loading.misses_contact(distances[last]):
         return [last]
     usable = [number for number, distance in enumerate(distances) if distance.statistics.cells]
-    if not hierarchy.kernel.scale_free:
-        usable = [number for number in usable if hierarchy.kernel.is_resolved(hierarchy.levels[number].grid)]
+    usable = [number for number in usable if hierarchy.kernel.is_resolved(hierarchy.levels[number].grid)]
     if nested:
         return range(max(set(range(last)).difference(usable), default=-1) + 1, last + 1)
     small = [number for number in usable if can_start_on(hierarchy, number)]

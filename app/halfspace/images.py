@@ -47,11 +47,11 @@ class Box:
         self.influence = partial(kernel.unit_coefficients, grid)
         ny, nx = periods
         terms = _lattice_sum(ny * grid.dy / (nx * grid.dx))
-        if not kernel.scale_free:
+        if kernel.layers:
             terms = terms + _layer_lattice_sum((ny * grid.dy, nx * grid.dx), kernel)
         in_y, in_x = (_cell_means(n, count) for n, count in zip(periods, terms.shape, strict=True))
         self._in_y, self._in_x, self._constant = in_y @ terms * (grid.dy / nx), in_x, 0.0
-        if not kernel.scale_free:
+        if kernel.layers:
             # For layers the means of G and S nearly cancel. The constant makes S zero at the cell itself, so single
             # precision loses no digits.
             cell = np.zeros(1, int)

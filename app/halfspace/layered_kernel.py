@@ -9,13 +9,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from app.halfspace.grid import row_blocks
-from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.kernel import HalfSpaceKernel, Kernel
 from app.halfspace.layer_coefficients import MAX_REACH, layer_tables, layered_coefficients
 from app.halfspace.love import love_coefficients
-from app.halfspace.periodic_symbol import wave_numbers
+from app.halfspace.periodic_symbol import influence_symbol
 
-_SAMPLES = 200  # wave numbers at which the smallest and the largest eigenvalue are sought
-_LOVE_FACTORS = 0.5, 2.0  # bounds of an eigenvalue for uniform cells over that of the same wave
 _NEAR_CELLS, _BULGE = 3, 3.0  # cells, and thicknesses, within which a coefficient is negative if any is
 _MAX_ALIASES = 6  # in each direction, for eigenvalues that need not be exact
 _LONG_WAVE = 0.01  # q t of the wave from which a and k of a film are computed
@@ -24,7 +22,7 @@ _FILM_RATIO = 0.03  # eigenvalue of the longest wave over the largest one, below
 _MAX_DECAY = 19.0  # q t above which S(q t) - 1, at most about (q t)^2 exp(-2 q t), is below rounding
 
 
-class LayeredKernel(HalfSpaceKernel):
+class LayeredKernel(Kernel):
     """Kernel of a layer on one or both bodies.
 
     The base of a layer is a half-space or rigid. For a pressure wave of wave number q, the compliance of a layered body
@@ -44,7 +42,7 @@ class LayeredKernel(HalfSpaceKernel):
         Compliance for waves much shorter than the layer is thick [mm2/N].
     """
 
-    scale_free = False
+    has_image_sums = has_love_symbol = True
 
     def __init__(self, layers, other=0.0):
         super().__init__(sum(layer.plane_compliance for layer in layers) + other)
@@ -58,7 +56,7 @@ class LayeredKernel(HalfSpaceKernel):
         return *(number for each in numbers for number in each), self.other
 
     def in_units(self, length):
-        """Return the kernel in other units; see `HalfSpaceKernel.in_units`."""
+        """Return the kernel in other units; see `Kernel.in_units`."""
 
         def scaled(layer):
             young = tuple(self.compliance * young for young in layer.young)
@@ -67,35 +65,34 @@ class LayeredKernel(HalfSpaceKernel):
         return LayeredKernel(tuple(map(scaled, self.layers)), self.other / self.compliance)
 
     def uniform_compliance(self, grid):
-        """Return the displacement by pressure 1 on all cells; see `HalfSpaceKernel`."""
+        """Return the displacement by pressure 1 on all cells; see `Kernel`."""
         return sum(layer.uniform_compliance for layer in self.layers) if grid.doubly_periodic else 0.0
 
-    def wave_compliance(self, q):
-        """Return the compliance [mm2/N] for an array of `q` above 0 [1/mm]."""
+    def wave_compliance(self, qx, qy=0.0):
+        """Return the compliance for waves; see `Kernel.wave_compliance`."""
+        q = np.hypot(qx, qy)
         return sum(layer.plane_compliance * layer.ratio(q) for layer in self.layers) + self.other
+
+    def line_reach(self):
+        """Return the least distance [mm] at which a line of force may be without effect.
+
+        Else a load on a stiff layer, which spreads it, would displace the bodies less than the same load there.
+        """
+        return max(layer.thickness * max(2.0, np.sqrt(layer.long_wave_ratio)) for layer in self.layers)
 
     def eigenvalues(self, grid, columns, rows):
         """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""
-        if grid.periodic == "love":
-            half_space = super().eigenvalues(grid, columns, rows)
-            return half_space + self._alias_sums(grid, np.asarray(columns), np.asarray(rows))
-        qx, qy = wave_numbers(grid, columns, rows)
-        q = np.hypot(qx[:, None], qy)
-        waves = q > 0
-        values = np.zeros(q.shape)
-        values[waves] = 2 * np.pi * self.wave_compliance(q[waves]) / q[waves]
-        return values
+        if grid.periodic != "love":
+            return super().eigenvalues(grid, columns, rows)
+        half_space = influence_symbol(grid, self.compliance, columns, rows)
+        return half_space + self._alias_sums(grid, np.asarray(columns), np.asarray(rows))
 
     def _alias_sums(self, grid, columns, rows, highest=np.inf):
         """Return the part of all layers in the eigenvalues of a layered body."""
         return 2 * np.pi * sum(_alias_sums(layer, grid, columns, rows, highest) for layer in self.layers)
 
-    def coefficients(self, grid, rows, columns):
-        """Return influence coefficients of a free patch; see `love_coefficients`."""
-        return self.compliance * self.unit_coefficients(grid, rows, np.arange(columns))
-
     def unit_coefficients(self, grid, rows, columns):
-        """Return coefficients for unit compliance; see `HalfSpaceKernel.unit_coefficients`."""
+        """Return coefficients for unit compliance; see `Kernel.unit_coefficients`."""
         love = love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max(initial=-1)) + 1)[:, columns]
         total = self.other * love
         for layer in self.layers:
@@ -117,13 +114,8 @@ class LayeredKernel(HalfSpaceKernel):
             total = total + layer.plane_compliance / layer.thickness * own
         return total / self.compliance
 
-    def scale(self, eigenvalues, q):
-        """Return eigenvalues times the compliance of waves; see `HalfSpaceKernel`."""
-        with np.errstate(invalid="ignore"):  # on a rigid base the compliance for constants is 0
-            return self.wave_compliance(np.maximum(q, np.finfo(float).tiny)) * eigenvalues
-
     def scale_sampled(self, eigenvalues, grid, columns, rows):
-        """Return the eigenvalues of a layered body; see `HalfSpaceKernel.scale_sampled`."""
+        """Return the eigenvalues of a layered body; see `Kernel.scale_sampled`."""
         highest = 2 * np.pi * _MAX_ALIASES / max(grid.dx, grid.dy)
         return self.compliance * eigenvalues + self._alias_sums(grid, columns, rows, highest)
 
@@ -132,7 +124,7 @@ class LayeredKernel(HalfSpaceKernel):
         return _least_coefficient(self, grid) >= 0
 
     def softest_parts(self, length):
-        """Return a displacement and a compliance; see `HalfSpaceKernel.softest_parts`."""
+        """Return a displacement and a compliance; see `Kernel.softest_parts`."""
         q = np.array([np.pi / length])
         rigid, compliance = 0.0, self.other
         for layer in self.layers:
@@ -144,32 +136,10 @@ class LayeredKernel(HalfSpaceKernel):
                 compliance += layer.plane_compliance * softest
         return rigid, compliance
 
-    def middle_displacement(self, lengths):
-        """Return the displacement in a loaded rectangle's middle [mm].
-
-        It is an upper bound, except for layers on a rigid base (`softest_parts`).
-        """
-        rigid, compliance = self.softest_parts(max(lengths))
-        return rigid + HalfSpaceKernel(compliance).middle_displacement(lengths)
-
     def self_displacement(self, grid):
         """Estimate the displacement of a cell by pressure 1 on it."""
         cell = HalfSpaceKernel(self.compliance_at(max(grid.dx, grid.dy)) / np.pi)
         return cell.self_displacement(grid)
-
-    def smallest_eigenvalue(self, grid):
-        """Return a lower bound of A's eigenvalues on fields without mean [mm / (N/mm2)]."""
-        return (1.0 if grid.symbol == "spectral" else _LOVE_FACTORS[0]) * float(self._spectrum(grid).min())
-
-    def largest_eigenvalue(self, grid):
-        """Return an upper bound of the eigenvalues of A [mm / (N/mm2)]."""
-        return (_LOVE_FACTORS[1] if grid.symbol == "love" else 1.0) * float(self._spectrum(grid).max())
-
-    def _spectrum(self, grid):
-        """Return samples of the eigenvalues of A, from long to short waves."""
-        longest = max(grid.sides) * (1 if grid.doubly_periodic else 2)
-        q = np.geomspace(2 * np.pi / longest, np.pi * np.hypot(1 / grid.dx, 1 / grid.dy), _SAMPLES)
-        return 2 * np.pi * self.wave_compliance(q) / q
 
     @cached_property
     def film(self):
@@ -186,38 +156,19 @@ class LayeredKernel(HalfSpaceKernel):
         return (uniform, squeeze) if squeeze > 0 else None
 
     def is_thin_film(self, grid):
-        """Return whether long waves displace the bodies much less than shorter ones; see `HalfSpaceKernel`."""
+        """Return whether long waves displace the bodies much less than shorter ones; see `Kernel`."""
         if self.film is None:
             return False
         spectrum = self._spectrum(grid)
         return bool(spectrum[0] < _FILM_RATIO * spectrum.max())
 
     def is_resolved(self, grid):
-        """Return whether cells are small enough; see `HalfSpaceKernel`.
+        """Return whether cells are small enough; see `Kernel`.
 
         A uniform pressure on a wide cell hardly displaces the centre of the cell if the layer is incompressible.
         """
         widest = _MAX_FILM_CELL * max(layer.thickness for layer in self.layers)
         return grid.symbol == "spectral" or grid.widest_cell <= widest or not self.is_thin_film(grid)
-
-    def punch_stiffness(self, area):
-        """Return the stiffness of a round flat punch [N/mm].
-
-        `area` is the area of the punch [mm2]. The stiffness is exact for radii much smaller than the thickness and, on
-        a compressible layer, much larger.
-        """
-        radius = np.sqrt(area / np.pi)
-        compliance = float(self.wave_compliance(np.array([4 / (np.pi * radius)]))[0])
-        return 2 / (np.pi * compliance) * radius
-
-    def contrast(self, grid):
-        """Return the ratio of compliances; see `HalfSpaceKernel.contrast`."""
-        longest, shortest = max(grid.sides), 2 * min(grid.dx, grid.dy)
-        return max(1.0, self.compliance_at(longest) / self.compliance_at(shortest))
-
-    def compliance_at(self, length):
-        """Return 1 / E* [mm2/N] for waves of a `length` [mm]."""
-        return np.pi * float(self.wave_compliance(np.array([2 * np.pi / length]))[0])
 
 
 def _alias_sums(layer, grid, columns, rows, highest):

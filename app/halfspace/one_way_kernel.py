@@ -38,9 +38,8 @@ from math import comb
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from app.base.errors import InputError
 from app.halfspace.chebyshev import chebyshev_nodes, fit_even_chebyshev
-from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.kernel import Kernel
 from app.halfspace.layer_coefficients import layer_tables, layered_coefficients
 from app.halfspace.love import love_coefficients
 
@@ -64,12 +63,12 @@ _ROWS = 10  # number of polynomials along the period
 _INFINITY = 1e6  # end of the integral over the far field, in scales of this field
 
 
-class OneWayKernel(HalfSpaceKernel):
+class OneWayKernel(Kernel):
     """Kernel of bodies under pressure periodic in one direction.
 
     Parameters
     ----------
-    base : HalfSpaceKernel
+    base : Kernel
         Kernel of the bodies on a free patch.
     axis : int
         0 if the pressure repeats in y, 1 if it repeats in x.
@@ -79,18 +78,21 @@ class OneWayKernel(HalfSpaceKernel):
         Distance D at which a line of force does not displace the surface [mm].
     """
 
-    encloses_images = True
+    encloses_images = has_image_sums = True
     base = None
 
     def __init__(self, base, axis, period, datum):
         super().__init__(base.compliance)
         self.base, self.axis, self.period, self.datum = base, axis, float(period), float(datum)
-        self.scale_free, self.far_reaching = base.scale_free, base.far_reaching
+        self.layers, self.far_reaching, self.film = base.layers, base.far_reaching, base.film
         # Laws of waves do not depend on the period.
-        self.in_units, self.scale, self.scale_sampled = base.in_units, base.scale, base.scale_sampled
-        self.smallest_eigenvalue, self.compliance_at = base.smallest_eigenvalue, base.compliance_at
-        self.contrast = base.contrast
-        self.film, self.is_thin_film, self.is_resolved = base.film, base.is_thin_film, base.is_resolved
+        self.in_units, self.wave_compliance, self.scale_sampled = (
+            base.in_units,
+            base.wave_compliance,
+            base.scale_sampled,
+        )
+        self.smallest_eigenvalue, self.softest_parts = base.smallest_eigenvalue, base.softest_parts
+        self.is_thin_film, self.is_resolved = base.is_thin_film, base.is_resolved
 
     def period_cells(self, grid):
         """Return numbers of cells in y and x after which coefficients repeat."""
@@ -102,10 +104,6 @@ class OneWayKernel(HalfSpaceKernel):
     def parameters(self):
         """Numbers that define the kernel."""
         return *self.base.parameters, self.axis, self.period, self.datum
-
-    def coefficients(self, grid, rows, columns):
-        """Return influence coefficients; see `HalfSpaceKernel.coefficients`."""
-        return self.compliance * self.unit_coefficients(grid, rows, np.arange(columns))
 
     def unit_coefficients(self, grid, rows, columns):
         """Return influence coefficients for unit compliance [mm]."""
@@ -138,8 +136,8 @@ class OneWayKernel(HalfSpaceKernel):
             if width > period:
                 outside = _log_integral(self.datum, width / 2) - _log_integral(self.datum, inner / 2)
                 total[:, near] += 2 * length / period * 2 * outside
-        half_space = total.copy() if self.base.layers else total
-        for layer in self.base.layers:
+        half_space = total.copy() if self.layers else total
+        for layer in self.layers:
             share = layer.plane_compliance / self.compliance
             own = _layer_integrals(layer, n, length, width, folded, across, count, half_space)
             total += share * (own - half_space)
@@ -159,14 +157,14 @@ class OneWayKernel(HalfSpaceKernel):
 
     def is_positive(self, grid):
         """Return whether no influence coefficient is negative."""
-        return self.base.scale_free or (self.base.is_positive(grid) and _least_coefficient(self, grid) >= 0)
+        return not self.layers or (self.base.is_positive(grid) and _least_coefficient(self, grid) >= 0)
 
     def middle_displacement(self, lengths):
         """Return the displacement in the middle of a loaded strip [mm].
 
         The pressure is 1 N/mm2; `lengths` are the sides in y and x [mm]. The strip is loaded over the whole period.
         """
-        rigid, compliance = self.base.softest_parts(max(lengths))
+        rigid, compliance = self.softest_parts(max(lengths))
         return rigid + 4 * compliance * _log_integral(self.datum, lengths[1 - self.axis] / 2)
 
     def punch_stiffness(self, area):
@@ -183,18 +181,13 @@ def patch_kernel(kernel, grid):
     """Return the same bodies' kernel on a patch.
 
     The `kernel` is the kernel of a free patch, ``Material.kernel``, or already the kernel of this patch. Raises
-    InputError for bodies that are neither half-spaces nor layered.
+    InputError if there is no kernel for this periodicity.
     """
+    kernel.check_patch(grid)
     if not grid.one_way or kernel.encloses_images:
         return kernel
-    axis = "yx".index(grid.one_way)
-    sides, layers = grid.sides[::-1], kernel.layers
-    if not (kernel.scale_free or layers):
-        raise InputError(f"periodic: {grid.one_way!r}; must be True or False with a {type(kernel).__name__}")
-    # Or a load on a stiff layer, which spreads it, would displace the bodies less than the same load at the distance D.
-    reach = (layer.thickness * max(2.0, np.sqrt(layer.long_wave_ratio)) for layer in layers)
-    longest = max(*sides, *reach)
-    return OneWayKernel(kernel, axis, sides[axis], _DATUM_SIDES * longest)
+    axis, sides = "yx".index(grid.one_way), grid.sides[::-1]
+    return OneWayKernel(kernel, axis, sides[axis], _DATUM_SIDES * max(*sides, kernel.line_reach()))
 
 
 def _log_integral(datum, x):

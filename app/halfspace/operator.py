@@ -46,7 +46,7 @@ class InfluenceOperator(MatMethods):
     ----------
     grid : Grid
         Grid of cells on which A acts.
-    kernel : HalfSpaceKernel
+    kernel : Kernel
         Kernel of the bodies, ``Material.kernel`` or ``Problem.kernel``.
     slabs, comm : Slabs, mpi4py communicator, optional
         Distribution of the rows; by default this rank has all rows. A rank beyond `slabs.size` has no rows and does not

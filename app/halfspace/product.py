@@ -72,7 +72,9 @@ class BoxProduct(EvenMultiplier):
     @classmethod
     def suits(cls, grid, kernel, dtype):
         """Return whether box products are possible, and faster than a `Convolution`."""
-        if grid.one_way == "x" and kernel.scale_free:
+        if not kernel.has_image_sums:
+            return False
+        if grid.one_way == "x" and not kernel.layers:
             return False  # Padding in y costs little, because zero rows are not transformed in x.
         periods, copies = cls.periods_of(grid), kernel.period_cells(grid)
         if any(0 < copy < period for copy, period in zip(copies, periods, strict=True)):

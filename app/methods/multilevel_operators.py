@@ -53,7 +53,7 @@ def create_circulant_inverse(grid, kernel, layout=SERIAL, apart=False):
     ----------
     grid : Grid
         Grid of the patch.
-    kernel : HalfSpaceKernel
+    kernel : Kernel
         Kernel of the bodies.
     layout : Layout
         Distribution and precision of the fields.
@@ -95,9 +95,7 @@ def _create_inverse(grid, kernel, layout, near, periods, mean):
 
     def symbol(columns, rows):
         x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
-        values = kernel.scale(
-            eigenvalues(grid, 1.0, x, y), np.hypot(np.pi * x[:, None] / grid.dx, np.pi * y / grid.dy)
-        )
+        values = kernel.scale(eigenvalues(grid, 1.0, x, y), np.pi * x[:, None] / grid.dx, np.pi * y / grid.dy)
         values[(x[:, None] == 0) & (y == 0)] = mean
         return coarsen_symbol(1 / values, near, x, y)
 

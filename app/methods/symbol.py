@@ -190,7 +190,7 @@ def _powers(kind, dx, dy, x, y, power, kernel):
     if power == 1:
         values = kernel.scale_sampled(values, Grid(2, 2, dx, dy, periodic=kind), x, y)
     else:
-        values = kernel.scale(values, np.hypot(np.pi * x[:, None] / dx, np.pi * y / dy))
+        values = kernel.scale(values, np.pi * x[:, None] / dx, np.pi * y / dy)
     return values**power
 
 

@@ -114,7 +114,7 @@ class Hierarchy:
     ----------
     grid : Grid
         Target grid.
-    kernel : HalfSpaceKernel
+    kernel : Kernel
         Kernel of the bodies, ``Problem.kernel``.
     comm : mpi4py communicator
         All ranks of the solver.

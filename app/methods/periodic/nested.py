@@ -85,7 +85,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
     If the iteration stagnates, the safeguard solves. With a layer, the iteration is first repeated without
     extrapolation.
     """
-    start, failed = None if primal.state.operator.kernel.scale_free else primal.copy_start(), None
+    start, failed = primal.copy_start() if primal.state.operator.kernel.layers else None, None
     try:
         if start is not None:
             try:

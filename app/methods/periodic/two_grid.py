@@ -230,12 +230,11 @@ def _weights(kernel, centre, grid):
     eigenvalue of a long wave right relative to the eigenvalue of a half-space.
     """
     middle, *around = _centre_weights(centre, grid)
-    if not kernel.scale_free and min(grid.shape) > 2:
+    relative = [_relative_eigenvalue(kernel, middle, grid, cells) for cells in LONG_WAVE_CELLS]
+    if relative[0] != relative[1] and min(grid.shape) > 2:
         here, there = (-2 * (x + y + 2 * xy) for x, y, xy in (around, _half_space_weights(grid)[1:]))
-        wanted = 1 - (1 - there) * max(
-            HALF_SPACE_WAVE_CELLS / cells * _relative_eigenvalue(kernel, middle, grid, cells)
-            for cells in LONG_WAVE_CELLS
-        )
+        waves = zip(LONG_WAVE_CELLS, relative, strict=True)
+        wanted = 1 - (1 - there) * max(HALF_SPACE_WAVE_CELLS / cells * value for cells, value in waves)
         if here > 0:
             factor = np.clip(wanted / here, *WEIGHT_FACTORS)
             around = [factor * value for value in around]
@@ -258,10 +257,8 @@ def _relative_eigenvalue(kernel, diagonal, grid, cells):
 
     The wave is `cells` long. Both eigenvalues are first divided by the diagonal entry of their B, here `diagonal`.
     """
-    if kernel.scale_free:
-        return 1.0
     q = 2 * np.pi / (cells * np.sqrt(grid.dx * grid.dy))
-    return _half_space_weights(grid)[0] / (diagonal * float(kernel.wave_compliance(np.array([q]))[0]))
+    return kernel.relative_stiffness(q, _half_space_weights(grid)[0] / diagonal)
 
 
 def _stiffening(kernel, grid):

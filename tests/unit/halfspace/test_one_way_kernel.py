@@ -7,7 +7,7 @@ from app.base.errors import InputError
 from app.halfspace import one_way_kernel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
-from app.halfspace.kernel import UNIT, HalfSpaceKernel
+from app.halfspace.kernel import UNIT, Kernel
 from app.halfspace.layer import Layer
 from app.halfspace.layer_coefficients import LayerTables
 from app.halfspace.love import love_coefficients
@@ -270,8 +270,8 @@ def test_vanishing_layers_leave_their_bases(grid):
 
 
 def test_other_kinds_of_bodies_are_refused():
-    class Springs(HalfSpaceKernel):
-        scale_free = False
+    class Springs(Kernel):
+        pass
 
     with pytest.raises(InputError, match="must be True or False with a Springs"):
         patch_kernel(Springs(1.0), GRIDS[0])
