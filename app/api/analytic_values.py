@@ -37,10 +37,10 @@ def theories(problem, mean_pressure, rms_slope):
     """Return the contact fractions that rough-surface `THEORIES` predict.
 
     `mean_pressure` is the load over the area of the patch [N/mm2], `rms_slope` the slope of the undeformed distance.
-    The dict is empty unless the bodies are nominally flat, rough, not indented and not coated, and the hardness is no
-    array.
+    The dict is empty unless the bodies are nominally flat, rough half-spaces that are not indented, and the
+    hardness is no array.
     """
-    if problem.material.coatings:
+    if not problem.material.is_half_space:
         return {}
     scale, hardness = problem.material.contact_modulus * rms_slope, problem.hardness
     if problem.name != "rough" or not scale > 0 or np.ndim(hardness) or problem.indentation is not None:

@@ -147,7 +147,7 @@ class Derivatives:
         if self._sum(elastic) < self._sum(solution.contact):
             stiffness = self._stiffness_of(elastic)
         solution = replace(solution, stiffness=stiffness, unloading_stiffness=unloading)
-        if self.problem.material.coatings:  # Barber's theorem holds for half-spaces only
+        if not self.problem.material.is_half_space:  # Barber's theorem holds for half-spaces only
             return solution
         width = unloading / self.problem.material.contact_modulus
         return replace(solution, conductance_width=width, **conductances(self.problem.material, width))

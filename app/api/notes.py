@@ -53,8 +53,8 @@ def notes_on(state, problem, contact, moments, roughness):
         notes += note_hardness(problem, contact, modulus)
     if contact.max_pressure > MAX_ELASTIC_PRESSURE * modulus:
         name = " E*"
-        if material.coatings:
-            name = f" times the effective modulus of these layered bodies ({modulus:.3g} N/mm2)"
+        if not material.is_half_space:
+            name = f" times the effective modulus of these bodies ({modulus:.3g} N/mm2)"
         notes.append(
             f"the maximum pressure is {contact.max_pressure / modulus:.2g}{name}: solids do not bear this elastically, "
             "or a modulus is not in N/mm2, or a length not in mm"
@@ -66,8 +66,8 @@ def notes_on(state, problem, contact, moments, roughness):
     ):
         notes.append(
             f"the maximum pressure is {contact.max_pressure:.0f} N/mm2, {contact.max_pressure / modulus:.2g} of "
-            f"{'the effective modulus' if material.coatings else 'E*'}: metals yield at less than a twentieth of it; "
-            "give their hardness, unless the bodies are of glass or ceramics"
+            f"{'E*' if material.is_half_space else 'the effective modulus'}: metals yield at less than a twentieth of "
+            "it; give their hardness, unless the bodies are of glass or ceramics"
         )
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
     doubts = [note for surface in measured for note in note_doubtful_units(surface, grid)]
@@ -151,13 +151,13 @@ def _note_boundary(state, contact):
 def elastic_modulus(material, contact, grid):
     """Return the modulus to compare pressures with [N/mm2].
 
-    The modulus is E*. With layers, it is E* for waves twice as long as a contact spot is wide, but at most the confined
-    modulus of a layer.
+    The modulus is E*. If the bodies are not half-spaces, it is E* for waves twice as long as a contact spot is wide,
+    but at most the confined modulus of a layer.
     """
-    if not material.coatings:
+    if material.is_half_space:
         return material.contact_modulus
     width = 4 * contact.contact_area / contact.perimeter if contact.perimeter else max(grid.sides)
-    confined = min(layer.confined_modulus for layer in material.coatings)
+    confined = min((layer.confined_modulus for layer in material.coatings), default=np.inf)
     return min(1 / material.kernel.compliance_at(2 * width), confined)
 
 
@@ -213,7 +213,7 @@ def note_hardness(problem, contact, modulus):
     `modulus` is the `elastic_modulus`.
     """
     hardness, pressure = float(np.min(problem.hardness)), contact.max_pressure
-    name = f"{modulus:.3g} N/mm2" if problem.material.coatings else "E*"
+    name = "E*" if problem.material.is_half_space else f"{modulus:.3g} N/mm2"
     notes, highest = [], np.max(problem.hardness, where=np.isfinite(problem.hardness), initial=0.0)
     if highest < MIN_HARDNESS * modulus:
         notes.append(

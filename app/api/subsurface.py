@@ -50,6 +50,10 @@ def stress(solution, poisson_ratio=None, body=None):
             f"stress: is {type(solution).__name__}; needed: a Solution, or read_result(FILE) of a result file"
         )
     grid, facts = solution.grid, solution.attributes
+    if "kernel" in facts:
+        raise InputError(
+            f"stress: is not known below the surface of bodies with the kernel {facts['kernel']}"
+        )
     if poisson_ratio is not None and "coating_thickness" in facts:
         raise InputError(
             "poisson_ratio= (--poisson): has no effect with a coating; the result has all ratios"

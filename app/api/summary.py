@@ -96,6 +96,8 @@ def _describe_material(facts):
             for (e, nu, thickness), body in zip(coatings, bodies, strict=False)
         ]
         return "; ".join(parts + [f"other body of {body}" for body in bodies[len(parts) :]])
+    if "kernel" in facts:
+        return f"bodies with the kernel {facts['kernel']}"
     text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
     if "young" in facts:
         (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]

@@ -65,6 +65,9 @@ class Kernel:
     def __init__(self, compliance):
         self.compliance = float(compliance)
 
+    def __repr__(self):
+        return f"<{type(self).__name__}, compliance {self.compliance:.6g} mm2/N>"
+
     @property
     def parameters(self):
         """Numbers that define the kernel, a tuple."""
@@ -112,7 +115,7 @@ class Kernel:
 
     def check_patch(self, grid):
         """Raise InputError if there is no influence matrix for the periodicity of a grid."""
-        named = f"with a {type(self).__name__}"
+        named = f"with the kernel {type(self).__name__}"
         if grid.one_way and not self.has_image_sums:
             raise InputError(f"periodic: {grid.one_way!r}; must be True or False {named}")
         if grid.symbol == "love" and not self.has_love_symbol:

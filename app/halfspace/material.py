@@ -10,7 +10,7 @@ import numpy as np
 from app.base.errors import InputError, format_exact, to_float
 from app.base.units import to_length
 from app.base.usage import usage
-from app.halfspace.kernel import HalfSpaceKernel
+from app.halfspace.kernel import HalfSpaceKernel, Kernel
 from app.halfspace.layer import Layer
 from app.halfspace.layered_kernel import LayeredKernel
 
@@ -38,6 +38,8 @@ class Material:
     coatings : tuple of app.halfspace.layer.Layer
         Layers of the bodies, see `coated` and `layer`: none, one (of the first body), or two. For a body with a layer,
         all numbers above describe the layer's material, which determines the displacement by short waves.
+    own_kernel : app.halfspace.kernel.Kernel or None
+        Kernel of the bodies if they are neither half-spaces nor coated, see `from_kernel`.
 
     Notes
     -----
@@ -51,6 +53,7 @@ class Material:
     resistivity: tuple | None = field(default=None, init=False, compare=False)
     thermal_conductivity: tuple | None = field(default=None, init=False, compare=False)
     coatings: tuple[Layer, ...] = field(default=(), init=False)
+    own_kernel: Kernel | None = field(default=None, init=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
         if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
@@ -78,7 +81,9 @@ class Material:
         def both(values):
             return f"({', '.join(map(format_exact, values))})"
 
-        if self.coatings:
+        if self.own_kernel is not None:
+            made = f".from_kernel({self.own_kernel!r})"
+        elif self.coatings:
             made = f"({', '.join(f'{name}={value!r}' for name, value in self.describe().items())})"
         elif self.bodies:
             made = f".pair(young={both(self.bodies['young'])}, poisson={both(self.bodies['poisson'])})"
@@ -220,6 +225,18 @@ class Material:
         young, poisson = _real("Young's modulus", young), _real("Poisson's ratio", poisson)
         return cls.coated((young, np.inf), (poisson, 0.0), thickness, other)
 
+    @classmethod
+    def from_kernel(cls, kernel):
+        """Make the material of two bodies from their `app.halfspace.kernel.Kernel`.
+
+        Estimates and notes use the contact modulus of the kernel's `compliance`.
+        """
+        if not isinstance(kernel, Kernel):
+            raise InputError(f"kernel: {kernel!r}; must be a Kernel")
+        material = cls.from_contact_modulus(1 / (np.pi * kernel.compliance))
+        object.__setattr__(material, "own_kernel", kernel)
+        return material
+
     def _made_from(self, **bodies):
         object.__setattr__(self, "bodies", bodies)
         return self
@@ -240,10 +257,11 @@ class Material:
         >>> copper.resistivity
         (1.7e-08, 1.7e-08)
         """
-        if self.coatings and not (resistivity is None and thermal_conductivity is None):
+        if not (self.is_half_space or (resistivity is None and thermal_conductivity is None)):
+            bodies, place = ("coated bodies", "a layer") if self.coatings else ("such bodies", "them")
             raise InputError(
-                "resistivity, thermal_conductivity: not for coated bodies: current and pressure spread differently in "
-                "a layer, so the stiffness does not give the conductance"
+                f"resistivity, thermal_conductivity: not for {bodies}: current and pressure spread differently in "
+                f"{place}, so the stiffness does not give the conductance"
             )
         copied = copy(self)
         for name, values, wanted in (
@@ -266,6 +284,11 @@ class Material:
         return copied
 
     @property
+    def is_half_space(self):
+        """True if one modulus E* describes the bodies: they are isotropic half-spaces."""
+        return not self.coatings and self.own_kernel is None
+
+    @property
     def is_conducting(self):
         """True if the material has constants for the conductance."""
         return self.resistivity is not None or self.thermal_conductivity is not None
@@ -273,9 +296,11 @@ class Material:
     def describe(self):
         """Return E* and the constants given by the user.
 
-        Coated bodies have no E*; `young` and `poisson` describe their substrates. The numbers of the coatings are lists
-        if both bodies are coated.
+        Bodies that are no half-spaces have no E*. Of coated bodies `young` and `poisson` describe the substrates, and
+        the numbers of the coatings are lists if both bodies are coated.
         """
+        if self.own_kernel is not None:
+            return self.own_kernel.describe()
         bodies = {name: list(values) for name, values in (self.bodies or {}).items()}
         if self.coatings:
             each = [(layer.young[0], layer.poisson[0], layer.thickness) for layer in self.coatings]
@@ -299,6 +324,8 @@ class Material:
     @property
     def kernel(self):
         """Kernel of the influence matrix; see `app.halfspace.kernel`."""
+        if self.own_kernel is not None:
+            return self.own_kernel
         if not self.coatings:
             return HalfSpaceKernel(self.compliance)
         young, poisson = (values[1] for values in (self.bodies["young"], self.bodies["poisson"]))

@@ -154,9 +154,12 @@ class ContactProblem(Problem):
     def __repr__(self):
         grid, n = self.grid, len(self.surfaces)
         periodic = (", periodic" if grid.periodic else "") + (f" in {grid.one_way}" if grid.one_way else "")
-        coatings, elastic = self.material.coatings, f"E* {self.material.contact_modulus:g} N/mm2"
-        if coatings:
-            each = (f"{coating.thickness:g} mm of E {coating.young[0]:g} N/mm2" for coating in coatings)
+        material = self.material
+        elastic = f"E* {material.contact_modulus:g} N/mm2" if material.is_half_space else repr(material)
+        if material.coatings:
+            each = (
+                f"{coating.thickness:g} mm of E {coating.young[0]:g} N/mm2" for coating in material.coatings
+            )
             elastic = f"coated by {' and '.join(each)}"
         return (
             f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of "
@@ -202,10 +205,10 @@ class ContactProblem(Problem):
     def reference(self, approach):
         """Return the analytic solution, None if unknown.
 
-        The analytic solution is known for some smooth shapes, if the patch is not periodic and no body is coated.
+        The analytic solution is known for some smooth shapes on half-spaces, if the patch is not periodic.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
-        if not smooth or self.material.coatings or not hasattr(self.shape, "analytic"):
+        if not (smooth and self.material.is_half_space) or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 

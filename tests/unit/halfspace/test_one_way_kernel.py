@@ -273,5 +273,5 @@ def test_other_kinds_of_bodies_are_refused():
     class Springs(Kernel):
         pass
 
-    with pytest.raises(InputError, match="must be True or False with a Springs"):
+    with pytest.raises(InputError, match="must be True or False with the kernel Springs"):
         patch_kernel(Springs(1.0), GRIDS[0])
