@@ -237,12 +237,7 @@ class Film(ActiveSet):
         return state, iterate(last, state, self.solver, loading, self._stop(), history)
 
     def _stop(self):
-        return _inexact_stop(self._settings)
-
-
-def _inexact_stop(settings):
-    names = "rtol", "max_it", "coarse_rtol", "predictor", "error_bound", "defect_correction"
-    return InexactStop(**{name: getattr(settings, name) for name in names})
+        return InexactStop.of(self._settings)
 
 
 class Inexact(Strategy):
@@ -287,7 +282,7 @@ class Fast(Inexact):
         multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
     def _solve(self, loading, history, start):
-        settings, hierarchy, stop = self._settings, self._hierarchy, _inexact_stop(self._settings)
+        settings, hierarchy, stop = self._settings, self._hierarchy, InexactStop.of(self._settings)
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
             return state, solve_level(
@@ -314,7 +309,7 @@ class Primal(Inexact):
         return SolverCache(PrimalSolver, self._hierarchy, self.solver)
 
     def _solve(self, loading, history, start):
-        nested, stop = self._settings.nested, _inexact_stop(self._settings)
+        nested, stop = self._settings.nested, InexactStop.of(self._settings)
         return primal_iteration(
             self._hierarchy, self._distances, loading, stop, history, nested, self._cache, start=start
         )

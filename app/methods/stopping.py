@@ -1,9 +1,10 @@
 """Stopping test of the default methods."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from app.contact.certificate import estimate
 from app.contact.stopping import ROUNDING_RESIDUAL, StoppingTest
+from app.options.method import Settings
 
 UNPROVED = "the certificate fails however small the residual"
 IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may be small in its patch
@@ -11,28 +12,23 @@ IN_CONTACT = 100.0  # factor on rtol of the test with h on C alone: contact may 
 
 @dataclass(frozen=True)
 class InexactStop(StoppingTest):
-    """Stopping test of the target and coarser grids.
+    """Stopping test of the target and coarser grids, and all other settings of the iteration.
 
     On the target grid the test is (5.1), ||r|| <= rtol ||h|| for the residual r, and a second limit from ||h|| on the
     contact set C alone.
 
     Parameters
     ----------
-    coarse_rtol : float
-        Largest ||r|| / ||h|| on C for which a coarser grid is left.
-    predictor : float
-        Factor on the predicted displacement; cells that overlap by it enter C.
-    error_bound : float
-        Largest error bound (`app.contact.certificate`) for which the target grid counts as solved.
-    defect_correction : float
-        The next FFT product follows when multilevel products have reduced the residual to this fraction. If it is 0,
-        all products are by FFT.
+    settings : Settings
+        Options of the method. Iterations read them here.
     """
 
-    coarse_rtol: float = 0.0
-    predictor: float = 0.0
-    error_bound: float = float("inf")
-    defect_correction: float = 0.0
+    settings: Settings = field(default_factory=Settings)
+
+    @classmethod
+    def of(cls, settings):
+        """Return the test that the settings choose."""
+        return cls(settings.rtol, settings.max_it, settings=settings)
 
     def allowed(self, state, h_on_contact=None):
         """Return the largest norm of the residual that passes the test [mm].
@@ -52,7 +48,7 @@ class InexactStop(StoppingTest):
         if not h_on_contact:
             return self.rtol * norm
         if not self.final:
-            coarse_rtol = self.coarse_rtol / state.operator.kernel.contrast(state.grid)
+            coarse_rtol = self.settings.coarse_rtol / state.operator.kernel.contrast(state.grid)
             return max(coarse_rtol, ROUNDING_RESIDUAL) * min(norm, h_on_contact)
         return min(self.rtol * norm, max(IN_CONTACT * self.rtol, ROUNDING_RESIDUAL) * h_on_contact)
 
@@ -62,14 +58,15 @@ class InexactStop(StoppingTest):
         return IN_CONTACT * self.rtol <= ROUNDING_RESIDUAL
 
     def certified(self, state, work=None):
-        """Return whether the certificate proves an error of at most `error_bound`.
+        """Return whether the certificate proves an error of at most -lcp_error_bound.
 
         Collective. On coarse grids nothing is tested, and the result is true; also if rtol is so small that rounding
         limits the error. `work` is an array that may be overwritten.
         """
         if not self.final or self.at_rounding:
             return True
-        return estimate(state, self.error_bound, work).error_bound <= self.error_bound
+        wanted = self.settings.error_bound
+        return estimate(state, wanted, work).error_bound <= wanted
 
     def is_weak(self, state, h_on_contact):
         """Return whether the test (5.1) is weak because contact is small.

@@ -99,7 +99,7 @@ class _ContactSets:
 
     def __init__(self, state, solver, loading, stop):
         self.state, self.solver, self.loading, self.stop = state, solver, loading, stop
-        solver.begin(multilevel=stop.defect_correction > 0)
+        solver.begin(multilevel=stop.settings.defect_correction > 0)
         gaps = state.on_contact(with_h=True)  # later of the last update
         self._h_on_contact, self._norm, self._cells = gaps.h, gaps.residual, max(gaps.cells, 1)
         self._computed_norm = gaps.residual  # by the last product by FFT [mm]
@@ -122,7 +122,7 @@ class _ContactSets:
         stop, multilevel = self.stop, self.solver.multilevel
         goal = allowed = stop.allowed(self.state, self._h_on_contact)
         if stop.final and multilevel:  # on coarse grids this error is below that of the grid
-            goal = max(allowed, stop.defect_correction * self._computed_norm)
+            goal = max(allowed, stop.settings.defect_correction * self._computed_norm)
         self.solver.set_contact()
         return _Solved(*self.solver.improve(self.state, goal, self._norm), allowed, goal, multilevel)
 
@@ -189,7 +189,9 @@ class _ContactSets:
         """
         state = self.state
         small = solved.norm <= solved.allowed and not state.plastic_cells()
-        return state.activate_penetrating(None if small else self.solver.predict(state, self.stop.predictor))
+        return state.activate_penetrating(
+            None if small else self.solver.predict(state, self.stop.settings.predictor)
+        )
 
     def _verify(self, solved, tension):
         """Verify the last contact set by a product in double precision.

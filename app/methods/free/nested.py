@@ -79,7 +79,7 @@ def nested_iteration(
             if not complete:
                 rest = solve_level(hierarchy, number, state, loading, stop, history, False, cache)
                 grids.outcome = rest.after(grids.outcome)
-    return state, grids.result(state, difference, stop.coarse_rtol / MAX_COARSE_ERROR)
+    return state, grids.result(state, difference, stop.settings.coarse_rtol / MAX_COARSE_ERROR)
 
 
 def solve_level(hierarchy, number, state, loading, stop, history, first, cache):

@@ -41,7 +41,7 @@ def primal_active_set(primal, solver, stop, history):
     no progress.
     """
     state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
-    solver.begin(state, primal.loading, stop.defect_correction)
+    solver.begin(state, primal.loading, stop.settings.defect_correction)
     primal.start(solver)
     accuracy = _Accuracy(allowed_gap(primal, stop))
     history.start(state, solver)
@@ -203,7 +203,7 @@ def allowed_gap(primal, stop):
       is larger.
     """
     distance = primal.state.distance
-    rtol = stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING_RESIDUAL)
+    rtol = stop.rtol if stop.final else max(stop.settings.coarse_rtol, ROUNDING_RESIDUAL)
     flat, displaced = MIN_DEVIATION * distance.norm() / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
         displaced = max(abs(primal.depth), primal.loading.least_displacement(primal.state.operator))
