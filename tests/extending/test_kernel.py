@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from running import assert_proved_equal
 
-from app import ContactProblem, Grid, Material, SelfAffineSurface, solve
+from app import ContactProblem, Grid, Material, SelfAffineSurface, Sphere, solve
 from app.api.subsurface import stress
 from app.base.errors import InputError
 from app.halfspace.influence import dense_matrix
@@ -13,14 +14,12 @@ GRID = Grid.from_domain(64, 64, (-0.8, 0.8, -0.8, 0.8))
 
 
 @pytest.fixture
-def fibres(folder):
+def fibres(example):
     """Kernel of a composite with fibres along x."""
-    from kernel import Orthotropic
-
     stiffness = np.diag([140e3, 12e3, 12e3, 3.5e3, 5e3, 5e3])
     for i, j, value in ((0, 1, 5e3), (0, 2, 5e3), (1, 2, 6e3)):
         stiffness[i, j] = stiffness[j, i] = value
-    return Orthotropic.from_stiffness(stiffness)
+    return example("kernel").Orthotropic.from_stiffness(stiffness)
 
 
 def ellipsoid(kernel, a, b, highest):
@@ -36,13 +35,11 @@ def ellipsoid(kernel, a, b, highest):
 
 
 @pytest.mark.parametrize(("nx", "ny", "dx", "dy"), [(30, 20, 1.0, 1.0), (9, 24, 1.3, 0.4)])
-def test_isotropic_body_is_the_half_space(nx, ny, dx, dy, folder):
-    from kernel import Orthotropic
-
+def test_isotropic_body_is_the_half_space(nx, ny, dx, dy, example):
     shear = YOUNG / (2 * (1 + POISSON))
     stiffness = np.diag([2 * shear] * 3 + [shear] * 3)
     stiffness[:3, :3] += YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
-    kernel = Orthotropic.from_stiffness(stiffness)
+    kernel = example("kernel").Orthotropic.from_stiffness(stiffness)
     half_space = Material.pair((YOUNG, np.inf), (POISSON, 0.0)).kernel
     assert kernel.compliance == pytest.approx(half_space.compliance, rel=1e-14)
     grid = Grid(nx, ny, dx, dy)
@@ -65,6 +62,15 @@ def test_pressure_on_an_ellipse_is_hertz_s(fibres):
     exact = 100 * np.sqrt(np.maximum(1 - (x / 0.5) ** 2 - (y / 0.35) ** 2, 0))
     assert np.linalg.norm(solution.pressure - exact) < 0.01 * np.linalg.norm(exact)
     assert solution.attributes["kernel"] == "Orthotropic" and "Orthotropic" in solution.summary()
+
+
+@pytest.mark.parametrize("method", ["norm", "fmg_v11"])
+def test_methods_of_the_paper_agree_with_the_default_one(fibres, method):
+    grid = Grid.from_domain(32, 32, (-0.8, 0.8, -0.8, 0.8))
+    problem = ContactProblem(grid, Material.from_kernel(fibres), Sphere(30.0), hardness=60.0)
+    ours, papers = (solve(problem, load=30.0, method=name) for name in (None, method))
+    assert ours.plastic_area > 0
+    assert_proved_equal(ours, papers)
 
 
 def test_bounds_of_the_base_class_hold(fibres):

@@ -2,19 +2,17 @@
 
 import re
 import shlex
-import shutil
-import sys
 
 import numpy as np
 import pytest
 from documents import code_blocks, run_blocks
-from processes import OPTIONS, TESTS, run
+from processes import TESTS, run
 
 from app import solve
 from app.reference.axisymmetric import Cone
 
 TEXT = (TESTS.parent / "docs" / "extending.md").read_text(encoding="utf-8")
-FILE = re.compile(r"# (\w+\.py)\n")
+FILE = re.compile(r"# tests/extending/(\w+\.py)\n")
 COMMANDS = [
     shlex.split(line)[1:]  # without "python"
     for block in code_blocks(TEXT, "sh")
@@ -23,30 +21,22 @@ COMMANDS = [
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with the files of the document, from which one works."""
-    for block in code_blocks(TEXT):
-        named = FILE.match(block)
-        if named:
-            (tmp_path / named[1]).write_text(block)
-            monkeypatch.delitem(sys.modules, named[1].removesuffix(".py"), raising=False)
-    shutil.copytree(OPTIONS, tmp_path / "petsc_options")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
 def names(folder):
     """What the document's Python has computed."""
     return run_blocks([block for block in code_blocks(TEXT) if not FILE.match(block)])
 
 
+def test_files_on_the_page_are_the_examples():
+    files = {FILE.match(block)[1]: block for block in code_blocks(TEXT) if FILE.match(block)}
+    assert files
+    for name, block in files.items():
+        assert block == (TESTS / "extending" / name).read_text(encoding="utf-8"), name
+
+
 def test_python_of_the_document(names):
-    for name in ("smoothed", "waves", "punch", "cone"):
+    for name in ("smoothed", "waves", "punch", "cone", "ball", "shifted"):
         assert names[name].converged, (name, names[name].message)
-    modulus = names["steel"].contact_modulus
-    exact = Cone.from_load(0.05, modulus, 1e4)
+    exact = Cone.from_load(0.05, names["steel"].contact_modulus, 1e4)
     assert names["cone"].approach == pytest.approx(exact.approach, rel=0.02)
 
 
@@ -62,14 +52,16 @@ def test_own_smoother_is_petsc_s_symmetric_sor(names):
 
 
 def test_own_preconditioner_is_the_one_used_and_feeds_the_predictor(names, monkeypatch):
-    from my_waves import Waves
+    from preconditioner import Waves
 
     extended = []
     monkeypatch.setattr(Waves, "extend", lambda self, r: extended.append(r.any()))
-    solution = solve(names["hertz"], approach=0.1091, options={"pc_python_type": "my_waves.Waves"})
+    solution = solve(names["hertz"], approach=0.1091, options={"pc_python_type": "preconditioner.Waves"})
     assert solution.converged and any(extended)
     monkeypatch.delattr(Waves, "extend")
-    assert solve(names["hertz"], approach=0.1091, options={"pc_python_type": "my_waves.Waves"}).converged
+    assert solve(
+        names["hertz"], approach=0.1091, options={"pc_python_type": "preconditioner.Waves"}
+    ).converged
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[command.index("-grid") - 1])
