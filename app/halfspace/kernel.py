@@ -116,6 +116,8 @@ class Kernel:
     def check_patch(self, grid):
         """Raise InputError if there is no influence matrix for the periodicity of a grid."""
         named = f"with the kernel {type(self).__name__}"
+        if not grid.doubly_periodic and type(self).unit_coefficients is Kernel.unit_coefficients:
+            raise InputError(f"periodic: must be True {named}, which has no influence coefficients")
         if grid.one_way and not self.has_image_sums:
             raise InputError(f"periodic: {grid.one_way!r}; must be True or False {named}")
         if grid.symbol == "love" and not self.has_love_symbol:
@@ -140,8 +142,9 @@ class Kernel:
         return self.compliance * self.unit_coefficients(grid, rows, np.arange(columns))
 
     def self_displacement(self, grid):
-        """Return a free cell's displacement by pressure 1 on it [mm / (N/mm2)]."""
-        return float(self.coefficients(grid, np.arange(1), 1)[0, 0])
+        """Estimate the displacement of a cell by pressure 1 on it [mm / (N/mm2)]."""
+        cell = HalfSpaceKernel(self.compliance_at(max(grid.dx, grid.dy)) / np.pi)
+        return float(cell.coefficients(grid, np.arange(1), 1)[0, 0])
 
     def eigenvalues(self, grid, columns, rows):
         """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""

@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from app.halfspace.grid import row_blocks
-from app.halfspace.kernel import HalfSpaceKernel, Kernel
+from app.halfspace.kernel import Kernel
 from app.halfspace.layer_coefficients import MAX_REACH, layer_tables, layered_coefficients
 from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import influence_symbol
@@ -135,11 +135,6 @@ class LayeredKernel(Kernel):
                 softest = max(1.0, layer.long_wave_ratio)
                 compliance += layer.plane_compliance * softest
         return rigid, compliance
-
-    def self_displacement(self, grid):
-        """Estimate the displacement of a cell by pressure 1 on it."""
-        cell = HalfSpaceKernel(self.compliance_at(max(grid.dx, grid.dy)) / np.pi)
-        return cell.self_displacement(grid)
 
     @cached_property
     def film(self):

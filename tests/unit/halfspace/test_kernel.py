@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from processes import TESTS
 
-from app import Grid, Material
+from app import ContactProblem, Grid, Material, solve
+from app.base.errors import InputError
 from app.halfspace.kernel import Kernel
 
 COATED = Material.coated((420e3, 105e3), (0.3, 0.3), 0.02)
@@ -40,6 +41,40 @@ def test_defaults_agree_with_the_kernels_own_laws(kernel):
     values = kernel.scale_sampled(np.ones((4, 3)), free, np.arange(1.0, 5), np.arange(1.0, 4))
     default = Kernel.scale_sampled(kernel, np.ones((4, 3)), free, np.arange(1.0, 5), np.arange(1.0, 4))
     np.testing.assert_allclose(values, default, rtol=0.02)
+
+
+class Graded(Kernel):
+    """Half-space with a modulus that grows or falls like a power of the depth; on periodic patches only."""
+
+    power, length = 0.3, 1.0
+
+    @property
+    def parameters(self):
+        return self.compliance, self.length
+
+    def in_units(self, length):
+        graded = Graded(1.0)
+        graded.length = self.length / length
+        return graded
+
+    def wave_compliance(self, qx, qy=0.0):
+        return self.compliance * (np.hypot(qx, qy) * self.length) ** -self.power
+
+
+def test_waves_on_a_graded_half_space():
+    """In full contact the pressure is a mean and the wave that flattens the surface."""
+    kernel, q, height = Graded(1e-5), 2 * np.pi * np.array([2.0, 1.0]), 1e-3
+    material, grid = Material.from_kernel(kernel), Grid.from_domain(32, 32, (0, 1, 0, 1))
+    wave = np.cos(q[0] * grid.x()) * np.cos(q[1] * grid.y()[:, None])
+    expected = 600 + height * np.hypot(*q) / (2 * np.pi * kernel.wave_compliance(*q)) * wave
+    assert expected.min() > 0
+    solution = solve(ContactProblem(grid, material, -height * wave, periodic=True), mean_pressure=600)
+    np.testing.assert_allclose(solution.pressure, expected, rtol=1e-6)
+    for load in (2.0, 60.0):
+        touching = solve(ContactProblem(grid, material, -height * wave, periodic=True), load=load)
+        assert touching.converged and not touching.fallbacks and 0 < touching.contact_fraction < 1
+    with pytest.raises(InputError, match="^periodic: must be True with the kernel Graded, which has no"):
+        solve(ContactProblem(grid, material, -height * wave), load=1.0)
 
 
 def test_kernels_with_equal_parameters_are_equal():

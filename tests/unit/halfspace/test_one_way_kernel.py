@@ -271,7 +271,8 @@ def test_vanishing_layers_leave_their_bases(grid):
 
 def test_other_kinds_of_bodies_are_refused():
     class Springs(Kernel):
-        pass
+        def unit_coefficients(self, grid, rows, columns):
+            return np.zeros((len(rows), len(columns)))
 
     with pytest.raises(InputError, match="must be True or False with the kernel Springs"):
         patch_kernel(Springs(1.0), GRIDS[0])
