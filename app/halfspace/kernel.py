@@ -298,6 +298,13 @@ class HalfSpaceKernel(Kernel):
         """Return the compliance, for all waves."""
         return np.full(np.broadcast_shapes(np.shape(qx), np.shape(qy)), self.compliance)
 
+    def softest_parts(self, length):
+        """Return no displacement, and the compliance."""
+        return 0.0, self.compliance
+
+    def _mean_compliance(self, q):
+        return self.compliance
+
     def eigenvalues(self, grid, columns, rows):
         """Return eigenvalues of the periodic influence matrix; see `influence_symbol`."""
         return influence_symbol(grid, self.compliance, columns, rows)

@@ -68,6 +68,6 @@ def test_wrapped_vec_shares_memory_of_its_field():
 @pytest.mark.parametrize("kind", [32, 32 | 16, 64, 128])
 def test_sor_refuses_sweeps_by_parts_of_the_matrix(kind):
     """SOR_EISENSTAT and its like; x as it was would be taken for an answer."""
-    operator = InfluenceOperator(Grid(4, 3, 1.0, 1.0), 1e-5)
+    operator = InfluenceOperator(Grid(4, 3, 1.0, 1.0), UNIT)
     with pytest.raises(ValueError, match="by parts of the matrix"):
         operator.SOR(None, None, 1.0, kind, 0.0, 1, 1, None)
