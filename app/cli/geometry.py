@@ -63,6 +63,7 @@ def make_problem(options, texts, comm):
     if name == "python":
         shape, own = user_problem.create(options["problem_type"], grid, material, texts)
         user_problem.validate(shape, options["problem_type"], slabs.rows)
+        material = shape.material
     elif name != "file":
         shapes.check_strip(grid)
     surfaces = (*measured, *_make_random_surfaces(options, name, grid, bool(measured)))

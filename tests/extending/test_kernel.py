@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from processes import run
 from running import assert_proved_equal
 
 from app import ContactProblem, Grid, Material, SelfAffineSurface, Sphere, solve
@@ -71,6 +72,40 @@ def test_methods_of_the_paper_agree_with_the_default_one(fibres, method):
     ours, papers = (solve(problem, load=30.0, method=name) for name in (None, method))
     assert ours.plastic_area > 0
     assert_proved_equal(ours, papers)
+
+
+PROBLEM = """
+from kernel import Orthotropic
+from problem import Cone
+from app import Material
+
+class Composite(Cone):
+    @classmethod
+    def from_options(cls, grid, material, options):
+        stiffness = [[140e3, 5e3, 5e3, 0, 0, 0], [5e3, 12e3, 6e3, 0, 0, 0], [5e3, 6e3, 12e3, 0, 0, 0],
+                     [0, 0, 0, 3.5e3, 0, 0], [0, 0, 0, 0, 5e3, 0], [0, 0, 0, 0, 0, 5e3]]
+        return cls(grid, Material.from_kernel(Orthotropic.from_stiffness(stiffness)), options["cone_slope"])
+"""
+
+
+def test_kernel_on_the_command_line(folder):
+    """The problem's material is used, also if the command adds a hardness."""
+    (folder / "composite.py").write_text(PROBLEM)
+    command = "-m", "app.solve", "-problem", "python", "-problem_type", "composite.Composite", "-grid", "32"
+    done = run(
+        *command,
+        "-domain",
+        "-1,1,-1,1",
+        "-contact_modulus",
+        "1",
+        "-load",
+        "100",
+        "-hardness",
+        "1500",
+        cwd=folder,
+    )
+    assert done.returncode == 0, done.stderr
+    assert ": solved (" in done.stdout and "bodies with the kernel Orthotropic" in done.stdout
 
 
 def test_bounds_of_the_base_class_hold(fibres):
