@@ -108,7 +108,9 @@ def test_kernel_on_the_command_line(folder):
     assert ": solved (" in done.stdout and "bodies with the kernel Orthotropic" in done.stdout
 
 
-def test_bounds_of_the_base_class_hold(fibres):
+@pytest.mark.parametrize("series", [None, (1.0, 0.9), (1.0, -0.5, 0.3)])
+def test_bounds_of_the_base_class_hold(fibres, series):
+    fibres = type(fibres)(series) if series else fibres
     for grid in (Grid(10, 12, 1.0, 1.0), Grid(12, 8, 1.0, 2.5)):
         matrix = dense_matrix(grid, fibres)
         assert fibres.is_positive(grid) and matrix.min() > 0
