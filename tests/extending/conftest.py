@@ -1,6 +1,7 @@
 """Examples of docs/extending.md and CONTRIBUTING.md, in a folder of their own as a user's files are."""
 
 import importlib
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -59,6 +60,7 @@ def changed_program(tmp_path_factory):
                 file.write_text(text.replace(old, new), encoding="utf-8")
 
     def run_in_copy(*command):
-        return run(*command, cwd=copy, env={"PYTHONPATH": str(copy)})
+        paths = os.pathsep.join(filter(None, (str(copy), os.environ.get("PYTHONPATH"))))
+        return run(*command, cwd=copy, env={"PYTHONPATH": paths})
 
     return run_in_copy
