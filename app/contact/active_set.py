@@ -52,7 +52,7 @@ class ActiveSetIteration:
             self.move()
             update = state.activate_penetrating()  # Sec. 4.1, (4.b)
             history.add(state, solver, update, its)
-            residual = update.residual / state.distance.norm()
+            residual = update.residual / state.h_norm
             if reason := failure_reason(failure, residual):
                 return Outcome(False, reason, k, residual)
             if self.passes(update):

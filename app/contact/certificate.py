@@ -243,7 +243,7 @@ def _close_gap(state, energy, u_squares, enough, work, upper):
     if upper is not None:
         of_u = min(rounded, math.ulp(math.sqrt(u_squares)))
         rounded = max(state.distance.depth_rounding(state.depth), of_u)
-    rounded += state.distance.neglected_gap
+    rounded += state.neglected_gap
     fields = state.distance.b, state.depth, state.u, state.p, upper, state.admissible, 1 / diagonal
     gaps, depths, excess, to_p, to_plastic, pressures, squares, total_u, free = state.sum(loops.gaps(*fields))
     inside, mean, *_ = state.distance.statistics

@@ -30,8 +30,8 @@ class UndeformedDistance:
     """The undeformed distance h = shape - approach on one grid. Collective.
 
     The approach is a reference plus the *depth*, the approach beyond the reference. So large constants cost no digits.
-    To move the bodies, only the depth is changed, never the stored shape, so that no rounding errors add up. The
-    right-hand side on C is ``-h = b + depth``.
+    The depth belongs to the `ContactState`. To move the bodies, only the depth is changed, never the stored shape, so
+    that no rounding errors add up. The right-hand side on C is ``-h = b + depth``.
 
     Parameters
     ----------
@@ -52,10 +52,6 @@ class UndeformedDistance:
         -h at depth 0, read-only; 0 in inadmissible cells.
     rhs : Vec
         The field `b` as a Vec.
-    depth : float
-        The approach beyond the reference [mm].
-    neglected_gap : float
-        Mean gap that is treated as full contact, or an error of the prescribed mean gap, because of rounding [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None in a window.
     full_depth : float
@@ -78,15 +74,14 @@ class UndeformedDistance:
         Window around all admissible cells; None if there are none.
     """
 
-    neglected_gap, max_depth, full_depth, plastic_depth = 0.0, np.inf, np.inf, np.inf
-    _norm = None  # at this depth, once computed
+    max_depth = full_depth = plastic_depth = np.inf
 
     def __init__(self, operator, shape, reference=0.0, hardness=None, measured=True):
         b = np.negative(shape, order="C")
         admissible = ~np.isnan(b)
         np.copyto(b, 0.0, where=~admissible)
         self._set(b, operator, PressureBounds(admissible, hardness))
-        self.depth, self.reference = 0.0, reference
+        self.reference = reference
         self.full_contact_pressures = -np.inf, np.inf
         self._slabs, self.patch = operator.slabs, operator.grid
         if measured:
@@ -111,7 +106,7 @@ class UndeformedDistance:
         part._set(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
         part.touching, part.zero_load_depth = None, whole.zero_load_depth
-        part.depth, part.reference = whole.depth, whole.reference
+        part.reference = whole.reference
         return part
 
     def _set(self, b, operator, bounds):
@@ -123,11 +118,6 @@ class UndeformedDistance:
     def h_at(self, depth):
         """Return the undeformed distance at a depth [mm]; NaN in inadmissible cells."""
         return np.where(self.admissible, -(self.b + depth), np.nan)
-
-    @property
-    def approach(self):
-        """The approach delta [mm]."""
-        return self.approach_at(self.depth)
 
     def approach_at(self, depth):
         """Return the approach at a depth [mm]; 0 if below rounding error."""
@@ -163,16 +153,10 @@ class UndeformedDistance:
         """True if h is constant up to rounding."""
         return self.deviation <= _ROUNDING_ULPS * ulp(self.reference)
 
-    def move_to(self, depth, neglected_gap=0.0):
-        """Set the depth, and the `neglected_gap` there [mm]."""
-        self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
-
-    def norm(self):
-        """Return ||h||_2 over admissible cells, for (5.1) [mm]; 1 if zero."""
-        if self._norm is None:
-            cells, mean, squares, _ = self.statistics
-            self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
-        return self._norm
+    def norm(self, depth):
+        """Return ||h||_2 over admissible cells at a depth [mm]; 1 if zero."""
+        cells, mean, squares, _ = self.statistics
+        return sqrt(squares + cells * (mean - depth) ** 2) or 1.0
 
     def _local_minima(self):
         """Return the numbers of this rank whose minima over the ranks `_measure` uses."""

@@ -62,7 +62,7 @@ class FullContact:
         history.start(state, self)
         state.contact[...] = True
         mean = distance.statistics.mean
-        distance.move_to(mean, neglected_gap=max(mean - depth, 0.0))
+        state.move_to(mean, neglected_gap=max(mean - depth, 0.0))
         state.compute_displacement(exact=True)
         rms = state.on_contact_or_overlap().rms
         residual = np.sqrt(grid.n) * rms
@@ -70,7 +70,7 @@ class FullContact:
         highest = -float(state.minimum([-state.p.max(initial=0.0)])[0])
         solved = stop(state, residual) or rms <= _ROUNDING * highest * state.operator.diagonal
         history.add(state, self, Update(grid.n, grid.n, 0, residual), 0)
-        return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
+        return Outcome(solved, FULL_CONTACT, 1, residual / state.h_norm, to_rounding=True)
 
     def _find_allowed(self, inverse, distance, p):
         """Compute the pressure of full contact, and its allowed means. Collective.

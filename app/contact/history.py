@@ -107,7 +107,7 @@ def make_entry(state, level, iteration, update, inner, work, seconds):
         "added_cells": update.added,
         "dropped_cells": update.released,
         "changed_cells": update.changed,
-        "residual": update.residual / state.distance.norm(),
+        "residual": update.residual / state.h_norm,
         "inner_iterations": inner,
         "work_units": work,
         "load": update.load if update.load == update.load else state.load,

@@ -196,4 +196,4 @@ class PrescribedMeanGap(PrescribedApproach):
     def set_depth(self, state):
         """Set the depth, whose rounding error is an error of the mean gap; see `Loading.set_depth`."""
         super().set_depth(state)
-        state.distance.neglected_gap = ulp(state.depth)
+        state.neglected_gap = ulp(state.depth)

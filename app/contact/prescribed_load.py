@@ -93,7 +93,7 @@ class PrescribedLoad(Loading):
         if state.plastic_cells():
             self._fill_plateaus(state)
         residual = self.settle(state, state.activate_penetrating()).residual
-        outcome = outcome._replace(residual=residual / state.distance.norm())
+        outcome = outcome._replace(residual=residual / state.h_norm)
         if not outcome.converged:
             return outcome
         if stop.final and residual > stop.allowed(state):

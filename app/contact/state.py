@@ -109,6 +109,8 @@ class ContactState:
         Local pressure, read-only; still valid after `destroy`. To change it, write to `values`.
     displacement_status : Displacement
         Accuracy of `u`. Set it when you change `p` or `u`.
+    neglected_gap : float
+        Mean gap that is treated as full contact, or an error of the prescribed mean gap, because of rounding [mm].
     patience : float
         Number of iterations in which the number of changed cells may stagnate, see `activate_penetrating`.
     """
@@ -131,13 +133,14 @@ class ContactState:
         self.displacement_status = Displacement.EXACT if u is None else displacement_status
         self._released = np.zeros(operator.local_shape, bool)
         self.patience = self.bounds.patience
+        self.move_to(0.0)
         self.contact = operator.mask
         self.contact[...] = False
 
     @property
     def approach(self):
         """The approach delta [mm]."""
-        return self.distance.approach
+        return self.distance.approach_at(self.depth)
 
     @approach.setter
     def approach(self, value):
@@ -146,11 +149,20 @@ class ContactState:
     @property
     def depth(self):
         """The approach beyond the reference [mm]; at most ``distance.max_depth``."""
-        return self.distance.depth
+        return self._depth
 
     @depth.setter
     def depth(self, value):
-        self.distance.move_to(min(value, self.distance.max_depth))
+        self.move_to(min(value, self.distance.max_depth))
+
+    def move_to(self, depth, neglected_gap=0.0):
+        """Set a depth, which may be full contact, and the `neglected_gap` there [mm]."""
+        self._depth, self.neglected_gap = float(depth), neglected_gap
+
+    @property
+    def h_norm(self):
+        """||h||_2 over the admissible cells, for (5.1) [mm]; 1 if zero."""
+        return self.distance.norm(self._depth)
 
     @property
     def may_cycle(self):
@@ -159,7 +171,7 @@ class ContactState:
 
     def gap(self):
         """Return e = h + A p, shape (local rows, nx) [mm]."""
-        return self.u - (self.distance.b + self.distance.depth)  # (2.8)
+        return self.u - (self.distance.b + self.depth)  # (2.8)
 
     @property
     def values(self):
@@ -222,7 +234,7 @@ class ContactState:
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of C, with the norm of h if `with_h`. Collective."""
-        b, depth, contact = self.distance.b, self.distance.depth, self.contact
+        b, depth, contact = self.distance.b, self.depth, self.contact
         h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
         squares, total, cells, h = self.sum(
             [*kernels.sum_gaps(b, depth, self.u, contact, contact), h_squares]
@@ -232,7 +244,7 @@ class ContactState:
     def on_contact_or_overlap(self):
         """Return the sums of gaps over C and over overlapping elastic cells, with the load. Collective."""
         overlapping = self.not_plastic()
-        sums = kernels.sum_gaps(self.distance.b, self.distance.depth, self.u, self.contact, overlapping)
+        sums = kernels.sum_gaps(self.distance.b, self.depth, self.u, self.contact, overlapping)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
@@ -287,7 +299,7 @@ class ContactState:
         """Return -(h + u) on C, else 0 [mm], the right-hand side of (2.11)."""
         with self.right as values:
             out = values.reshape(self.u.shape)
-            kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)  # (2.11)
+            kernels.defect(self.distance.b, self.depth, self.u, self.contact, 1.0, out)  # (2.11)
         return self.right
 
     def add(self, correction):
@@ -348,7 +360,7 @@ class ContactState:
             expected = np.full(self.u.shape, np.inf)
         plastic = pressure is not None or self._local_plastic_cells() > 0
         p, expected = self._p if pressure is None else pressure, _NO_FIELD if expected is None else expected
-        fields = self.distance.b, self.distance.depth, self.u, p, self.contact, self._released
+        fields = self.distance.b, self.depth, self.u, p, self.contact, self._released
         sums = self.bounds.activate(*fields, expected, plastic)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)

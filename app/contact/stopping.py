@@ -16,7 +16,7 @@ class StoppingTest:
 
     def allowed(self, state):
         """Return the allowed residual norm, rtol ||h|| [mm]."""
-        return self.rtol * state.distance.norm()
+        return self.rtol * state.h_norm
 
     def __call__(self, state, residual):
         """Return whether a residual ||r||_2 [mm] is at most rtol ||h||_2."""

@@ -68,7 +68,7 @@ class _ReferenceSolver:
                 reason = f"{self._name.upper()}: gives up: {error_message(error)}"
             norm, overlap = self._residual(state)
             if self._entry:
-                self._entry["residual"] = norm / state.distance.norm()
+                self._entry["residual"] = norm / state.h_norm
             self._write_entry()
         finally:
             self._state = self._history = self._entry = None
@@ -78,7 +78,7 @@ class _ReferenceSolver:
         if not converged:
             wrong = "the residual is too large" if norm > overlap else "the bodies penetrate outside contact"
             reason = f"{reason}; {wrong}"
-        return Outcome(converged, reason, self.iterations, norm / state.distance.norm())
+        return Outcome(converged, reason, self.iterations, norm / state.h_norm)
 
     def _residual(self, state):
         """Return the norms of gap in contact and overlap outside [mm].

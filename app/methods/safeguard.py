@@ -63,7 +63,7 @@ def projected_newton(state, solver, stop, history):
     history.start(state, solver)
     state.project()
     state.u[...], gap = _compute_gap(state, state.p)
-    residual, progress = state.on_contact().residual / state.distance.norm(), HalvingTest()
+    residual, progress = state.on_contact().residual / state.h_norm, HalvingTest()
     for k in range(1, stop.max_it + 1):
         before, p, bounds = state.contact.copy(), state.p, state.bounds
         state.contact[...] = bounds.contact(p, gap, _excluded_pressure(state, gap))
@@ -86,9 +86,9 @@ def projected_newton(state, solver, stop, history):
         else:
             update = _update_contact(state, gap, before)  # including the cells that the system left out
             exact = state.displacement_status is Displacement.EXACT
-            solved = exact and update.residual <= stop.rtol * state.distance.norm() and stop.certified(state)
+            solved = exact and update.residual <= stop.rtol * state.h_norm and stop.certified(state)
             reason = CONVERGED if solved else "rounding leaves no step that makes it better"
-            return Outcome(solved, reason, k, update.residual / state.distance.norm())
+            return Outcome(solved, reason, k, update.residual / state.h_norm)
         np.add(p, change, out=state.values)
         state.project()  # rounding
         state.u[...], gap = trial_u, trial_gap
@@ -101,7 +101,7 @@ def projected_newton(state, solver, stop, history):
             gap = state.gap()
             update = _update_contact(state, gap, before)
         history.add(state, solver, update, its)
-        residual = update.residual / state.distance.norm()
+        residual = update.residual / state.h_norm
         if wrong := failure_reason(failure, residual):
             return Outcome(False, wrong, k, residual)
         if update.residual <= stop.allowed(state):

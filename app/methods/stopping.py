@@ -43,7 +43,7 @@ class InexactStop(StoppingTest):
 
         The argument `h_on_contact` is ||h||_C [mm]. Collective if it is None, because ||h||_C is then computed.
         """
-        norm = state.distance.norm()
+        norm = state.h_norm
         h_on_contact = state.on_contact(with_h=True).h if h_on_contact is None else h_on_contact
         if not h_on_contact:
             return self.rtol * norm
@@ -74,7 +74,7 @@ class InexactStop(StoppingTest):
         It is weak if `h_on_contact` is below 1% of the norm of the undeformed distance on all cells. `h_on_contact` is
         the norm on the contact cells [mm].
         """
-        return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
+        return self.final and IN_CONTACT * h_on_contact < state.h_norm
 
     def for_coarse_grid(self):
         """Return the test of coarser grids, where contact may still change.

@@ -51,7 +51,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         solved = sets.solve()
         exchanged = sets.exchange(solved)
         history.add(state, solver, exchanged.update, solved.iterations)
-        residual = exchanged.update.residual / state.distance.norm()
+        residual = exchanged.update.residual / state.h_norm
         if wrong := failure_reason(solved.failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if exchanged.done and sets.stop.certified(state):

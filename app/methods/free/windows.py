@@ -38,7 +38,6 @@ class CoarseSolution(NamedTuple):
     u: np.ndarray
     p: np.ndarray
     contact: np.ndarray
-    depth: float
 
 
 class WindowState(ContactState):
@@ -117,11 +116,9 @@ class WindowedLevel:
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         self._level = level = hierarchy.levels[number]
         self.verification, self._window, coarse_window = None, whole_window(level.grid), None
-        if coarse is not None:
-            distance.move_to(coarse.depth)
-            if hierarchy.may_be_windowed(level):
-                possible = distance.possible.coarsen(self.transfer.factors)
-                coarse_window = _choose_window(boxes, coarse.distance.patch, hierarchy.margin, possible)
+        if coarse is not None and hierarchy.may_be_windowed(level):
+            possible = distance.possible.coarsen(self.transfer.factors)
+            coarse_window = _choose_window(boxes, coarse.distance.patch, hierarchy.margin, possible)
         self.windowed = coarse_window is not None
         if self.windowed:
             self._make_window(coarse_window, boxes.outer)
@@ -143,7 +140,7 @@ class WindowedLevel:
         below = self._cache.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
         cut = Scatter(coarse_window.relative_to(outer), coarse.operator.slabs, below.slabs, comm).forward
-        self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
+        self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact))
         self.transfer = Transfer(fine, below, factors, comm)
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
         self.state = WindowState(fine, part)
@@ -181,12 +178,12 @@ class WindowedLevel:
         """
         inside, scatter = self.state, self._scatter
         u = self.verification.displacement(inside, converged)
-        self._distance.move_to(inside.depth)
         inside.distance.destroy()
         inside.distance = inside.u = None  # room for the state of all cells
         self.state = state = ContactState(
             self._level, self._distance, u=u, displacement_status=Displacement.EXACT
         )
+        state.depth = inside.depth
         scatter.reverse(inside.p, state.values)
         scatter.reverse(inside.contact, state.contact)
         inside.destroy()

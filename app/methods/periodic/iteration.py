@@ -57,7 +57,7 @@ def primal_active_set(primal, solver, stop, history):
         update = primal.exchange(solver, tension, -overlap, far, norm)
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
-        residual = norm / state.distance.norm()  # not of the stopping test: about the error of w
+        residual = norm / state.h_norm  # not of the stopping test: about the error of w
         if wrong := failure_reason(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if accurate and not stop.final and update.changed <= MAX_CHANGED_FRACTION * primal.cells:
@@ -70,7 +70,7 @@ def primal_active_set(primal, solver, stop, history):
             primal.commit(solver)
             verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)
             if np.isfinite(verdict.residual):
-                residual = verdict.residual / state.distance.norm()
+                residual = verdict.residual / state.h_norm
             if verdict.solved:
                 return Outcome(True, REST_NEGLIGIBLE if update.changed else CONVERGED, k, residual)
             aim = accuracy.aim
@@ -109,7 +109,7 @@ def _finish_unsolved(primal, solver):
         primal.spread_load()
         update = verify(primal, p)
     accept(primal, p)
-    return update.residual / state.distance.norm()
+    return update.residual / state.h_norm
 
 
 class _Accuracy:
@@ -204,7 +204,7 @@ def allowed_gap(primal, stop):
     """
     distance = primal.state.distance
     rtol = stop.rtol if stop.final else max(stop.settings.coarse_rtol, ROUNDING_RESIDUAL)
-    flat, displaced = MIN_DEVIATION * distance.norm() / np.sqrt(primal.cells), 0.0
+    flat, displaced = MIN_DEVIATION * primal.state.h_norm / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
         displaced = max(abs(primal.depth), primal.loading.least_displacement(primal.state.operator))
     if distance.deviation <= max(flat, MIN_DEVIATION * displaced):

@@ -33,14 +33,12 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
     are left out.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
-    if loading.approach_is_known:
+    if loading.misses_contact(distances[last]):  # rounding would find a pressure in cells that just touch
         state = PeriodicState(hierarchy.target, distances[last])
-        loading.set_depth(state)  # rounds h as the last step will, so that a second solve equals the first
-        if loading.misses_contact(state.distance):  # rounding would find a pressure in cells that just touch
-            history.start(state, cache.solver(last, hierarchy.target))
-            state.start_from_interpenetration()
-            return state, Outcome(True, NO_CONTACT)
-        state.destroy()
+        loading.set_depth(state)
+        history.start(state, cache.solver(last, hierarchy.target))
+        state.start_from_interpenetration()
+        return state, Outcome(True, NO_CONTACT)
     grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
     coarse, coarse_pressure, difference = None, None, float("nan")
     for number in grids:

@@ -45,7 +45,6 @@ class PrimalState:
 
     def __init__(self, state, inverse, loading):
         self.state, self.inverse, self.loading = state, inverse, loading
-        state.depth = 0.0
         self.w = np.empty(inverse.local_shape)
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid

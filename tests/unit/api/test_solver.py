@@ -21,6 +21,7 @@ from app.api.subsurface import stress
 from app.base.errors import InputError
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState
 from app.halfspace.fft.multiplier import EvenMultiplier
 
 from .solvers import METHODS, assert_same, each_method, problem_of, solver_of
@@ -349,14 +350,15 @@ def test_an_interrupted_move_of_the_bodies_is_undone(periodic, monkeypatch):
     grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
     problem = ContactProblem(grid, Material.from_contact_modulus(1e5), Sphere(10), periodic=periodic)
 
-    def half_moved(distance, depth):
-        distance.depth = depth
-        raise KeyboardInterrupt
+    def half_moved(state, depth):
+        state._depth = state.neglected_gap = depth
+        if depth:
+            raise KeyboardInterrupt
 
     with ContactSolver(problem) as solver:
         before = solver.solve(load=100)
         with monkeypatch.context() as patch:
-            patch.setattr(UndeformedDistance, "move_to", half_moved)
+            patch.setattr(ContactState, "move_to", half_moved)
             with pytest.raises(KeyboardInterrupt):
                 solver.solve(load=3)
         after = solver.solve(load=100)

@@ -10,10 +10,7 @@ class Norms:
     """State with norms of h only."""
 
     def __init__(self, whole, inside):
-        self.distance, self._whole, self._inside = self, whole, inside
-
-    def norm(self):
-        return self._whole
+        self.h_norm, self._inside = whole, inside
 
     def on_contact(self, with_h):
         return Gaps(1, 0.0, 0.0, h=self._inside)
