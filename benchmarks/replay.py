@@ -133,13 +133,13 @@ def recording():
                     return
         events.append(("row", field.shape[1] * field.itemsize))
 
-    def told(found, grids, state, *_):
+    def told(found, grids, operator, *_):
         hierarchy = grids.hierarchy
         level = hierarchy.levels[grids.following]
-        if hierarchy.gains_ranks(state.operator, grids.following):
+        if hierarchy.gains_ranks(operator, grids.following):
             events.pop()
         wide = ALL if hierarchy.may_be_windowed(level) else level.slabs.key
-        events.append(("told", state.operator.slabs.key, wide))
+        events.append(("told", operator.slabs.key, wide))
         return found
 
     def multiplied(multiplier, *_, **__):

@@ -114,7 +114,7 @@ _certificates = WeakKeyDictionary()  # key of `estimate` and Certificate, by sta
 
 
 def certify(state, wanted=np.inf):
-    """Return the `Certificate` of a `ContactState`'s pressure. Collective.
+    """Return the `Certificate` of the pressure of a `Pressed`. Collective.
 
     The displacement is computed in double precision, unless `state` has it. If the first bound is below `wanted`, no
     product is spent on a smaller bound.

@@ -36,7 +36,7 @@ _NOWHERE = ContactMoments(*[nan] * 9)
 
 
 def measure_moments(state):
-    """Return the `ContactMoments` of a `ContactState`. Collective.
+    """Return the `ContactMoments` of a `Pressed`. Collective.
 
     The semi-axes of the ellipse are 2 sqrt(m / area), with the principal second moments m of the contact area. The
     second moments of each cell about its own centre are included.

@@ -50,7 +50,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
         level = hierarchy.levels[number]
         state = contact_state(level, distances[number])
         if coarse is not None:
-            state.depth = loading.predict(coarse.depth)
+            state.depth = loading.predict(grids.depth)
             if nested:
                 prolongate(hierarchy.transfers[number], coarse, state, beta, prolong)  # Sec. 4.3, 2
             else:
@@ -61,7 +61,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
             solver = (cache.direct if is_direct else cache.solver)(number, level)
             test = grids.stopping_test(stop)
             solve = partial(active_set_or_search, state, solver, stop=test, history=history)
-            with propagate_errors(grids.waiting_ranks(state)):
+            with propagate_errors(grids.waiting_ranks(level)):
                 if iterate:
                     outcome = iterate(number, state, solver, loading, test, history, coarse is None)
                 elif coarse is None:
@@ -70,7 +70,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
                     outcome = solve(loading)  # Sec. 4.3, (3.b)
             grids.record(outcome, state.depth)
             cache.release_solver(level)
-        grids.broadcast_to_next(state)
+        grids.broadcast_to_next(level)
         coarse = state
     return state, grids.outcome
 

@@ -97,17 +97,16 @@ class GridErrors(NamedTuple):
 UNKNOWN = GridErrors()
 
 
-def compute_grid_numbers(state, comm, load=None, depth=None):
-    """Return the `GridNumbers` of a `ContactState`.
+def compute_grid_numbers(state, comm):
+    """Return the `GridNumbers` of a `Pressed`.
 
-    Collective over `comm`, which has all ranks that need the numbers. `load` and `depth` replace the state's.
+    Collective over `comm`, which has all ranks that need the numbers.
     """
     grid = state.operator.grid
     total, highest, cells = kernels.sum_pressure(state.p, state.in_contact())
     (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
-    load = grid.cell_area * float(total) if load is None else load
-    depth = state.depth if depth is None else depth
-    return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area)
+    load, area = grid.cell_area * float(total), grid.cell_area * float(cells)
+    return GridNumbers(load, state.depth, -float(lowest), area)
 
 
 def estimate_errors(grids, touching, prescribed, pressure_change=0.0):

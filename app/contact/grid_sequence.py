@@ -21,6 +21,8 @@ class GridSequence:
         True on the target grid, which is the last one.
     outcome : Outcome or None
         Outcome of the grid solved last, with the fallbacks of all grids.
+    depth : float
+        Final depth on this grid [mm].
     grid_numbers : list of GridNumbers
         Numbers of the coarser grids, from coarse to fine, if the method appends them.
     """
@@ -29,7 +31,7 @@ class GridSequence:
         self.hierarchy, self._loading = hierarchy, loading
         self._last = len(hierarchy.levels) - 1
         self._route = [self._last] if only_target else _route(hierarchy, distances, loading, nested)
-        self.outcome, self.grid_numbers, self.at_target = None, [], False
+        self.outcome, self.depth, self.grid_numbers, self.at_target = None, 0.0, [], False
 
     def __iter__(self):
         for number, following in itertools.pairwise([*self._route, self._last]):
@@ -42,24 +44,28 @@ class GridSequence:
 
     def record(self, outcome, depth):
         """Record the outcome and the final depth [mm] of a grid."""
+        self.depth = depth
         coarser = self.outcome.fallbacks if self.outcome else 0
         self.outcome = outcome._replace(fallbacks=coarser + outcome.fallbacks)
         self._loading.record(depth)
 
-    def waiting_ranks(self, state):
-        """Return the communicator of rank 0 and idle ranks; elsewhere None."""
-        return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
+    def waiting_ranks(self, operator):
+        """Return the communicator of rank 0 and idle ranks; elsewhere None.
 
-    def broadcast_to_next(self, state, extra=None):
+        `operator` is that of the grid or of a window of it.
+        """
+        return self.hierarchy.ranks.idle_comm(operator.slabs.size)
+
+    def broadcast_to_next(self, operator, extra=None):
         """Broadcast the results to ranks that join on the next grid. Collective.
 
-        These ranks receive the depth of `state`, the results so far, and `extra`. `state` is on the grid or on a window
-        of it. Return `extra`, which may be any object.
+        These ranks receive the results so far, and `extra`. `operator` is as in `waiting_ranks`. Return `extra`, which
+        may be any object.
         """
-        if self.hierarchy.gains_ranks(state.operator, self.following) and (comm := self.waiting_ranks(state)):
-            results = state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra
+        if self.hierarchy.gains_ranks(operator, self.following) and (comm := self.waiting_ranks(operator)):
+            results = self.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra
             results = comm.bcast_or_raise(results)
-            state.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra = results
+            self.depth, self._loading.shared_state, self.outcome, self.grid_numbers, extra = results
         return extra
 
     def result(self, state, difference=float("nan"), least=0.0):

@@ -42,7 +42,7 @@ class ContactMeasures(NamedTuple):
     def add_indentation(self, before, state):
         """Return the measures with an earlier `Indentation` `before` added.
 
-        `state` is the `ContactState` under the load.
+        `state` is the `Pressed` under the load.
         """
         if before.depth is None:
             return self
@@ -72,7 +72,7 @@ class ShapeRoughness(NamedTuple):
 
 
 def measure_contact(state):
-    """Return the ContactMeasures of a `ContactState`. Collective.
+    """Return the ContactMeasures of a `Pressed`. Collective.
 
     For the corrected contact fraction, each face on the contact edge counts as the same share of a cell, whether the
     face is long or short.

@@ -87,11 +87,12 @@ class Displacement(IntEnum):
     EXACT = 2  # u is A p in double precision
 
 
-class ContactState:
-    """Contact set C, pressure p, displacement u and approach on one grid.
+class Pressed:
+    """Contact set C, pressure p, displacement u and depth on one grid.
 
-    Collective. The array `contact` *is* the mask of the operator, and a new state empties it. All states of an operator
-    share this mask. So to return to an earlier state, store a copy of its contact set, and restore it.
+    Certificate, measures, history and grid errors need no more. Collective. The array `contact` *is* the mask of the
+    operator, and a new object empties it. All states of an operator share this mask. So to return to an earlier state,
+    store a copy of its contact set, and restore it.
 
     Parameters
     ----------
@@ -102,6 +103,8 @@ class ContactState:
         Initial displacement; the array is not copied.
     displacement_status : Displacement
         Accuracy of this `u`.
+    p : ndarray, shape (local rows, nx), [N/mm2], optional
+        Initial pressure; the array is not copied.
 
     Attributes
     ----------
@@ -109,30 +112,25 @@ class ContactState:
         Local pressure, read-only; still valid after `destroy`. To change it, write to `values`.
     displacement_status : Displacement
         Accuracy of `u`. Set it when you change `p` or `u`.
+    h_norm : float
+        ||h||_2 over the admissible cells, for (5.1) [mm]; 1 if zero.
     neglected_gap : float
         Mean gap that is treated as full contact, or an error of the prescribed mean gap, because of rounding [mm].
-    patience : float
-        Number of iterations in which the number of changed cells may stagnate, see `activate_penetrating`.
     """
 
-    _fewest_changed, _stagnating, _has_released = np.inf, 0, False
-    _counted_at, _plastic_cells = (
-        None,
-        0,
-    )  # state of `pressure` when plastic cells were last counted, and their number
+    # State of `pressure` when plastic cells were last counted, and their number
+    _counted_at, _plastic_cells = None, 0
 
-    def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED):
+    def __init__(self, operator, distance, u=None, displacement_status=Displacement.UPDATED, p=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.bounds, self.admissible = distance, distance.bounds, distance.admissible
-        self._p = np.zeros(operator.local_shape)
+        self._p = np.zeros(operator.local_shape) if p is None else p
         self.p = self._p.view()
         self.p.flags.writeable = False
         self.pressure = wrap_vec(self._p, operator)
         self.pressure.setName("pressure")  # in PETSc's views and files
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.displacement_status = Displacement.EXACT if u is None else displacement_status
-        self._released = np.zeros(operator.local_shape, bool)
-        self.patience = self.bounds.patience
         self.move_to(0.0)
         self.contact = operator.mask
         self.contact[...] = False
@@ -156,22 +154,13 @@ class ContactState:
         self.move_to(min(value, self.distance.max_depth))
 
     def move_to(self, depth, neglected_gap=0.0):
-        """Set a depth, which may be full contact, and the `neglected_gap` there [mm]."""
+        """Set a depth, also of full contact, and the `neglected_gap` [mm]."""
         self._depth, self.neglected_gap = float(depth), neglected_gap
-
-    @property
-    def h_norm(self):
-        """||h||_2 over the admissible cells, for (5.1) [mm]; 1 if zero."""
-        return self.distance.norm(self._depth)
-
-    @property
-    def may_cycle(self):
-        """True if contact sets may cycle: on periodic patches, and with a hardness."""
-        return self.patience < np.inf
+        self.h_norm = self.distance.norm(self._depth)
 
     def gap(self):
         """Return e = h + A p, shape (local rows, nx) [mm]."""
-        return self.u - (self.distance.b + self.depth)  # (2.8)
+        return self.u - (self.distance.b + self._depth)  # (2.8)
 
     @property
     def values(self):
@@ -234,7 +223,7 @@ class ContactState:
 
     def on_contact(self, with_h=False):
         """Return the `Gaps` of C, with the norm of h if `with_h`. Collective."""
-        b, depth, contact = self.distance.b, self.depth, self.contact
+        b, depth, contact = self.distance.b, self._depth, self.contact
         h_squares = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
         squares, total, cells, h = self.sum(
             [*kernels.sum_gaps(b, depth, self.u, contact, contact), h_squares]
@@ -244,15 +233,60 @@ class ContactState:
     def on_contact_or_overlap(self):
         """Return the sums of gaps over C and over overlapping elastic cells, with the load. Collective."""
         overlapping = self.not_plastic()
-        sums = kernels.sum_gaps(self.distance.b, self.depth, self.u, self.contact, overlapping)
+        sums = kernels.sum_gaps(self.distance.b, self._depth, self.u, self.contact, overlapping)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
+
+    def compute_displacement(self, exact=False):
+        """Compute u = A p, if `exact` in double precision. Collective."""
+        exact = exact or not self.operator.needs_verification
+        compute = self.operator.exact_displacement if exact else self.operator.displacement
+        compute(self._p, self.u)  # (2.7)
+        self.displacement_status = Displacement.EXACT if exact else Displacement.UPDATED
+
+    def reach_sum(self, total):
+        """Add a constant to p on C, to reach a sum.
+
+        Collective. p stays within its bounds. Return `total` minus the sum that is reached [N/mm2].
+        """
+        p, least = self.values, _LOAD_ROUNDING * total
+        for _ in range(2):  # a change of large pressures leaves a rounding error
+            missing = total - self.sum([p.sum()])[0]
+            for _ in range(_MAX_LOAD_STEPS):
+                free = self.sum([self.bounds.room(p, self.contact, missing)])[0]
+                if not free or abs(missing) <= least:
+                    break
+                missing -= self.sum([self.bounds.add_constant(p, self.contact, missing / free)])[0]
+        return missing
+
+    def destroy(self):
+        """Free the Vec of the pressure. Collective."""
+        self.pressure.destroy()
+
+
+class ContactState(Pressed):
+    """A `Pressed` with the steps of Sec. 4.1. Collective.
+
+    Attributes
+    ----------
+    patience : float
+        Number of iterations in which the number of changed cells may stagnate, see `activate_penetrating`.
+    """
+
+    def __init__(self, *args, **options):
+        super().__init__(*args, **options)
+        self._released = np.zeros(self.u.shape, bool)
+        self.patience = self.bounds.patience
+        self.forget_exchanges()
+
+    @property
+    def may_cycle(self):
+        """True if contact sets may cycle: on periodic patches, and with a hardness."""
+        return self.patience < np.inf
 
     def forget_exchanges(self):
         """Reset the numbers of changed cells, before another iteration."""
         self._fewest_changed, self._stagnating, self._has_released = np.inf, 0, False
-
-    # -- steps of Sec. 4.1 ----------------------------------------------------------------------------
 
     def before_iteration(self, k):
         """Adapt C of periodic patches before iteration k. Collective."""
@@ -299,7 +333,7 @@ class ContactState:
         """Return -(h + u) on C, else 0 [mm], the right-hand side of (2.11)."""
         with self.right as values:
             out = values.reshape(self.u.shape)
-            kernels.defect(self.distance.b, self.depth, self.u, self.contact, 1.0, out)  # (2.11)
+            kernels.defect(self.distance.b, self._depth, self.u, self.contact, 1.0, out)  # (2.11)
         return self.right
 
     def add(self, correction):
@@ -336,32 +370,23 @@ class ContactState:
         self._has_released = released > 0
         return released
 
-    def compute_displacement(self, exact=False):
-        """Compute u = A p, if `exact` in double precision. Collective."""
-        exact = exact or not self.operator.needs_verification
-        compute = self.operator.exact_displacement if exact else self.operator.displacement
-        compute(self._p, self.u)  # (2.7)
-        self.displacement_status = Displacement.EXACT if exact else Displacement.UPDATED
-
     @PETSc.Log.EventDecorator("ContactUpdate")
-    def activate_penetrating(self, expected=None, pressure=None):
+    def activate_penetrating(self, expected=None):
         """Add the overlapping cells to C (4.b), for (2.10).
 
         Collective. Cells just released may enter again. Return the `Update`, which counts the cells that this step adds
         and those that the last `release_tensile` removed.
 
-        `expected`, shape (local rows, nx) [mm], is a predicted change of u. The test for overlap adds it to u. If a
-        `pressure` is given, it replaces p.
+        `expected`, shape (local rows, nx) [mm], is a predicted change of u. The test for overlap adds it to u.
 
         Contact sets may cycle near full contact, or with a hardness. So if the number of changed cells stagnates, cells
         enter C only in iterations in which none leave C, as in Kalker's NORM.
         """
         if self._has_released and self._stagnating >= self.patience:
             expected = np.full(self.u.shape, np.inf)
-        plastic = pressure is not None or self._local_plastic_cells() > 0
-        p, expected = self._p if pressure is None else pressure, _NO_FIELD if expected is None else expected
-        fields = self.distance.b, self.depth, self.u, p, self.contact, self._released
-        sums = self.bounds.activate(*fields, expected, plastic)
+        expected = _NO_FIELD if expected is None else expected
+        fields = self.distance.b, self._depth, self.u, self._p, self.contact, self._released
+        sums = self.bounds.activate(*fields, expected, self._local_plastic_cells() > 0)
         cells, added, released, squares, h, total = self.sum(sums)
         load = self.grid.cell_area * float(total)
         update = Update(int(cells), int(added), int(released), sqrt(squares), sqrt(h), load)
@@ -393,23 +418,8 @@ class ContactState:
         The constant is added on C. p stays within its bounds, and u is not updated. If all cells of C reach a bound,
         the load is not reached.
         """
-        self.reach_sum(self.values, load / self.grid.cell_area)
+        self.reach_sum(load / self.grid.cell_area)
         self.displacement_status = Displacement.STALE
-
-    def reach_sum(self, p, total):
-        """Add a constant to a pressure on C, to reach a sum.
-
-        Collective. p stays within its bounds. Return `total` minus the sum that is reached [N/mm2].
-        """
-        least = _LOAD_ROUNDING * total
-        for _ in range(2):  # a change of large pressures leaves a rounding error
-            missing = total - self.sum([p.sum()])[0]
-            for _ in range(_MAX_LOAD_STEPS):
-                free = self.sum([self.bounds.room(p, self.contact, missing)])[0]
-                if not free or abs(missing) <= least:
-                    break
-                missing -= self.sum([self.bounds.add_constant(p, self.contact, missing / free)])[0]
-        return missing
 
     def distribute_load(self, load):
         """Distribute a load [N] evenly over C, within bounds; compute u. Collective."""
@@ -420,6 +430,6 @@ class ContactState:
 
     def destroy(self):
         """Free the vectors of this state. Collective."""
-        self.pressure.destroy()
+        super().destroy()
         if "right" in vars(self):
             self.right.destroy()

@@ -50,7 +50,7 @@ def nested_iteration(
         level = WindowedLevel(hierarchy, cache, number, distances[number], coarse if nested else None, boxes)
         state, first, target = level.state, coarse is None, grids.at_target
         if not first:
-            state.depth = loading.predict(coarse.depth)
+            state.depth = loading.predict(grids.depth)
             if nested:
                 prolongate(level.transfer, level.coarse, state, beta, lift if lifted else None)
                 coarse_pressure, level.coarse = level.coarse.p, None
@@ -60,7 +60,7 @@ def nested_iteration(
         coarse = state  # for the next grid; the arrays of the coarser one are freed
         if state.operator.active:
             test = grids.stopping_test(stop)
-            with propagate_errors(grids.waiting_ranks(state)):
+            with propagate_errors(grids.waiting_ranks(state.operator)):
                 outcome = solve_level(hierarchy, number, state, loading, test, history, first, cache)
             grids.record(outcome, state.depth)
             if not target:
@@ -69,13 +69,13 @@ def nested_iteration(
                     grids.grid_numbers.append(compute_grid_numbers(state, state.comm))
         if level.verification:
             level.verification.end(state)
-        boxes = grids.broadcast_to_next(state, boxes)
+        boxes = grids.broadcast_to_next(state.operator, boxes)
         if nested and target and not first:
             difference = pressure_difference(comm, level.transfer, coarse_pressure, state)
         level.close()
         if target and level.windowed:
             coarse = None  # the arrays of the window are freed
-            state, complete = level.expand_to_grid(grids.outcome.converged)
+            state, complete = level.expand_to_grid(grids.depth, grids.outcome.converged)
             if not complete:
                 rest = solve_level(hierarchy, number, state, loading, stop, history, False, cache)
                 grids.outcome = rest.after(grids.outcome)

@@ -170,8 +170,8 @@ class WindowedLevel:
             for operator in self._operators:
                 self._cache.close(operator)
 
-    def expand_to_grid(self, converged):
-        """Return the state on all cells, and whether it is final.
+    def expand_to_grid(self, depth, converged):
+        """Return the state on all cells at a depth, and whether it is final.
 
         The result is not final if the window has `converged` but the bodies penetrate outside the window. The state of
         the window is freed.
@@ -183,7 +183,7 @@ class WindowedLevel:
         self.state = state = ContactState(
             self._level, self._distance, u=u, displacement_status=Displacement.EXACT
         )
-        state.depth = inside.depth
+        state.depth = depth
         scatter.reverse(inside.p, state.values)
         scatter.reverse(inside.contact, state.contact)
         inside.destroy()

@@ -12,7 +12,6 @@ import numpy as np
 
 from app.contact.active_set import CONVERGED, failure_reason
 from app.contact.history import Outcome
-from app.contact.state import Displacement
 from app.contact.stopping import BELOW_ROUNDING, ROUNDING_RESIDUAL
 from app.methods.progress import STAGNATES, TOO_MANY, HalvingTest, NeedsSafeguard
 
@@ -36,15 +35,15 @@ NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 def primal_active_set(primal, solver, stop, history):
     """Solve the contact problem (2.8)-(2.10) on one grid.
 
-    Collective over the ranks of the state. The PrimalState `primal` has the initial displacement and pressure. `solver`
-    is a PrimalSolver; the other parameters and the result are as in `active_set`. Raises `NeedsSafeguard` if there is
-    no progress.
+    Collective over the ranks of the PrimalState `primal`, which has the initial displacement and pressure. `solver` is
+    a PrimalSolver; the other parameters and the result are as in `active_set`. On the target grid ``primal.solution``
+    is the solution. Raises `NeedsSafeguard` if there is no progress.
     """
-    state, progress, fewest_changed = primal.state, HalvingTest(), float("inf")
-    solver.begin(state, primal.loading, stop.settings.defect_correction)
+    progress, fewest_changed = HalvingTest(), float("inf")
+    solver.begin(primal, stop.settings.defect_correction)
     primal.start(solver)
     accuracy = _Accuracy(allowed_gap(primal, stop))
-    history.start(state, solver)
+    history.start(primal, solver)
     primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
         goal, overlap = accuracy.aim * np.sqrt(primal.cells), NEGLIGIBLE_OVERLAP * accuracy.aim
@@ -56,8 +55,8 @@ def primal_active_set(primal, solver, stop, history):
         tension, far = overlap * solver.preconditioner.stiffness, MAX_GAP_CHANGE * accuracy.aim
         update = primal.exchange(solver, tension, -overlap, far, norm)
         with primal.shown(solver) if history.listeners else nullcontext():
-            history.add(state, solver, update, its)
-        residual = norm / state.h_norm  # not of the stopping test: about the error of w
+            history.add(primal, solver, update, its)
+        residual = norm / primal.h_norm  # not of the stopping test: about the error of w
         if wrong := failure_reason(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if accurate and not stop.final and update.changed <= MAX_CHANGED_FRACTION * primal.cells:
@@ -70,7 +69,7 @@ def primal_active_set(primal, solver, stop, history):
             primal.commit(solver)
             verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)
             if np.isfinite(verdict.residual):
-                residual = verdict.residual / state.h_norm
+                residual = verdict.residual / primal.h_norm
             if verdict.solved:
                 return Outcome(True, REST_NEGLIGIBLE if update.changed else CONVERGED, k, residual)
             aim = accuracy.aim
@@ -86,7 +85,7 @@ def primal_active_set(primal, solver, stop, history):
         if progress.stagnates:
             if stop.final and norm <= ROUNDING_RESIDUAL * primal.largest() * np.sqrt(primal.cells):
                 residual = _finish_unsolved(primal, solver)
-                if stop.certified(state):
+                if stop.certified(primal.solution):
                     return Outcome(False, BELOW_ROUNDING, k, residual)
             raise NeedsSafeguard(Outcome(False, STAGNATES, k, residual))
     if stop.final:
@@ -102,13 +101,11 @@ def _finish_unsolved(primal, solver):
     Without pressure in contact, the load is spread evenly over the contact set. Return the relative residual of (5.1).
     """
     primal.commit(solver)
-    state, p = primal.state, solver.scratch
-    state.depth = primal.depth
-    update = verify(primal, p)
-    if update is None:
+    state, update = verify(primal, solver.scratch)
+    if state is None:
         primal.spread_load()
-        update = verify(primal, p)
-    accept(primal, p)
+        state, update = verify(primal, solver.scratch)
+    primal.solution = state
     return update.residual / state.h_norm
 
 
@@ -154,21 +151,24 @@ class _Verdict(NamedTuple):
     solved: bool  # the error is small enough, and the certificate agrees
 
 
-def _judge(primal, p, stop, allowed):
-    """Compute the pressure exactly, and return whether it solves the problem.
+def _judge(primal, spare, stop, allowed):
+    """Verify the pressure, and return whether it solves the problem.
 
     Collective. This is step 6 of Sec. 4.1. The pressure passes (5.1) if the root mean square gap on contact is at most
-    `allowed` [mm]. It solves the problem if the certificate, a bound of its error, is also small enough. `p` is a work
-    array, the solver's scratch field: the solver must not hold an unapplied change in it.
+    `allowed` [mm]. It solves the problem if the certificate, a bound of its error, is also small enough. A pressure
+    that does not pass is left as it was. `spare` is the solver's scratch field: the solver must not hold an unapplied
+    change in it.
     """
-    update = verify(primal, p)
-    if update is None:
+    state, update = verify(primal, spare)
+    if state is None:
         return _Verdict(np.nan, np.nan, False, False)
     error = update.residual / np.sqrt(max(update.cells, 1))
-    passed = error <= allowed
-    if passed:
-        accept(primal, p)
-    return _Verdict(update.residual, error, passed, passed and stop.certified(primal.state, p))
+    if passed := error <= allowed:
+        primal.solution = state
+    else:
+        state.destroy()
+        primal.values[...] = spare
+    return _Verdict(update.residual, error, passed, passed and stop.certified(state, spare))
 
 
 def _continue(verdict, primal, solver, accuracy, reached, captured):
@@ -202,34 +202,27 @@ def allowed_gap(primal, stop):
     - *On flat surfaces with holes*, the length is the depth, or the displacement of a cell by the mean pressure if that
       is larger.
     """
-    distance = primal.state.distance
+    distance = primal.distance
     rtol = stop.rtol if stop.final else max(stop.settings.coarse_rtol, ROUNDING_RESIDUAL)
-    flat, displaced = MIN_DEVIATION * primal.state.h_norm / np.sqrt(primal.cells), 0.0
+    flat, displaced = MIN_DEVIATION * primal.h_norm / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
-        displaced = max(abs(primal.depth), primal.loading.least_displacement(primal.state.operator))
+        displaced = max(abs(primal.depth), primal.loading.least_displacement(primal.operator))
     if distance.deviation <= max(flat, MIN_DEVIATION * displaced):
         return rtol * displaced
-    beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
+    beyond = primal.depth - primal.first_touch() if not stop.final else 0.0
     shape = min(beyond, distance.deviation) if beyond > 0 else distance.deviation
     return rtol * max(shape, MIN_SHAPE_SHARE * displaced)
 
 
-def verify(primal, p):
-    """Verify a valid pressure by one exact product.
+def verify(primal, before):
+    """Verify the pressure by one exact product.
 
-    Collective. `p` receives the pressure without tension and with the prescribed load, to be passed to `accept`. The
-    state receives u = A p, the depth, and overlapping cells in its contact set. Return the Update. Return None if a
-    load is prescribed, but the pressure in contact is smaller than the error on the free cells.
+    Collective. p is made valid: without tension, and with the prescribed load. `before` receives p as it was. Return
+    the ContactState with this p, overlapping cells in its contact set, and the Update. If a load is prescribed, but the
+    pressure in contact is smaller than the error on the free cells, return None twice, and leave p as it was.
     """
-    state, loading = primal.state, primal.loading
-    if not primal.meet_load(p, primal.project(p)):
-        return None
-    state.operator.exact_displacement(p, state.u)
-    loading.set_depth(state)
-    return state.activate_penetrating(pressure=p)
-
-
-def accept(primal, p):
-    """Set the state's pressure to `p`, the result of `verify`."""
-    primal.state.values[...] = p
-    primal.state.displacement_status = Displacement.EXACT
+    if not primal.meet_load(primal.project(before)):
+        primal.values[...] = before
+        return None, None
+    state = primal.hand_out()
+    return state, state.activate_penetrating()

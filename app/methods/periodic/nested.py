@@ -7,9 +7,8 @@ from app.contact.grid_errors import compute_grid_numbers, pressure_difference
 from app.contact.grid_sequence import GridSequence
 from app.contact.history import Outcome
 from app.contact.periodic_state import PeriodicState
-from app.contact.state import Displacement
 from app.methods.periodic.capped_state import primal_state
-from app.methods.periodic.iteration import accept, primal_active_set, verify
+from app.methods.periodic.iteration import primal_active_set
 from app.methods.periodic.operator import InverseOperator
 from app.methods.progress import NeedsSafeguard
 from app.methods.safeguard import solve_safeguarded
@@ -43,38 +42,33 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
     coarse, coarse_pressure, difference = None, None, float("nan")
     for number in grids:
         level, coarser = hierarchy.levels[number], grids.grid_numbers
-        no_u = np.empty(level.local_shape)  # before `verify`
-        state = PeriodicState(level, distances[number], u=no_u, displacement_status=Displacement.STALE)
-        if level.active:
-            solver = cache.solver(number, level)
-            primal = primal_state(state, solver.inverse, loading)
-        else:
-            primal = primal_state(state, InverseOperator(level), loading)
+        solver = cache.solver(number, level) if level.active else None
+        inverse = solver.inverse if level.active else InverseOperator(level)
+        primal = primal_state(level, distances[number], inverse, loading)
         if start is not None:
             primal.continue_from(start)
         elif coarse is None:
-            primal.w[...] = state.distance.b  # full contact
+            primal.w[...] = primal.distance.b  # full contact
         else:
             primal.interpolate_from(coarse, hierarchy.transfers[number])
             if coarser:  # else there are no rows here yet
                 primal.shift_to_depth(coarser[-1].depth, loading.predict(coarser[-1].depth))
-            coarse_pressure = coarse.state.p
-            coarse.state.destroy()
+            coarse_pressure = coarse.p
+            coarse.destroy()
             coarse = None
         if level.active:
-            with propagate_errors(grids.waiting_ranks(state)):
+            with propagate_errors(grids.waiting_ranks(level)):
                 outcome = _solve_on(hierarchy, number, primal, solver, grids.stopping_test(stop), history)
             cache.release_solver(level)
-            depth = state.depth
             if not grids.at_target:
-                coarser.append(compute_grid_numbers(state, state.comm, primal.load, primal.depth))
-                depth = coarser[-1].depth
-            grids.record(outcome, depth)
-        primal.mean_pressure = grids.broadcast_to_next(state, primal.mean_pressure)
+                coarser.append(compute_grid_numbers(primal, primal.comm)._replace(load=primal.load))
+            grids.record(outcome, coarser[-1].depth if coarser else 0.0)
+        primal.mean_pressure = grids.broadcast_to_next(level, primal.mean_pressure)
         if grids.at_target and coarse_pressure is not None:
-            difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
+            difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, primal)
         coarse = primal
-    return state, grids.result(state, difference)
+    coarse.destroy()
+    return primal.solution, grids.result(primal.solution, difference)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
@@ -83,7 +77,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
     If the iteration stagnates, the safeguard solves. With a layer, the iteration is first repeated without
     extrapolation.
     """
-    start, failed = primal.copy_start() if primal.state.operator.kernel.layers else None, None
+    start, failed = primal.copy_start() if primal.operator.kernel.layers else None, None
     try:
         if start is not None:
             try:
@@ -95,12 +89,12 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         return outcome if failed is None else outcome.after(failed)
     except NeedsSafeguard as stagnation:
         primal.reset_for_safeguard()
-        verify(primal, solver.scratch)
-        accept(primal, solver.scratch)
+        primal.meet_load(primal.project(solver.scratch))
+        primal.solution = state = primal.hand_out()
         with temporary_options(hierarchy.prefix, {}, _SAFEGUARD):
-            rest = solve_safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
-        np.subtract(primal.state.u, primal.state.depth, out=primal.w)
-        primal.mean_pressure = primal.mean(primal.state.p)
+            rest = solve_safeguarded(hierarchy, number, state, primal.loading, stop, history)
+        np.subtract(state.u, state.depth, out=primal.w)
+        primal.mean_pressure = primal.mean(state.p)
         return rest.after(stagnation.outcome)
     finally:
         solver.end()

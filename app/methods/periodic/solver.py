@@ -26,11 +26,11 @@ class PrimalSolver(LinearSolver):
     ===========  ==================================  ===========================================  ==================
     field        in CG                               between contact sets                         verification
     ===========  ==================================  ===========================================  ==================
-    `scratch`    z, and `change` in single           `PrimalState.guess`: force, lowest w         verified p, then
+    `scratch`    z, and `change` in single           `PrimalState.guess`: force, lowest w         p before, then
                  precision                                                                        the certificate
     `direction`  d                                   `start`: change of w; `guess`: increment    -
     `product`    q = B d                             captured gaps: smoothing, then B change       -
-    u of state   `carried`, the updated p            the same                                     u = A p
+    u of primal  `carried`, the updated p            the same                                     u = A p
     ===========  ==================================  ===========================================  ==================
 
     Attributes
@@ -73,18 +73,18 @@ class PrimalSolver(LinearSolver):
         self.change, self.scratch = self._cg.change, self._cg.scratch
         self._set()
 
-    def begin(self, state, loading, multilevel_share=0.0):
-        """Prepare this solver for a solve from the fields of `state`.
+    def begin(self, primal, multilevel_share=0.0):
+        """Prepare this solver for a solve from the fields of `primal`.
 
         If the approach is prescribed, the solver does not change the mean of w = u - approach. Until the verification,
-        or `end`, the array u of `state` stores the updated pressure. Products are multilevel until the residual has
+        or `end`, the array u of `primal` stores the updated pressure. Products are multilevel until the residual has
         fallen to the fraction `multilevel_share`; if it is 0, all are by FFT.
         """
         if multilevel_share and self.inverse.multilevel is None:
             multilevel_share = 0.0
         kind = self.inverse.dtype if multilevel_share else np.dtype(float)
-        self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
-        self._constrained, self._multilevel_share = loading.approach_is_known, multilevel_share
+        self.carried = primal.u.reshape(-1).view(kind)[: primal.u.size].reshape(primal.u.shape)
+        self._constrained, self._multilevel_share = primal.loading.approach_is_known, multilevel_share
         self._set()
 
     def _set(self):
@@ -107,7 +107,7 @@ class PrimalSolver(LinearSolver):
         if self.preconditioner.constrained:
             primal.balance_free_cells(self)
         self.ksp.setInitialGuessNonzero(True)  # else PETSc sets the solution to zero
-        self._cg.resumes, self._cg.pressure = primal.pending, primal.state.pressure
+        self._cg.resumes, self._cg.pressure = primal.pending, primal.pressure
         iterations, failure = self._run(*self._untouched, allowed)
         self._cg.pressure = None  # not longer than the state
         primal.pending |= iterations > 0

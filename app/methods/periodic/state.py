@@ -4,8 +4,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from app.base.numba_cache import as_writable
-from app.contact.state import Displacement, Update
+from app.contact.periodic_state import PeriodicState
+from app.contact.state import Displacement, Pressed, Update
 from app.methods.periodic import kernels as loops
 from app.methods.periodic import stencil
 
@@ -13,17 +13,18 @@ MAX_RETREAT_FRACTION = 0.75  # largest predicted retreat of the bodies, over the
 CLOSING_DAMPING = 0.9  # factor on the residual that is added to w when captured gaps are closed
 
 
-class PrimalState:
-    """Displacement w and pressure p of the periodic method.
+class PrimalState(Pressed):
+    """Contact set, displacement w and pressure p of the periodic method.
 
     Collective. w is u - approach, and p = B w + mean pressure, where B is the inverse of A on fields without mean. The
-    gap is e = shape + w. Depths are approaches beyond the reference of the undeformed distance.
+    gap is e = shape + w. Depths are approaches beyond the reference of the undeformed distance. The field u is storage
+    of the solver; `hand_out` returns a state with u.
 
     Parameters
     ----------
-    state : ContactState
-        State whose contact set and pressure are changed in place. Before `verify`, its depth is 0, and its u is not A
-        p.
+    operator : InfluenceOperator
+    distance : UndeformedDistance
+        Undeformed distance of the same cells.
     inverse : InverseOperator
         B, with the free cells.
     loading : Loading
@@ -41,18 +42,22 @@ class PrimalState:
     extrapolates : bool
         True if projected sweeps guess contact sets, and if w is also corrected in the neighbours of captured cells.
         This saves iterations, but with layers the contact sets may repeat in a cycle.
+    solution : ContactState or None
+        Verified solution, after a solve on the target grid.
     """
 
-    def __init__(self, state, inverse, loading):
-        self.state, self.inverse, self.loading = state, inverse, loading
+    solution = None
+
+    def __init__(self, operator, distance, inverse, loading):
+        super().__init__(operator, distance, np.empty(operator.local_shape), Displacement.STALE)
+        self.inverse, self.loading = inverse, loading
         self.w = np.empty(inverse.local_shape)
         self._captured = np.zeros(inverse.local_shape, bool)
-        grid = state.grid
-        self.cells = grid.n
+        self.cells = self.grid.n
         self._has_pressure = self.pending = self.approximate = False
         self.extrapolates = True
         # Prescribed, or the Lagrange multiplier of a prescribed approach
-        self.mean_pressure = float(np.nan_to_num(loading.mean_pressure_on(grid), posinf=0.0))
+        self.mean_pressure = float(np.nan_to_num(loading.mean_pressure_on(self.grid), posinf=0.0))
 
     @property
     def prescribed_depth(self):
@@ -60,11 +65,11 @@ class PrimalState:
 
         The depth is infinite if the load is prescribed.
         """
-        return self.loading.depth_on(self.state.distance)
+        return self.loading.depth_on(self.distance)
 
     def mean(self, field):
         """Return the mean of a field over the patch."""
-        return float(self.state.sum([field.sum()])[0]) / self.cells
+        return float(self.sum([field.sum()])[0]) / self.cells
 
     @property
     def depth(self):
@@ -73,21 +78,21 @@ class PrimalState:
 
     def largest(self):
         """Return the largest absolute value of displacement w [mm]."""
-        return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
+        return -float(min(self.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
 
     @property
     def load(self):
         """Load of the pressure [N], from its mean."""
-        return self.mean_pressure * self.cells * self.state.grid.cell_area
+        return self.mean_pressure * self.cells * self.grid.cell_area
 
     def reset_for_safeguard(self):
         """Put all admissible cells into contact, and set a finite pressure."""
         self.mean_pressure = float(np.nan_to_num(self.mean_pressure, posinf=0.0, neginf=0.0))
-        self.state.contact[...] = self.state.admissible
-        p = self.state.values
+        self.contact[...] = self.admissible
+        p = self.values
         np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-        highest = p.max(initial=0.0, where=self.state.admissible)
-        if self.state.minimum([-highest])[0] == 0:
+        highest = p.max(initial=0.0, where=self.admissible)
+        if self.minimum([-highest])[0] == 0:
             p[...] = self.mean_pressure
 
     def refresh(self, exact=False):
@@ -95,17 +100,16 @@ class PrimalState:
 
         B is the inverse of A, w the displacement. If `exact` is true, the product is in double precision.
         """
-        p = self.state.values
+        p = self.values
         compute = self.inverse.exact_pressure if exact else self.inverse.pressure
         compute(self.w, p)
         p += self.mean_pressure
-        self.state.displacement_status = Displacement.STALE
         self.pending = self.approximate = False
 
     def balance_free_cells(self, solver):
         """Add a constant to p that makes its mean over free cells zero."""
-        p = solver.carried if self.pending else self.state.p
-        total, cells = self.state.sum(
+        p = solver.carried if self.pending else self.p
+        total, cells = self.sum(
             [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
         )
         self.add_mean_pressure(-total / max(cells, 1), p if self.pending else None)
@@ -114,8 +118,7 @@ class PrimalState:
         """Interpolate the coarser grid's displacement w and pressure p."""
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_quintic(coarse.w, self.w)
-        transfer.interpolate_quintic(coarse.state.p, self.state.values)
-        self.state.displacement_status = Displacement.STALE
+        transfer.interpolate_quintic(coarse.p, self.values)
         self._has_pressure = True
 
     def shift_to_depth(self, depth, predicted):
@@ -125,11 +128,11 @@ class PrimalState:
         pressure does not change. If the bodies move apart, they stay in contact: the depth beyond first touch is
         reduced by a part only, and cells that touched before the shift are put into contact.
         """
-        back, state = depth - predicted, self.state
+        back = depth - predicted
         if back > 0:
-            np.less_equal(self.w, state.distance.b, out=state.contact)
-            state.contact &= self._touchable()
-            back = min(back, MAX_RETREAT_FRACTION * max(depth - state.first_touch(), 0.0))
+            np.less_equal(self.w, self.distance.b, out=self.contact)
+            self.contact &= self._touchable()
+            back = min(back, MAX_RETREAT_FRACTION * max(depth - self.first_touch(), 0.0))
         self.w += back
 
     def add_mean_pressure(self, missing, carried=None):
@@ -138,7 +141,7 @@ class PrimalState:
         The constant `missing` [N/mm2] is added to `mean_pressure`, to p and, if given, to `carried`, the solver's p.
         """
         self.mean_pressure += missing
-        p = self.state.values
+        p = self.values
         p += missing
         if carried is not None:
             carried += missing
@@ -158,17 +161,17 @@ class PrimalState:
         If the pressure was interpolated from the coarser grid, it is not recomputed. The 3 x 3 centre of the inverse of
         A then adds the effect of the closed overlaps.
         """
-        state, change = self.state, solver.direction
-        loops.touch(self.w, state.distance.b, self._touchable(), state.contact, change)
+        change = solver.direction
+        loops.touch(self.w, self.distance.b, self._touchable(), self.contact, change)
         if self.loading.approach_is_known:
             self.w -= self.prescribed_depth + self.mean(self.w)
         if not self._has_pressure:
             return self.refresh()
         rows, work = solver.guess_halo(change), np.empty((3, self.w.shape[1] + 2))
-        stencil.add_centre(change, *rows, solver.preconditioner.weights, work, state.values)
+        stencil.add_centre(change, *rows, solver.preconditioner.weights, work, self.values)
 
     def _start_fields(self):
-        return self.w, self.state.values, self.state.contact
+        return self.w, self.values, self.contact
 
     def copy_start(self):
         """Return a copy of the fields that `restart` restores."""
@@ -179,14 +182,12 @@ class PrimalState:
         self.mean_pressure, self._has_pressure, *copies = start
         for field, copied in zip(self._start_fields(), copies, strict=True):
             field[...] = copied
-        self.state.depth, self.state.displacement_status = 0.0, Displacement.STALE
         self.pending = self.approximate = self.extrapolates = False
 
     def continue_from(self, solution):
         """Start from a Solution on this grid."""
-        state = self.state
-        np.subtract(solution.displacement, solution.approach - state.distance.reference, out=self.w)
-        np.copyto(self.w, state.distance.b, where=solution.contact & self._touchable())
+        np.subtract(solution.displacement, solution.approach - self.distance.reference, out=self.w)
+        np.copyto(self.w, self.distance.b, where=solution.contact & self._touchable())
         if self.loading.approach_is_known:
             self.mean_pressure = solution.mean_pressure
 
@@ -195,7 +196,7 @@ class PrimalState:
 
         If `exact` is true, p is computed in double precision, because changes are added to it later.
         """
-        state, shape, weights = self.state, self.w.shape, solver.preconditioner.weights
+        shape, weights = self.w.shape, solver.preconditioner.weights
         force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)
         room = self._guess_sources(weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
@@ -207,7 +208,7 @@ class PrimalState:
         else:
             x[...] = 0
         self._apply_guess(x, lowest)
-        if not (self.loading.allows_no_contact or state.elastic_cells()):
+        if not (self.loading.allows_no_contact or self.elastic_cells()):
             self._touch()
         self._update_free_cells(solver)
         self.restore_mean(solver)
@@ -215,29 +216,27 @@ class PrimalState:
 
     def _touchable(self):
         """Return a mask of cells that may enter contact."""
-        return self.state.admissible
+        return self.admissible
 
     def _guess_sources(self, scale, force, lowest):
         """Compute `force` and `lowest` for `guess`; see `kernels.guess_sources`.
 
         Return how far a pressure equal to the hardness displaces a cell [mm], or None without a hardness.
         """
-        state = self.state
-        loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, scale, force, lowest)
+        loops.guess_sources(self.p, self.w, self.distance.b, self.admissible, scale, force, lowest)
 
     def _apply_guess(self, x, lowest):
         """Add the guess x to w, and set contact; see `kernels.apply_guess`."""
-        loops.apply_guess(x, lowest, self.w, self.state.distance.b, self.state.contact)
+        loops.apply_guess(x, lowest, self.w, self.distance.b, self.contact)
 
     def _touch(self):
         """Shift the displacement so that the cells with the smallest gap touch.
 
         These cells become the contact set.
         """
-        state = self.state
-        gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
-        least = float(state.minimum([gap.min(initial=np.inf)])[0])
-        state.contact[...] = gap <= least
+        gap = np.where(self.admissible, self.w - self.distance.b, np.inf)
+        least = float(self.minimum([gap.min(initial=np.inf)])[0])
+        self.contact[...] = gap <= least
         self.w -= least  # a constant has no pressure
 
     def exchange(self, solver, slack, least_gap, far, residual):
@@ -249,15 +248,14 @@ class PrimalState:
         number `moves`, the root of the sum of squared moves, is infinite if a released or captured cell moves by more
         than `far` [mm].
         """
-        state = self.state
         limits = slack, least_gap, solver.preconditioner.weights[0], far, self._captured
-        *counts, total, squares = state.sum(self._exchange_cells(solver, *limits))
+        *counts, total, squares = self.sum(self._exchange_cells(solver, *limits))
         cells, captured, released = map(int, counts)
         moves = float(np.sqrt(squares))
-        approach = state.distance.reference - float(total) / self.cells
+        approach = self.distance.reference - float(total) / self.cells
         if not (cells or self.loading.allows_no_contact):
             cells, captured, released, moves = self._keep_contact(solver, released)
-        elif cells == self.cells and self.prescribed_depth < state.distance.max_depth:
+        elif cells == self.cells and self.prescribed_depth < self.distance.max_depth:
             opened = self._open_least(solver)
             cells, released, moves = cells - opened, released + opened, np.inf
         if captured or released:
@@ -266,9 +264,8 @@ class PrimalState:
 
     def _exchange_cells(self, solver, *limits):
         """Exchange cells of this rank; see `app.contact.bounds_kernels.exchange`."""
-        state = self.state
-        fields = solver.carried, None, self.w, solver.change, state.distance.b, state.contact, None
-        return state.bounds.exchange(*fields, *limits)
+        fields = solver.carried, None, self.w, solver.change, self.distance.b, self.contact, None
+        return self.bounds.exchange(*fields, *limits)
 
     def _keep_contact(self, solver, released):
         """Keep some contact if all cells would be released.
@@ -282,33 +279,33 @@ class PrimalState:
 
     def _open_least(self, solver):
         """Release the cells with smallest pressure; return their number."""
-        least = float(self.state.minimum([solver.carried.min(initial=np.inf)])[0])
+        least = float(self.minimum([solver.carried.min(initial=np.inf)])[0])
         opened = solver.carried <= least
-        self.state.contact[opened] = False
+        self.contact[opened] = False
         self.add_mean_pressure(-least, solver.carried)
-        return int(self.state.sum([np.count_nonzero(opened)])[0])
+        return int(self.sum([np.count_nonzero(opened)])[0])
 
     def touch_captured(self):
         """Close the gap of cells the last `exchange` captured.
 
         The caller recomputes p.
         """
-        np.copyto(self.w, self.state.distance.b, where=self._captured)
+        np.copyto(self.w, self.distance.b, where=self._captured)
 
     def close_captured_gaps(self, solver):
         """Set w so that captured cells have no gap, and update p.
 
         The change of p is computed by FFT. If `extrapolates`, a preconditioned step corrects w in the other free cells.
         """
-        state, z, damping = self.state, solver.product, CLOSING_DAMPING if self.extrapolates else 0.0
+        z, damping = solver.product, CLOSING_DAMPING if self.extrapolates else 0.0
         if self.extrapolates:
             solver.preconditioner.smooth(solver.carried, z)
-        loops.close(self.w, state.distance.b, self._captured, z, -damping, solver.change)
+        loops.close(self.w, self.distance.b, self._captured, z, -damping, solver.change)
         self.restore_mean(solver, solver.change)
         self.inverse.pressure(solver.change, z)
-        p = state.values
+        p = self.values
         p += z
-        state.displacement_status, self.pending = Displacement.STALE, False
+        self.pending = False
 
     def commit(self, solver):
         """Copy the solver's displacement and pressure, unless copied before.
@@ -318,29 +315,45 @@ class PrimalState:
         if not self.pending:
             return
         self.w += solver.change
-        self.state.values[...] = solver.carried
+        self.values[...] = solver.carried
         self.approximate |= solver.uncertainty > 0
-        self.state.displacement_status, self.pending = Displacement.STALE, False
+        self.pending = False
 
     def finish(self, solver):
         """Finish a coarse grid: copy w and p from the solver."""
         self.commit(solver)
 
-    def project(self, p):
-        """Clip p to its bounds, and to 0 outside contact; return its sum."""
-        state = self.state
-        return float(state.sum([state.bounds.project(as_writable(state.p), state.contact, p)])[0])
+    def project(self, before):
+        """Clip p to its bounds, and to 0 outside contact; return its sum.
 
-    def meet_load(self, p, total):
-        """Scale the pressure p to the load, if prescribed; return success.
+        `before` receives p as it was.
+        """
+        before[...] = self.p
+        return float(self.sum([self.bounds.project(before, self.contact, self.values)])[0])
+
+    def meet_load(self, total):
+        """Scale p to the load, if prescribed; return success.
 
         `total` is the sum of p before it is scaled.
         """
-        return self.loading.scale_pressure(p, total, self.state.grid.cell_area)
+        return self.loading.scale_pressure(self.values, total, self.grid.cell_area)
+
+    def hand_out(self):
+        """Return a `ContactState` with this contact set and pressure.
+
+        The pressure must be valid: without tension, and with the prescribed load. The state has u = A p, by an exact
+        product, and the depth that the loading demands. It shares the fields p and u with this object.
+        """
+        contact = self.contact.copy()
+        state = PeriodicState(self.operator, self.distance, self.u, p=self._p)
+        state.contact[...] = contact
+        state.compute_displacement(exact=True)
+        self.loading.set_depth(state)
+        return state
 
     def spread_load(self):
         """Set the same pressure in all contact cells."""
-        self.state.values[...] = self.state.contact
+        self.values[...] = self.contact
 
     def _pressure_of(self, carried):
         """Return the pressure p that callbacks receive from the field `carried`."""
@@ -348,22 +361,22 @@ class PrimalState:
 
     @contextmanager
     def shown(self, solver):
-        """Return a context in which the state has the solver's pressure p.
+        """Return a context in which p is the solver's pressure.
 
         Callbacks are called in this context.
         """
-        before = self.state.p.copy()
-        self.state.values[...] = self._pressure_of(solver.carried)
+        before = self.p.copy()
+        self.values[...] = self._pressure_of(solver.carried)
         try:
             yield
         finally:
-            self.state.values[...] = before
+            self.values[...] = before
 
     def restore_contact(self):
         """Restore the contact set of the last solve from the free cells."""
-        np.logical_not(self.inverse.mask, out=self.state.contact)
+        np.logical_not(self.inverse.mask, out=self.contact)
 
     def _update_free_cells(self, solver):
         """Set the free cells of the operator: all cells without contact."""
-        np.logical_not(self.state.contact, out=self.inverse.mask)
+        np.logical_not(self.contact, out=self.inverse.mask)
         solver.set_contact()

@@ -8,7 +8,6 @@ from operators import STEEL
 
 from app.contact.distance import UndeformedDistance
 from app.contact.loading import PrescribedApproach
-from app.contact.periodic_state import contact_state
 from app.contact.prescribed_load import PrescribedLoad
 from app.halfspace.grid import Grid
 from app.methods.periodic.capped_state import primal_state
@@ -48,15 +47,15 @@ def steps(make):
         solver = make(grid, dtype=dtype)
         operator = solver.inverse.influence
         upper = None if hardness is None else np.full(grid.shape, hardness)
-        state = contact_state(operator, UndeformedDistance(operator, problem.gap, hardness=upper))
-        states.append(primal_state(state, solver.inverse, loading))
+        distance = UndeformedDistance(operator, problem.gap, hardness=upper)
+        states.append(primal_state(operator, distance, solver.inverse, loading))
         states[-1].w[...] = 0
-        solver.begin(state, loading)
+        solver.begin(states[-1])
         return states[-1], solver
 
     yield primal
     for one in states:
-        one.state.destroy()
+        one.destroy()
 
 
 @pytest.fixture

@@ -116,37 +116,36 @@ def test_each_step_keeps_the_stored_pressure_and_the_loading(steps, holes, loadi
     """p = B w + mean pressure is stored minus H in plastic cells."""
     hardness = 3000.0
     primal, solver = steps(loading, holes, hardness=hardness)
-    state = primal.state
-    primal.w[...] = random_field(state.grid, 8) * 0.01
+    primal.w[...] = random_field(primal.grid, 8) * 0.01
 
     def check(stored, w=None):
         expected = pressure_of(primal, w) - hardness * primal.plastic
         np.testing.assert_allclose(stored, expected, rtol=0, atol=1e-11 * max(hardness, abs(expected).max()))
-        assert not (state.contact & primal.plastic).any()
-        assert not ((state.contact | primal.plastic) & ~state.admissible).any()
-        assert (primal.inverse.mask == ~state.contact).all()
+        assert not (primal.contact & primal.plastic).any()
+        assert not ((primal.contact | primal.plastic) & ~primal.admissible).any()
+        assert (primal.inverse.mask == ~primal.contact).all()
 
     primal.start(solver)
     primal.guess(solver)
-    check(state.p)
+    check(primal.p)
     seen = 0
     for _ in range(4):
-        before = np.linalg.norm(state.p[~state.contact])
+        before = np.linalg.norm(primal.p[~primal.contact])
         solver.improve(primal, 0.0)
         w = primal.w + solver.change
         check(solver.carried, w)
-        assert np.linalg.norm(solver.carried[~state.contact]) < 0.9 * before
-        old, plastic, e = state.contact.copy(), primal.plastic.copy(), w - state.distance.b
+        assert np.linalg.norm(solver.carried[~primal.contact]) < 0.9 * before
+        old, plastic, e = primal.contact.copy(), primal.plastic.copy(), w - primal.distance.b
         p = solver.carried.copy()
         update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
-        opened = ~old & ~plastic & state.admissible & (e < 0)
+        opened = ~old & ~plastic & primal.admissible & (e < 0)
         assert (primal.plastic == (plastic & (e <= 0)) | (old & (p > hardness))).all()
-        assert (state.contact == (old & (p >= 0) & (p <= hardness)) | opened | (plastic & (e > 0))).all()
-        assert update.cells == state.contact.sum()
+        assert (primal.contact == (old & (p >= 0) & (p <= hardness)) | opened | (plastic & (e > 0))).all()
+        assert update.cells == primal.contact.sum()
         seen += primal.plastic.sum()
         primal.close_captured_gaps(solver)
-        check(state.p)
-        assert (primal.w == state.distance.b)[state.contact].all()
+        check(primal.p)
+        assert (primal.w == primal.distance.b)[primal.contact].all()
     assert seen > 0
 
 
@@ -157,10 +156,10 @@ def test_only_the_worst_cell_changes_if_sets_come_back(steps):
     contact[3:6, 4:7], p[3, 4], p[4, 5] = True, -7.0, 301.0
     solver.change[...] = 0.0
     for cells in (2, 1):
-        primal.state.contact[...], primal.plastic[...], solver.carried[...] = contact, False, p
+        primal.contact[...], primal.plastic[...], solver.carried[...] = contact, False, p
         update = primal.exchange(solver, 0.5, -np.inf, np.inf, 0.0)
         assert update.released == cells
-    assert not primal.state.contact[3, 4] and primal.state.contact[4, 5] and not primal.plastic.any()
+    assert not primal.contact[3, 4] and primal.contact[4, 5] and not primal.plastic.any()
 
 
 def test_contact_is_not_empty_under_a_load(steps):
@@ -169,15 +168,14 @@ def test_contact_is_not_empty_under_a_load(steps):
     primal.start(solver)
     primal.guess(solver)
     solver.improve(primal, 0.0)
-    state = primal.state
-    solver.carried[state.contact] = 301.0
+    solver.carried[primal.contact] = 301.0
     update = primal.exchange(solver, 0.0, -np.inf, np.inf, 0.0)
     carried = 300.0 * np.count_nonzero(primal.plastic)
-    wanted = 1e2 / state.grid.cell_area
-    assert update.cells == np.count_nonzero(state.contact) > 0
+    wanted = 1e2 / primal.grid.cell_area
+    assert update.cells == np.count_nonzero(primal.contact) > 0
     assert carried <= wanted < carried + 300.0 * update.cells
-    e = primal.w + solver.change - state.distance.b
-    assert e[primal.plastic].max(initial=-np.inf) <= 1e-15 and abs(e[state.contact]).max() <= 1e-15
+    e = primal.w + solver.change - primal.distance.b
+    assert e[primal.plastic].max(initial=-np.inf) <= 1e-15 and abs(e[primal.contact]).max() <= 1e-15
 
 
 @pytest.mark.parametrize("loading", [{"load": 0.9999}, {"approach": 1.2}])
@@ -200,13 +198,13 @@ def test_approach_beyond_full_contact_needs_a_plastic_cell(steps):
     """With all cells in contact, the one nearest to the hardness becomes plastic."""
     depth = 1.01 * np.nanmean(periodic.rough(24, 16, 3).gap)
     primal, solver = steps(PrescribedApproach(depth, depth), hardness=300.0)
-    primal.w[...] = primal.state.distance.b
+    primal.w[...] = primal.distance.b
     primal.start(solver)
-    primal.state.contact[...], primal.inverse.mask[...] = True, False
+    primal.contact[...], primal.inverse.mask[...] = True, False
     solver.set_contact()
     solver.carried[...], solver.change[...] = 100.0, 0.0
     solver.carried[3, 4] = 200.0
     primal.exchange(solver, 0.0, -np.inf, np.inf, 0.0)
-    assert np.argwhere(primal.plastic).tolist() == [[3, 4]] and not primal.state.contact[3, 4]
+    assert np.argwhere(primal.plastic).tolist() == [[3, 4]] and not primal.contact[3, 4]
     assert solver.carried[3, 4] == pytest.approx(0, abs=1e-12)
     assert solver.carried[0, 0] == pytest.approx(200.0)

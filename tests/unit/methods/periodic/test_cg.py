@@ -19,7 +19,7 @@ def test_flops_of_carrying_cg_are_logged(guessed):
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_steps_are_those_of_flexible_cg(guessed, count):
     primal, solver = guessed(PrescribedLoad(1e2))
-    left = np.where(primal.inverse.mask, -primal.state.p, 0.0)
+    left = np.where(primal.inverse.mask, -primal.p, 0.0)
     other = PETSc.KSP().create(PETSc.COMM_SELF)
     other.setOperators(solver.mat)
     other.setType("fcg")

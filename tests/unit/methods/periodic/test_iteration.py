@@ -128,19 +128,18 @@ def test_no_single_cell_keeps_a_large_overlap(cut_off, seed):
 
 def test_failed_verification_restores_the_contact_set(guessed, loading, pressure_of):
     primal, solver = guessed(loading)
-    state = primal.state
     norm = solver.improve(primal, 0.0)[2]
     update = primal.exchange(solver, 0.0, 0.0, np.inf, norm)
-    free = ~state.contact
+    free = ~primal.contact
     primal.commit(solver)
     accuracy = iteration._Accuracy(1e-9)
     stop = InexactStop(1e-6, 100, True)
     verdict = iteration._judge(primal, solver.scratch, stop, accuracy.allowed)
     iteration._continue(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), True)
     assert update.added and not verdict.solved and accuracy.verification_failed
-    np.testing.assert_array_equal(free, ~state.contact)
-    np.testing.assert_array_equal(primal.w[state.contact], state.distance.b[state.contact])
-    np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())
+    np.testing.assert_array_equal(free, ~primal.contact)
+    np.testing.assert_array_equal(primal.w[primal.contact], primal.distance.b[primal.contact])
+    np.testing.assert_allclose(primal.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(primal.p).max())
 
 
 @pytest.mark.parametrize("given", [{"approach": 1e-3}, {"mean_pressure": 10.0}])
