@@ -32,6 +32,8 @@ MAX_EXCLUDED_PRESSURE = (
 )
 ARMIJO_FRACTION = 1e-4
 MAX_HALVINGS = 40
+NO_STEP = "rounding leaves no step that makes it better"
+TOO_FEW = "{} iterations of the safeguard were not enough: more by -lcp_max_it"
 
 
 def solve_safeguarded(hierarchy, number, state, loading, stop, history):
@@ -44,7 +46,7 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
         solver = LinearSolver(hierarchy, number, operator=operator)
 
         def solve(_, stop):  # the state has the approach
-            return projected_newton(state, solver, stop, history)
+            return ProjectedNewton(state, solver, stop).run(history)
 
         try:
             step = state.on_contact_or_overlap().rms
@@ -54,113 +56,143 @@ def solve_safeguarded(hierarchy, number, state, loading, stop, history):
     return outcome._replace(fallbacks=outcome.fallbacks + 1)
 
 
-def projected_newton(state, solver, stop, history):
-    """Solve the contact problem (2.8)-(2.10) by projected Newton's method.
+class ProjectedNewton:
+    """Projected Newton's method at the approach of a state. Collective.
 
-    Collective over the ranks of `state`, which has the approach and the initial pressure. Parameters and result are as
-    in `active_set`; the solver is in double precision.
+    Parameters
+    ----------
+    state : ContactState
+        State with the approach and the initial pressure.
+    solver : LinearSolver
+        Linear solver of the same operator, in double precision.
+    stop : InexactStop
+
+    Attributes
+    ----------
+    gap : ndarray, shape (local rows, nx), [mm]
+        h + A p.
     """
-    history.start(state, solver)
-    state.project()
-    state.u[...], gap = _compute_gap(state, state.p)
-    residual, progress = state.on_contact().residual / state.h_norm, HalvingTest()
-    for k in range(1, stop.max_it + 1):
-        before, p, bounds = state.contact.copy(), state.p, state.bounds
-        state.contact[...] = bounds.contact(p, gap, _excluded_pressure(state, gap))
-        to_bound = _leave_full_contact(state, gap)
+
+    def __init__(self, state, solver, stop):
+        self.state, self.solver, self.stop = state, solver, stop
+
+    def run(self, history):
+        """Solve the contact problem (2.8)-(2.10); return the Outcome."""
+        state, solver, progress = self.state, self.solver, HalvingTest()
+        history.start(state, solver)
+        state.project()
+        state.u[...], self.gap = self._displace(state.p)
+        residual = state.on_contact().residual / state.h_norm
+        for k in range(1, self.stop.max_it + 1):
+            before = state.contact.copy()
+            direction, its, failure = self._find_direction()
+            descent = state.sum([np.vdot(self.gap, direction)])[0]
+            if not math.isfinite(descent):
+                self._update_contact(before)
+                return Outcome(False, failure_reason(failure, float("inf")), k, residual)
+            moved = self._descend(direction, descent)
+            update = self._update_contact(before)  # including the cells that the system left out
+            is_exact = state.displacement_status is Displacement.EXACT
+            if not moved:
+                residual = update.residual / state.h_norm
+                solved = is_exact and residual <= self.stop.rtol and self.stop.certified(state)
+                return Outcome(solved, CONVERGED if solved else NO_STEP, k, residual)
+            if not is_exact and update.residual <= self.stop.allowed(state):
+                state.compute_displacement(exact=True)
+                self.gap = state.gap()
+                update = self._update_contact(before)
+            history.add(state, solver, update, its)
+            residual = update.residual / state.h_norm
+            if wrong := failure_reason(failure, residual):
+                return Outcome(False, wrong, k, residual)
+            if update.residual <= self.stop.allowed(state):
+                if self.stop.certified(state):
+                    return Outcome(True, CONVERGED, k, residual)
+                self.stop, progress = self.stop.tighter(0.1), HalvingTest()
+            progress.update(update.residual)
+            if progress.stagnates and update.residual <= ROUNDING_RESIDUAL * state.on_contact(with_h=True).h:
+                return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
+        return Outcome(False, TOO_FEW.format(self.stop.max_it), self.stop.max_it, residual)
+
+    def _displace(self, p):
+        """Return displacement A p and gap h + A p."""
+        u = np.empty(p.shape)
+        self.state.operator.displacement(p, u)
+        return u, u - (self.state.distance.b + self.state.depth)
+
+    def _find_direction(self):
+        """Choose the contact set, and solve (2.11) there.
+
+        Return the direction, the iterations, and why the solver failed (empty if it did not).
+        """
+        state, solver = self.state, self.solver
+        state.contact[...] = state.bounds.contact(state.p, self.gap, self._excluded_pressure())
+        to_bound = self._leave_full_contact()
         solver.set_contact()
-        direction, its, failure = solver.solve(state.defect(), stop.allowed(state))
-        d = direction.getArray(readonly=True).reshape(gap.shape) + to_bound
-        descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
-        if not math.isfinite(descent):
-            _update_contact(state, gap, before)
-            return Outcome(False, failure_reason(failure, float("inf")), k, residual)
+        direction, its, failure = solver.solve(state.defect(), self.stop.allowed(state))
+        return direction.getArray(readonly=True).reshape(self.gap.shape) + to_bound, its, failure
+
+    def _descend(self, direction, descent):
+        """Move p along a direction, by Armijo's rule; return success.
+
+        The largest of the steps 1, 1/2, 1/4, ... is taken that satisfies Armijo's condition. `descent` is the
+        derivative of f along the `direction`.
+        """
+        state, alpha = self.state, 1.0
         for _ in range(MAX_HALVINGS):
-            change = bounds.change(p, alpha * d)
-            trial_u, trial_gap = _compute_gap(state, p + change)
+            change = state.bounds.change(state.p, alpha * direction)
+            u, gap = self._displace(state.p + change)
             # f(p + change) - f(p) without cancellation
-            difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
+            difference = 0.5 * state.sum([np.vdot(change, self.gap + gap)])[0]
             if difference <= ARMIJO_FRACTION * alpha * descent:
                 break
             alpha *= 0.5
         else:
-            update = _update_contact(state, gap, before)  # including the cells that the system left out
-            exact = state.displacement_status is Displacement.EXACT
-            solved = exact and update.residual <= stop.rtol * state.h_norm and stop.certified(state)
-            reason = CONVERGED if solved else "rounding leaves no step that makes it better"
-            return Outcome(solved, reason, k, update.residual / state.h_norm)
-        np.add(p, change, out=state.values)
+            return False
+        np.add(state.p, change, out=state.values)
         state.project()  # rounding
-        state.u[...], gap = trial_u, trial_gap
-        state.displacement_status = (
-            Displacement.UPDATED if state.operator.needs_verification else Displacement.EXACT
-        )
-        update = _update_contact(state, gap, before)
-        if update.residual <= stop.allowed(state) and state.displacement_status is not Displacement.EXACT:
-            state.compute_displacement(exact=True)
-            gap = state.gap()
-            update = _update_contact(state, gap, before)
-        history.add(state, solver, update, its)
-        residual = update.residual / state.h_norm
-        if wrong := failure_reason(failure, residual):
-            return Outcome(False, wrong, k, residual)
-        if update.residual <= stop.allowed(state):
-            if stop.certified(state):
-                return Outcome(True, CONVERGED, k, residual)
-            stop, progress = stop.tighter(0.1), HalvingTest()
-        progress.update(update.residual)
-        if progress.stagnates and update.residual <= ROUNDING_RESIDUAL * state.on_contact(with_h=True).h:
-            return Outcome(False, BELOW_ROUNDING, k, residual, to_rounding=True)
-    too_few = f"{stop.max_it} iterations of the safeguard were not enough: more by -lcp_max_it"
-    return Outcome(False, too_few, stop.max_it, residual)
+        state.u[...], self.gap = u, gap
+        is_exact = not state.operator.needs_verification
+        state.displacement_status = Displacement.EXACT if is_exact else Displacement.UPDATED
+        return True
 
+    def _leave_full_contact(self):
+        """Remove a cell from full contact; return the change of p [N/mm2].
 
-def _compute_gap(state, p):
-    """Return displacement A p and gap h + A p. Collective."""
-    u = np.empty(p.shape)
-    state.operator.displacement(p, u)
-    return u, u - (state.distance.b + state.depth)
+        The change moves p outside C to its bounds. A is singular on all cells of a periodic patch. So if C has all
+        cells, the cell with the largest gap leaves C; beyond full contact, the cell with the deepest overlap that can
+        become plastic.
+        """
+        state, p, bounds, distance = self.state, self.state.p, self.state.bounds, self.state.distance
+        if not np.isfinite(distance.full_depth) or state.elastic_cells() < state.grid.n:
+            return bounds.to_bound(p, state.contact)
+        bound, order = np.broadcast_to(bounds.lower, p.shape), -self.gap
+        if state.depth > distance.full_depth and distance.max_depth == np.inf:
+            bound, order = bounds.upper, np.where(np.isfinite(bounds.upper), self.gap, np.inf)
+        leaves = order <= state.minimum([order.min(initial=np.inf)])[0]
+        np.logical_not(leaves, out=state.contact)
+        change = np.zeros_like(p)
+        np.subtract(bound, p, out=change, where=leaves)
+        return change
 
+    def _excluded_pressure(self):
+        """Return the pressure below which cells with gaps leave C.
 
-def _leave_full_contact(state, gap):
-    """Remove a cell from full contact; return the change of p [N/mm2].
+        This pressure tends to zero as the iteration converges.
+        """
+        state = self.state
+        step = np.abs(state.bounds.change(state.p, -self.gap / state.operator.diagonal))
+        minus_highest, minus_largest = state.minimum([-state.p.max(initial=0.0), -step.max(initial=0.0)])
+        return min(-MAX_EXCLUDED_PRESSURE * minus_highest, -minus_largest)
 
-    Collective. The change moves p outside C to its bounds. A is singular on all cells of a periodic patch. So if C has
-    all cells, the cell with the largest gap leaves C; beyond full contact, the cell with the deepest overlap that can
-    become plastic.
-    """
-    p, bounds, distance = state.p, state.bounds, state.distance
-    if not np.isfinite(distance.full_depth) or state.elastic_cells() < state.grid.n:
-        return bounds.to_bound(p, state.contact)
-    beyond, bound = state.depth > distance.full_depth, np.broadcast_to(bounds.lower, p.shape)
-    order = -gap
-    if beyond and distance.max_depth == np.inf:
-        bound, order = bounds.upper, np.where(np.isfinite(bounds.upper), gap, np.inf)
-    leaves = order <= state.minimum([order.min(initial=np.inf)])[0]
-    np.logical_not(leaves, out=state.contact)
-    change = np.zeros_like(p)
-    np.subtract(bound, p, out=change, where=leaves)
-    return change
+    def _update_contact(self, before):
+        """Put the cells with pressure or overlap into C.
 
-
-def _excluded_pressure(state, gap):
-    """Return the pressure below which cells with gaps leave C.
-
-    Collective. This pressure tends to zero as the iteration converges.
-    """
-    p = state.p
-    step = np.abs(state.bounds.change(p, -gap / state.operator.diagonal))
-    minus_highest, minus_largest = state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
-    return min(-MAX_EXCLUDED_PRESSURE * minus_highest, -minus_largest)
-
-
-def _update_contact(state, gap, before):
-    """Set the contact set to the cells with pressure or overlap. Collective.
-
-    `gap` is h + A p. Return the Update since the contact set `before`.
-    """
-    state.contact[...] = state.bounds.contact(state.p, gap)
-    counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()
-    inside = gap[state.contact]
-    cells, added, released, squares = state.sum([*counts, inside @ inside])
-    return Update(int(cells), int(added), int(released), float(np.sqrt(squares)))
+        Return the Update since the contact set `before`.
+        """
+        state = self.state
+        state.contact[...] = state.bounds.contact(state.p, self.gap)
+        counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()
+        inside = self.gap[state.contact]
+        cells, added, released, squares = state.sum([*counts, inside @ inside])
+        return Update(int(cells), int(added), int(released), float(np.sqrt(squares)))

@@ -62,7 +62,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
             cache.release_solver(level)
             if not grids.at_target:
                 coarser.append(compute_grid_numbers(primal, primal.comm)._replace(load=primal.load))
-            grids.record(outcome, coarser[-1].depth if coarser else 0.0)
+            grids.record(outcome, primal.solution.depth if grids.at_target else coarser[-1].depth)
         primal.mean_pressure = grids.broadcast_to_next(level, primal.mean_pressure)
         if grids.at_target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, primal)

@@ -20,7 +20,7 @@ from app.methods import progress
 from app.methods.free import nested
 from app.methods.free.solver import TrackingSolver
 from app.methods.periodic import nested as primal_nested
-from app.methods.safeguard import projected_newton
+from app.methods.safeguard import ProjectedNewton
 from app.methods.stopping import InexactStop
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
@@ -72,7 +72,8 @@ def test_energy_decreases_for_any_positive_definite_problem(seed, condition, ksp
     state.pressure.setArray(start)
     with SolverOptions("", {"ksp_type": "cg", "pc_type": "none", "ksp_rtol": str(ksp_rtol)}).inserted():
         solver = LinearSolver(hierarchy)
-    outcome = projected_newton(state, solver, InexactStop(rtol=1e-10, max_it=500), History([energy]))
+    stop = InexactStop(rtol=1e-10, max_it=500)
+    outcome = ProjectedNewton(state, solver, stop).run(History([energy]))
     assert outcome.converged, outcome
     inside = ~inadmissible
     expected = np.zeros(grid.n)
@@ -192,7 +193,7 @@ def test_unsolved_pressure_vanishes_outside_contact(length, reason, monkeypatch)
     state = contact_state(operator, UndeformedDistance(operator, np.ones((5, 6))))
     state.values[2, 1:4] = 1.0, 1e-3, 1e-4
     monkeypatch.setattr(History, "start", lambda *_: None)
-    outcome = projected_newton(state, Uphill(length), InexactStop(1e-10, 10), History())
+    outcome = ProjectedNewton(state, Uphill(length), InexactStop(1e-10, 10)).run(History())
     assert not outcome.converged and reason in outcome.reason
     np.testing.assert_array_equal(state.contact, state.p > 0)
     state.destroy()
