@@ -52,7 +52,7 @@ def test_no_number_is_a_comment_without_a_row():
 
 
 def test_a_row_that_is_wrong_is_noticed():
-    row = equations.Row("(2.7)", "app/contact/state.py", 1, "ContactState.compute_displacement", "(9.9)")
+    row = equations.Row("(2.7)", "app/contact/state.py", 1, "Pressed.compute_displacement", "(9.9)")
     with pytest.raises(LookupError, match=re.escape("does not say '(9.9)'")):
         row.found_in()
     with pytest.raises(LookupError, match="has no ContactState.nothing"):
