@@ -306,7 +306,12 @@ class _LoadHistory:
             shape = problem.shape
             surfaces = [other for other in problem.surfaces if not isinstance(other, ResidualSurface)]
         self.indented = ContactProblem(
-            problem.grid, problem.material, shape, surfaces=(*surfaces, surface), hardness=problem.hardness
+            problem.grid,
+            problem.material,
+            shape,
+            surfaces=(*surfaces, surface),
+            hardness=problem.hardness,
+            background_pressure=problem.background_pressure,
         )
         # The displacements of a periodic patch have no mean: the mean gap follows from the mean shape.
         self.mean_gap = float(surface.depth.mean()) if self._by_gap else 0.0

@@ -117,6 +117,8 @@ class Solution(_Numbers, ContactFields):
         Depth of the residual surfaces of the problem [mm]; None without one or without a hardness.
     hardness_field : ndarray of float64, or None
         Hardness of the cells if they differ [N/mm2]. A result file has it as ``hardness``, in `Result.extra`.
+    background_field : ndarray of float64, or None
+        Background pressure of the cells if they differ [N/mm2]; in a result file ``background_pressure``.
     """
 
     pressure: np.ndarray
@@ -157,6 +159,7 @@ class Solution(_Numbers, ContactFields):
     plastic: np.ndarray | None = None
     indentation_before: np.ndarray | None = None
     hardness_field: np.ndarray | None = None
+    background_field: np.ndarray | None = None
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""
@@ -255,7 +258,7 @@ class Solution(_Numbers, ContactFields):
         from app.base.mpi import MPI
 
         names = "pressure", "displacement", "contact", "undeformed_distance"
-        names += "plastic", "indentation_before", "hardness_field"
+        names += "plastic", "indentation_before", "hardness_field", "background_field"
         fields = {name: field for name in names if (field := getattr(self, name)) is not None}
         whole = {name: self._all_rows(field, root) for name, field in fields.items()}
         if self.comm.rank != root:
@@ -334,8 +337,8 @@ class Solution(_Numbers, ContactFields):
         }
         if depth is not None:
             fields |= {"plastic": self.plastic.view(np.uint8), "plastic_depth": depth}
-        if self.hardness_field is not None:
-            fields["hardness"] = self.hardness_field
+        own = {"hardness": self.hardness_field, "background_pressure": self.background_field}
+        fields |= {name: field for name, field in own.items() if field is not None}
         facts = self.attributes | ({} if attributes.keys() >= _COUNTED else self.count_patches())
         own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
         more = call_collectively(self.comm, self._select_fields, attributes, own, f"result file {path}")

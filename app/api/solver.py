@@ -20,6 +20,7 @@ import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import check_disks, parse_arguments
+from app.api.background_pressure import BackgroundPressure
 from app.api.derivatives import Derivatives
 from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
@@ -185,7 +186,11 @@ class ContactSolver(Derivatives):
     def _measure_shapes(self):
         """Compute the problem's undeformed distance on all grids."""
         hierarchy, problem, comm = self.hierarchy, self.problem, self.comm
-        shapes = hierarchy.shapes(problem)
+        shapes, background, hardness = hierarchy.shapes(problem), None, problem.hardness
+        if problem.background_pressure is not None:
+            background = BackgroundPressure(problem, hierarchy)
+            background.raise_shapes(shapes, hierarchy)
+            hardness = background.hardness
         target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
         lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
@@ -198,13 +203,14 @@ class ContactSolver(Derivatives):
         for shape in shapes:
             shape -= reference
         coarse_minimum = hierarchy.coarse_minimum(shapes)
-        hardness = hierarchy.hardness(problem)
+        hardness = hierarchy.hardness(hardness)
         distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm, hardness)
-        roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
+        roughness = background.roughness if background else None
+        roughness = roughness or measures.measure_roughness(hierarchy.target, distances[-1], target)
         # From here on nothing fails.
         before, self._distances = self._distances, distances
         self.touching, self._roughness = reference, roughness
-        self._indentation = indentation
+        self._indentation, self._background = indentation, background
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
             self._resources.add(distance)
@@ -277,11 +283,13 @@ class ContactSolver(Derivatives):
         )
         if start is not None:
             self._strategy.check(start)
+            start = self._background.net(start) if self._background else start
         if not uniform or approach is None or loading.misses_contact(self._distances[-1]):
             solution = self._solve_loading(loading, start)
         else:
             solve = partial(self._solve_loading, start=start)
             solution = search_approach(solve, self.problem, self._distances[-1], approach, self.settings)
+        solution = self._background.add_to(solution, values) if self._background else solution
         return add_uniform_displacement(solution, uniform) if uniform else solution
 
     def _solve_loading(self, loading, start):
@@ -373,6 +381,8 @@ class ContactSolver(Derivatives):
             raise InputError("the solver is closed")
 
     def _make_loading(self, values):
+        if self._background:
+            values = self._background.net_loading(values, self._distances[-1].bounds.largest_load)
         return make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
@@ -389,7 +399,8 @@ class ContactSolver(Derivatives):
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach, moments = loading.solved_approach(state), measure_moments(state)
-        notes = notes_on(state, self.problem, measured, moments, self._roughness)
+        total = self._background.total(measured, state) if self._background else measured
+        notes = notes_on(state, self.problem, total, moments, self._roughness)
         # Rank 0 has a part of every grid and window.
         counted = applied, history.entries, self.comm.count_traffic().since(traffic)
         applied, history.entries, traffic = self.comm.bcast(counted)

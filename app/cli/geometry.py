@@ -69,9 +69,10 @@ def make_problem(options, texts, comm):
     surfaces = (*measured, *_make_random_surfaces(options, name, grid, bool(measured)))
     file = options["hardness_file"]
     limit = HardnessFile(file).values_on(grid) if file else options["hardness"]
-    if name == "python" and not surfaces and limit is None:
+    bounds = {"hardness": limit, "background_pressure": options["background_pressure"]}
+    if name == "python" and not surfaces and not any(bound is not None for bound in bounds.values()):
         return shape, own
-    problem = ContactProblem(grid, material, shape, surfaces=surfaces, hardness=limit)
+    problem = ContactProblem(grid, material, shape, surfaces=surfaces, **bounds)
     if name == "file":
         shape.check(slabs.rows)
     return problem, own

@@ -10,6 +10,7 @@ UNITS = {
     **dict.fromkeys(("gap", "displacement", "undeformed_distance", "plastic_depth", "x", "y"), "mm"),
     "pressure": "N/mm2",
     "hardness": "N/mm2",
+    "background_pressure": "N/mm2",
     "contact": "1",
     "plastic": "1",
 }

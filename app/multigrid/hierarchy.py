@@ -193,12 +193,12 @@ class Hierarchy:
             shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes
 
-    def hardness(self, problem):
-        """Return the hardness on all levels, coarsest first, or None. Collective.
+    def hardness(self, hardness):
+        """Return a hardness on all levels, coarsest first, or None. Collective.
 
         Arrays are averaged, so that a cell is elastic if one of its children is.
         """
-        hardness = check_hardness(problem.hardness, problem.grid)
+        hardness = check_hardness(hardness, self.target.grid)
         if hardness is None:
             return None
         if np.ndim(hardness) == 0:

@@ -65,16 +65,39 @@ def check_hardness(hardness, grid, label="hardness"):
     if values.ndim:
         check_shape(label, values.shape, grid)
     allowed = (values >= 1 / LARGEST) & ((values <= LARGEST) | (values == np.inf))
-    if not allowed.all():
-        where = np.argwhere(~allowed)[0].tolist()
-        place = f" in row {where[0]}, column {where[1]}" if where else ""
-        wrong = format_exact(float(values[tuple(where)]))
-        raise InputError(
-            f"{label}: {wrong}{place}; must be above 0 N/mm2, {1 / LARGEST:g} to {LARGEST:g}, or inf (elastic)"
-        )
+    limits = f"above 0 N/mm2, {1 / LARGEST:g} to {LARGEST:g}, or inf (elastic)"
+    _check_values(label, values, allowed, limits)
     if np.isinf(values).all():
         return None
     return values if values.ndim else float(values)
+
+
+def check_background(pressure, hardness, grid, label="background_pressure"):
+    """Return a checked background pressure: None, number, or array.
+
+    Raises InputError unless all values are at least 0 and below the hardness. The result is None if all are 0.
+    """
+    if pressure is None:
+        return None
+    values = real_numbers(label, pressure, "a number from 0, or an array of them [N/mm2]")
+    if values.ndim:
+        check_shape(label, values.shape, grid)
+    allowed = (values == 0) | ((values >= 1 / LARGEST) & (values <= LARGEST))
+    _check_values(label, values, allowed, f"0, or {1 / LARGEST:g} to {LARGEST:g} N/mm2")
+    if hardness is not None:
+        values, hardness = np.broadcast_arrays(values, hardness) if np.ndim(hardness) else (values, hardness)
+        _check_values(label, values, values < hardness, "below the hardness")
+    if not values.any():
+        return None
+    return values if values.ndim else float(values)
+
+
+def _check_values(label, values, allowed, limits):
+    """Raise InputError for the first value that is not allowed."""
+    if not allowed.all():
+        where = np.argwhere(~allowed)[0].tolist()
+        place = f" in row {where[0]}, column {where[1]}" if where else ""
+        raise InputError(f"{label}: {format_exact(float(values[tuple(where)]))}{place}; must be {limits}")
 
 
 def is_measured(surface):

@@ -10,7 +10,14 @@ from app.base.units import format_lengths
 from app.base.usage import usage
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
-from app.problems.arrays import check_hardness, check_shape, check_size, is_measured, real_numbers
+from app.problems.arrays import (
+    check_background,
+    check_hardness,
+    check_shape,
+    check_size,
+    is_measured,
+    real_numbers,
+)
 from app.problems.problem import Problem
 from app.problems.residual_surface import ResidualSurface
 from app.problems.shapes import Plane
@@ -88,6 +95,9 @@ class ContactProblem(Problem):
     hardness : float or array_like, shape (ny, nx), [N/mm2], optional
         Largest pressure of the softer body, positive; infinite where it stays elastic. Coarser grids average an array.
         Default: no limit, or the hardness of a problem given as `gap`.
+    background_pressure : float or array_like, shape (ny, nx), [N/mm2], optional
+        Pressure in the gap, of a gas or a fluid, from 0: the least pressure of a cell, also where contact is
+        impossible. It is part of the load. Default: 0, or the background pressure of a problem given as `gap`.
 
     Examples
     --------
@@ -105,6 +115,7 @@ class ContactProblem(Problem):
     periodic: InitVar[bool | str | None] = None
     surfaces: tuple = ()
     hardness: object = None
+    background_pressure: object = None
 
     name = "given"
 
@@ -146,7 +157,11 @@ class ContactProblem(Problem):
             if hasattr(part, "check_grid"):
                 part.check_grid(self.grid)
         hardness = getattr(shape, "hardness", None) if self.hardness is None else self.hardness
-        object.__setattr__(self, "hardness", check_hardness(hardness, self.grid))
+        hardness = check_hardness(hardness, self.grid)
+        background = self.background_pressure
+        background = getattr(shape, "background_pressure", None) if background is None else background
+        object.__setattr__(self, "hardness", hardness)
+        object.__setattr__(self, "background_pressure", check_background(background, hardness, self.grid))
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "surfaces", surfaces)
         object.__setattr__(self, "name", shape.name)
@@ -180,7 +195,7 @@ class ContactProblem(Problem):
     def refinable(self):
         """True if gap and surfaces exist on finer grids."""
         parts = all(getattr(part, "refinable", not part.sampled) for part in self._parts)
-        return parts and np.ndim(self.hardness) == 0
+        return parts and np.ndim(self.hardness) == np.ndim(self.background_pressure) == 0
 
     @property
     def indentation(self):
@@ -205,9 +220,11 @@ class ContactProblem(Problem):
     def reference(self, approach):
         """Return the analytic solution, None if unknown.
 
-        The analytic solution is known for some smooth shapes on half-spaces, if the patch is not periodic.
+        The analytic solution is known for some smooth shapes on half-spaces, if the patch is not periodic and there is
+        no background pressure.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
+        smooth = smooth and self.background_pressure is None
         if not (smooth and self.material.is_half_space) or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)

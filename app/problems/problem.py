@@ -30,6 +30,7 @@ class Problem:
     name = ""
     sampled = False
     hardness = None  # largest pressure [N/mm2], a number or an array of shape (ny, nx); None: no limit
+    background_pressure = None  # least pressure [N/mm2], a number or an array of shape (ny, nx); None: 0
     indentation = None  # permanent, of earlier loads [mm], an array of shape (ny, nx); None without one
     notes = ()  # doubts for the user, one line each
 
@@ -58,7 +59,7 @@ class Problem:
     @property
     def refinable(self):
         """True if the shape exists on finer grids."""
-        return not self.sampled and np.ndim(self.hardness) == 0
+        return not self.sampled and np.ndim(self.hardness) == np.ndim(self.background_pressure) == 0
 
     def on(self, grid):
         """Return the same problem on the grid `grid`."""
@@ -77,7 +78,11 @@ class Problem:
             **self.material.describe(),
             "periodic": self.grid.one_way or int(bool(self.grid.periodic)),
             "periodic_symbol": self.grid.symbol,
-            **({} if self.hardness is None or np.ndim(self.hardness) else {"hardness": self.hardness}),
+            **{
+                name: value
+                for name in ("hardness", "background_pressure")
+                if (value := getattr(self, name)) is not None and np.ndim(value) == 0
+            },
         }
 
 

@@ -1,7 +1,6 @@
 """Grids, operators and transfers of a problem."""
 
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,7 +58,7 @@ def test_coarse_hardness_is_a_mean_and_infinite_above_an_elastic_cell(shape, per
     hardness = 1 + np.random.default_rng(0).random(shape)
 
     def on_levels(values):
-        return hierarchy.hardness(SimpleNamespace(hardness=values, grid=hierarchy.target.grid))
+        return hierarchy.hardness(values)
 
     finite = on_levels(hardness)
     assert all(hardness.min() <= field.min() <= field.max() <= hardness.max() for field in finite)
