@@ -33,6 +33,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "hardness": "Hardness and unloading",
         "layers": None,
         "conductance": None,
+        "creep": None,
         "sensitivities": None,
         "methods": None,
         "operator": "The operator as a Mat",

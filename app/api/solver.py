@@ -20,11 +20,12 @@ import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import check_disks, parse_arguments
-from app.api.background_pressure import BackgroundPressure
+from app.api.creep import Histories
 from app.api.derivatives import Derivatives
 from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
+from app.api.shifted_problem import BackgroundPressure
 from app.api.solution import Solution, fingerprint
 from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
@@ -75,7 +76,7 @@ def solve(problem, *, method=None, options=None, comm=None, start=None, **loadin
         return solver.solve(start=start, **loading)
 
 
-class ContactSolver(Derivatives):
+class ContactSolver(Derivatives, Histories):
     """Solver of a contact problem for any loading.
 
     The constructor and all methods are collective over `comm`. `update` replaces the problem. The solver is freed at
@@ -186,11 +187,11 @@ class ContactSolver(Derivatives):
     def _measure_shapes(self):
         """Compute the problem's undeformed distance on all grids."""
         hierarchy, problem, comm = self.hierarchy, self.problem, self.comm
-        shapes, background, hardness = hierarchy.shapes(problem), None, problem.hardness
+        shapes, shift, step = hierarchy.shapes(problem), self._step, self._step
         if problem.background_pressure is not None:
-            background = BackgroundPressure(problem, hierarchy)
-            background.raise_shapes(shapes, hierarchy)
-            hardness = background.hardness
+            shift = BackgroundPressure(problem, hierarchy)
+        if shift:
+            shift.raise_shapes(shapes, hierarchy)
         target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
         lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
@@ -203,14 +204,14 @@ class ContactSolver(Derivatives):
         for shape in shapes:
             shape -= reference
         coarse_minimum = hierarchy.coarse_minimum(shapes)
-        hardness = hierarchy.hardness(hardness)
+        hardness = hierarchy.hardness(shift.hardness if shift else problem.hardness)
         distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm, hardness)
-        roughness = background.roughness if background else None
+        roughness = shift.roughness if shift else None
         roughness = roughness or measures.measure_roughness(hierarchy.target, distances[-1], target)
         # From here on nothing fails.
         before, self._distances = self._distances, distances
         self.touching, self._roughness = reference, roughness
-        self._indentation, self._background = indentation, background
+        self._indentation, self._shift, self._measured_step = indentation, shift, step
         self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
             self._resources.add(distance)
@@ -272,7 +273,7 @@ class ContactSolver(Derivatives):
         return replace(solution, notes=(*solution.notes, describe_unknown_options(unused, (), "unused")))
 
     def _solve(self, values, start):
-        if self._was_interrupted:  # maybe in an update
+        if self._was_interrupted or self._step is not self._measured_step:  # maybe in an update
             self.hierarchy.collect_garbage()
             self._measure_shapes()
             self._was_interrupted = False
@@ -283,13 +284,14 @@ class ContactSolver(Derivatives):
         )
         if start is not None:
             self._strategy.check(start)
-            start = self._background.net(start) if self._background else start
+            start = self._shift.net(start) if self._shift else start
         if not uniform or approach is None or loading.misses_contact(self._distances[-1]):
             solution = self._solve_loading(loading, start)
         else:
             solve = partial(self._solve_loading, start=start)
+            approach -= self._shift.uniform if self._shift else 0.0
             solution = search_approach(solve, self.problem, self._distances[-1], approach, self.settings)
-        solution = self._background.add_to(solution, values) if self._background else solution
+        solution = self._shift.add_to(solution, values) if self._shift else solution
         return add_uniform_displacement(solution, uniform) if uniform else solution
 
     def _solve_loading(self, loading, start):
@@ -381,8 +383,8 @@ class ContactSolver(Derivatives):
             raise InputError("the solver is closed")
 
     def _make_loading(self, values):
-        if self._background:
-            values = self._background.net_loading(values, self._distances[-1].bounds.largest_load)
+        if self._shift:
+            values = self._shift.net_loading(values, self._distances[-1].bounds.largest_load)
         return make_loading(self.problem.grid, self._distances[-1], self._uniform_compliance, **values)
 
     def _solution(self, state, loading, outcome, history, started, products, traffic):
@@ -399,7 +401,7 @@ class ContactSolver(Derivatives):
         measured = loading.restore_prescribed(measured).add_indentation(before, state)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach, moments = loading.solved_approach(state), measure_moments(state)
-        total = self._background.total(measured, state) if self._background else measured
+        total = self._shift.total(measured, state) if self._shift else measured
         notes = notes_on(state, self.problem, total, moments, self._roughness)
         # Rank 0 has a part of every grid and window.
         counted = applied, history.entries, self.comm.count_traffic().since(traffic)

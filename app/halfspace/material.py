@@ -10,6 +10,7 @@ import numpy as np
 from app.base.errors import InputError, format_exact, to_float
 from app.base.units import to_length
 from app.base.usage import usage
+from app.halfspace.creep import CreepFunction
 from app.halfspace.kernel import HalfSpaceKernel, Kernel
 from app.halfspace.layer import Layer
 from app.halfspace.layered_kernel import LayeredKernel
@@ -40,6 +41,10 @@ class Material:
         all numbers above describe the layer's material, which determines the displacement by short waves.
     own_kernel : app.halfspace.kernel.Kernel or None
         Kernel of the bodies if they are neither half-spaces nor coated, see `from_kernel`.
+    creep : app.halfspace.creep.CreepFunction, or None
+        Creep function of the displacement, see `viscoelastic`; None if both bodies are elastic.
+    relaxation : mapping or None
+        ``relaxation_times`` and ``relaxation_moduli``, as given.
 
     Notes
     -----
@@ -54,6 +59,8 @@ class Material:
     thermal_conductivity: tuple | None = field(default=None, init=False, compare=False)
     coatings: tuple[Layer, ...] = field(default=(), init=False)
     own_kernel: Kernel | None = field(default=None, init=False)
+    creep: CreepFunction | None = field(default=None, init=False, compare=False)
+    relaxation: Mapping | None = field(default=None, init=False, compare=False)
 
     def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
         if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
@@ -79,7 +86,7 @@ class Material:
         """Return the call that makes this material."""
 
         def both(values):
-            return f"({', '.join(map(format_exact, values))})"
+            return f"({', '.join(map(format_exact, values))}{',' if len(values) == 1 else ''})"
 
         if self.own_kernel is not None:
             made = f".from_kernel({self.own_kernel!r})"
@@ -94,7 +101,11 @@ class Material:
             made = f"({', '.join(f'{name}={value!r}' for name, value in pair.items())})"
         constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}
         constants = ", ".join(f"{name}={both(pair)}" for name, pair in constants.items() if pair is not None)
-        return f"Material{made}" + (f".conducting({constants})" if constants else "")
+        made += f".conducting({constants})" if constants else ""
+        if self.relaxation:
+            times, moduli, *body = self.relaxation.values()
+            made += f".viscoelastic({both(times)}, {both(moduli)}{f', body={body[0]}' if body else ''})"
+        return f"Material{made}"
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
@@ -283,6 +294,55 @@ class Material:
             object.__setattr__(copied, name, tuple(pair.tolist()))
         return copied
 
+    def viscoelastic(self, times, moduli, body=None):
+        """Return a copy whose bodies relax, for `ContactSolver.creep`.
+
+        The moduli of the material are the instantaneous ones. Poisson's ratios do not change with time.
+
+        Parameters
+        ----------
+        times : float or sequence of float
+            Relaxation times t_i [s], positive.
+        moduli : float or sequence of float
+            Relaxing shares g_i of the modulus, each above 0, which sum to less than 1: the relaxation modulus is
+            E (1 - sum g_i (1 - exp(-t/t_i))).
+        body : int, optional
+            1 or 2: only this body relaxes. Default: both do.
+
+        Examples
+        --------
+        >>> rubber = Material.pair((10, np.inf), (0.5, 0.3)).viscoelastic(times=(0.1, 10), moduli=(0.3, 0.4))
+        >>> round(float(rubber.creep.at(1e6)), 6)
+        3.333333
+        """
+        if not self.is_half_space:
+            raise InputError("viscoelastic: only for half-spaces without coatings")
+        try:
+            times, moduli = (tuple(map(to_float, np.atleast_1d(values))) for values in (times, moduli))
+        except (TypeError, ValueError):
+            raise InputError("viscoelastic: must be times [s] and as many moduli, numbers") from None
+        if not (len(times) == len(moduli) > 0 and all(0 < time < np.inf for time in times)):
+            raise InputError("viscoelastic: must be positive times [s], and as many moduli")
+        if not (min(moduli) > 0 and sum(moduli) < 1):
+            given = ",".join(map(format_exact, moduli))
+            raise InputError(
+                f"moduli {given}: must be above 0, and sum to less than 1 (else the body is a fluid)"
+            )
+        creep, relaxation = CreepFunction.from_relaxation(times, moduli), {}
+        if body is not None:
+            if body not in (1, 2) or not self.bodies:
+                raise InputError(f"body {body}: must be 1 or 2, of a material made by Material.pair")
+            young, poisson = self.bodies["young"][body - 1], self.bodies["poisson"][body - 1]
+            creep = creep.mixed(self.contact_modulus * (1 - poisson**2) / young)
+            relaxation["relaxing_body"] = body
+        copied, relaxation = (
+            copy(self),
+            {"relaxation_times": list(times), "relaxation_moduli": list(moduli)} | relaxation,
+        )
+        object.__setattr__(copied, "creep", creep)
+        object.__setattr__(copied, "relaxation", relaxation)
+        return copied
+
     @property
     def is_half_space(self):
         """True if one modulus E* describes the bodies: they are isotropic half-spaces."""
@@ -311,7 +371,7 @@ class Material:
         constants = {name: getattr(self, name) for name in ("resistivity", "thermal_conductivity")}
         constants = {name: list(values) for name, values in constants.items() if values is not None}
         pair = {} if self.bodies == {} else pair
-        return pair | bodies | {"contact_modulus": self.contact_modulus} | constants
+        return pair | bodies | {"contact_modulus": self.contact_modulus} | constants | (self.relaxation or {})
 
     @property
     def compliance(self):

@@ -1,4 +1,4 @@
-"""docs/conductance.md and docs/sensitivities.md: their code runs."""
+"""docs/conductance.md, creep.md and sensitivities.md: their code runs."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,12 @@ from documents import ROOT, code_blocks, run_blocks
 
 def blocks_of(page):
     return code_blocks((ROOT / "docs" / page).read_text(encoding="utf-8"))
+
+
+def test_creep_of_the_page_grows_as_the_creep_function():
+    names = run_blocks(blocks_of("creep.md"))
+    areas, growth = names["path"].table["contact_area"], names["rubber"].creep.at(names["times"])
+    np.testing.assert_allclose(areas / areas[0], growth ** (2 / 3), rtol=0.03)
 
 
 def test_conductance_of_the_page_is_near_that_of_a_circle():

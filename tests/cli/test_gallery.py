@@ -60,6 +60,13 @@ def coating_thickness(names):
         assert 0 < shear.argmax() < len(shear) - 1
 
 
+def creep(names):
+    """The contact of a ball grows as the creep function to the power 2/3."""
+    growth = names["area"] / names["area"][0]
+    np.testing.assert_allclose(growth, names["creep"] ** (2 / 3), rtol=0.02)
+    assert (np.diff(names["fraction"]) >= 0).all()
+
+
 def indentation(names):
     """The plate unloads with the stiffness of a circle."""
     loaded, table = names["loaded"], names["table"]
@@ -101,7 +108,7 @@ def wear(names):
 
 CHECKS = {"two_bodies": ball_on_flat}
 for check in (
-    *(ball_on_flat, crowned_roller, optimal_crown, contact_resistance, coating_thickness, indentation),
+    *(ball_on_flat, crowned_roller, optimal_crown, contact_resistance, coating_thickness, creep, indentation),
     *(wheel_on_rail, measured_surface, rough_surfaces, leakage, wear),
 ):
     CHECKS[check.__name__] = check

@@ -1,0 +1,174 @@
+"""Creep of viscoelastic bodies: a contact problem over time.
+
+The displacement is ``u(t) = A (p(t) + sum J_i e_i(t))``, with the internal pressures ``e_i' = (p - e_i) / tau_i`` of
+`app.halfspace.creep.CreepFunction`. If p changes linearly in a time step, the e_i change exactly. So the displacement
+at the end of a step is A (c p + r), where r is due to the pressures before, and every step is a usual contact problem
+with a proved solution (`app.api.shifted_problem`). The first time is that of a sudden load, at which the bodies have
+their instantaneous moduli.
+"""
+
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from app.api.analytic_values import THEORIES
+from app.api.load_path import LoadPath
+from app.api.shifted_problem import ShiftedProblem
+from app.base.errors import InputError, call_collectively, format_exact
+from app.base.usage import usage
+from app.contact.loading_input import single_loading
+
+_SUMS = (
+    "mean_pressure",
+    "max_pressure",
+    "mean_contact_pressure",
+    "moment_x",
+    "moment_y",
+)  # linear in the pressure
+
+
+class CreepStep(ShiftedProblem):
+    """Time step of viscoelastic bodies: e = h + A (c p + r). Collective.
+
+    Parameters
+    ----------
+    problem, hierarchy, pressure
+        See `ShiftedProblem`; `pressure` is r [N/mm2].
+    factor : float
+        Factor c, at least 1.
+    """
+
+    def __init__(self, problem, hierarchy, pressure, factor):
+        super().__init__(problem, hierarchy, pressure)
+        self.factor = factor
+
+    def add_to(self, solution, values):
+        """Return the Solution of p; see `ShiftedProblem.add_to`."""
+        proof, c = solution.certificate, self.factor
+        numbers = {name: getattr(solution, name) / c for name in _SUMS}
+        theories = tuple(
+            name for name in solution.problem if name.startswith("analytic_") or name in THEORIES
+        )
+        load = values["load"] if values.get("load") else solution.load / c
+        return replace(
+            super().add_to(solution, values),
+            pressure=solution.pressure / c,
+            load=load,
+            indentation=solution.approach - self.touching,
+            problem={name: value for name, value in solution.problem.items() if name not in theories},
+            **numbers | {"mean_pressure": values.get("mean_pressure") or load / self.grid.area},
+            certificate=replace(
+                proof,
+                duality_gap=proof.duality_gap / c,
+                smallest_pressure=proof.smallest_pressure / c,
+            ),
+        )
+
+
+class CreepPath(LoadPath):
+    """Iterator over the solutions of viscoelastic bodies at increasing times. Collective.
+
+    The table has a column ``time`` [s]. Other arguments and attributes are those of `LoadPath`.
+
+    Parameters
+    ----------
+    times : sequence of float
+        Times [s], increasing. Between two times pressures change linearly.
+    """
+
+    def __init__(self, solver, times, kind, numbers, stiffness=False, progress=False):
+        self.times = call_collectively(solver.comm, _as_times, times)
+        numbers = np.full(len(self.times), numbers).tolist() if np.ndim(numbers) == 0 else numbers
+        super().__init__(solver, kind, numbers, stiffness, (), progress)
+        if len(self.numbers) != len(self.times):
+            raise InputError(f"creep: {len(self.numbers)} values of {kind} for {len(self.times)} times")
+        self._creep = solver.problem.material.creep
+        shape = solver.hierarchy.target.local_shape
+        self._pressure = np.zeros(shape)  # p and the e_i of the last finished step
+        self._internal = np.zeros((len(self._creep.strengths), *shape))
+
+    def _solve_step(self, history, number):
+        step, strengths, p, internal = len(self.rows), self._creep.strengths, self._pressure, self._internal
+        if not step:
+            self._pressure = (solution := self._solve_counted(number)).pressure
+            return solution
+        decay, before, after = self._creep.step(self.times[step] - self.times[step - 1])
+        internal = decay[:, None, None] * internal + np.multiply.outer(before, p)
+        past, factor = np.tensordot(strengths, internal, 1), 1 + float(strengths @ after)
+        with self._solver.shifted(CreepStep(self._problem, self._solver.hierarchy, past, factor)):
+            solution = self._solve_counted(number)
+        self._pressure = solution.pressure
+        self._internal = internal + np.multiply.outer(after, solution.pressure)
+        return solution
+
+    def _row(self, step, solution):
+        return {"step": step + 1, "time": self.times[step]} | super()._row(step, solution)
+
+
+class Histories:
+    """Methods of `ContactSolver` for bodies that change over time."""
+
+    _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
+
+    @usage("solver.creep(times=[0, 1, 10], load=700), or approach=, mean_pressure=, mean_gap=")
+    def creep(self, times, *, stiffness=False, progress=False, **loadings):
+        """Solve for viscoelastic bodies at several times.
+
+        Parameters
+        ----------
+        times : sequence of float
+            Times [s], increasing. At the first one the load is applied suddenly; between two times pressures change
+            linearly, so the error of a step is of second order in its duration.
+        stiffness, progress : bool
+            See `ContactSolver.path`.
+        **loadings : float or sequence of float
+            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`: one number, or one for each time.
+
+        Returns
+        -------
+        CreepPath
+            An iteration over it yields the Solutions. Its ``table`` has a column ``time``.
+
+        Raises
+        ------
+        InputError
+            If a number is not allowed, or the material is not viscoelastic (`Material.viscoelastic`), or the problem
+            has a hardness or a background pressure.
+        """
+        self._check_open()
+        if self.problem.material.creep is None:
+            raise InputError(
+                "creep: the material is elastic; make it by material.viscoelastic(times, moduli)"
+            )
+        for name in ("hardness", "background_pressure"):
+            if getattr(self.problem, name) is not None:
+                raise InputError(f"creep: not with a {name.replace('_', ' ')}")
+        kind, numbers = call_collectively(self.comm, single_loading, loadings, "creep: ")
+        return CreepPath(self, times, kind, numbers, stiffness, progress)
+
+    @contextmanager
+    def shifted(self, step):
+        """Solve a `ShiftedProblem` instead of the problem during a ``with`` block; None: the problem."""
+        self._step, before = step, self._step
+        try:
+            yield self
+        finally:
+            self._step = before
+
+
+def _as_times(times):
+    """Return increasing times as floats, checked."""
+    try:
+        values = [float(time) for time in times]
+    except (TypeError, ValueError):
+        raise InputError("times: must be a sequence of numbers [s]") from None
+    if not values or not np.isfinite(values).all():
+        raise InputError("times: must be a sequence of finite numbers [s], one at least")
+    for before, after in pairwise(values):
+        if not after > before:
+            raise InputError(
+                f"times: {format_exact(after)} s follows {format_exact(before)} s; must increase"
+            )
+    return values
