@@ -34,6 +34,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "layers": None,
         "conductance": None,
         "creep": None,
+        "slip": None,
         "sensitivities": None,
         "methods": None,
         "operator": "The operator as a Mat",

@@ -26,6 +26,7 @@ from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
 from app.api.shifted_problem import BackgroundPressure
+from app.api.slip import Friction
 from app.api.solution import Solution, fingerprint
 from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
@@ -76,7 +77,7 @@ def solve(problem, *, method=None, options=None, comm=None, start=None, **loadin
         return solver.solve(start=start, **loading)
 
 
-class ContactSolver(Derivatives, Histories):
+class ContactSolver(Derivatives, Histories, Friction):
     """Solver of a contact problem for any loading.
 
     The constructor and all methods are collective over `comm`. `update` replaces the problem. The solver is freed at

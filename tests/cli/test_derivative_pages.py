@@ -1,4 +1,4 @@
-"""docs/conductance.md, creep.md and sensitivities.md: their code runs."""
+"""docs/conductance.md, creep.md, slip.md and sensitivities.md: their code runs."""
 
 import numpy as np
 import pytest
@@ -13,6 +13,12 @@ def test_creep_of_the_page_grows_as_the_creep_function():
     names = run_blocks(blocks_of("creep.md"))
     areas, growth = names["path"].table["contact_area"], names["rubber"].creep.at(names["times"])
     np.testing.assert_allclose(areas / areas[0], growth ** (2 / 3), rtol=0.03)
+
+
+def test_slip_of_the_page_sums_to_the_tangential_load():
+    names = run_blocks(blocks_of("slip.md"))
+    assert names["slip"].traction.sum() * names["ball"].grid.cell_area == pytest.approx(15)
+    assert np.all(np.diff([step.stick_area for step in names["curve"]]) < 0)
 
 
 def test_conductance_of_the_page_is_near_that_of_a_circle():
