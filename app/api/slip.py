@@ -80,9 +80,9 @@ def compliance_ratio(material):
 
     Raises InputError if the bodies are coated or not similar, or Poisson's ratios are unknown.
     """
-    if material.coatings:
+    if not material.is_half_space:
         raise InputError(
-            "slip: not for coated bodies: normal and tangential compliance differ with the wave length"
+            "slip: only for half-spaces without coatings, whose compliances have a constant ratio"
         )
     if material.bodies == {}:
         raise InputError(

@@ -140,7 +140,7 @@ def test_wrong_loads_are_refused(arguments, message):
     [
         (Material.pair((210e3, 70e3), (0.3, 0.33)), "not similar"),
         (Material.from_contact_modulus(1e5), "E. alone does not give"),
-        (Material.coated((4e5, 2e5), (0.2, 0.3), 0.1), "not for coated bodies"),
+        (Material.coated((4e5, 2e5), (0.2, 0.3), 0.1), "only for half-spaces without coatings"),
     ],
 )
 def test_other_bodies_are_refused(material, message):
