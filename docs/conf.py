@@ -35,6 +35,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "conductance": None,
         "creep": None,
         "slip": None,
+        "wear": None,
         "sensitivities": None,
         "methods": None,
         "operator": "The operator as a Mat",

@@ -7,7 +7,6 @@ with a proved solution (`app.api.shifted_problem`). The first time is that of a 
 their instantaneous moduli.
 """
 
-from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,8 +16,6 @@ from app.api.analytic_values import THEORIES
 from app.api.load_path import LoadPath
 from app.api.shifted_problem import ShiftedProblem
 from app.base.errors import InputError, call_collectively, format_exact
-from app.base.usage import usage
-from app.contact.loading_input import single_loading
 
 _SUMS = (
     "mean_pressure",
@@ -105,57 +102,6 @@ class CreepPath(LoadPath):
 
     def _row(self, step, solution):
         return {"step": step + 1, "time": self.times[step]} | super()._row(step, solution)
-
-
-class Histories:
-    """Methods of `ContactSolver` for bodies that change over time."""
-
-    _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
-
-    @usage("solver.creep(times=[0, 1, 10], load=700), or approach=, mean_pressure=, mean_gap=")
-    def creep(self, times, *, stiffness=False, progress=False, **loadings):
-        """Solve for viscoelastic bodies at several times.
-
-        Parameters
-        ----------
-        times : sequence of float
-            Times [s], increasing. At the first one the load is applied suddenly; between two times pressures change
-            linearly, so the error of a step is of second order in its duration.
-        stiffness, progress : bool
-            See `ContactSolver.path`.
-        **loadings : float or sequence of float
-            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`: one number, or one for each time.
-
-        Returns
-        -------
-        CreepPath
-            An iteration over it yields the Solutions. Its ``table`` has a column ``time``.
-
-        Raises
-        ------
-        InputError
-            If a number is not allowed, or the material is not viscoelastic (`Material.viscoelastic`), or the problem
-            has a hardness or a background pressure.
-        """
-        self._check_open()
-        if self.problem.material.creep is None:
-            raise InputError(
-                "creep: the material is elastic; make it by material.viscoelastic(times, moduli)"
-            )
-        for name in ("hardness", "background_pressure"):
-            if getattr(self.problem, name) is not None:
-                raise InputError(f"creep: not with a {name.replace('_', ' ')}")
-        kind, numbers = call_collectively(self.comm, single_loading, loadings, "creep: ")
-        return CreepPath(self, times, kind, numbers, stiffness, progress)
-
-    @contextmanager
-    def shifted(self, step):
-        """Solve a `ShiftedProblem` instead of the problem during a ``with`` block; None: the problem."""
-        self._step, before = step, self._step
-        try:
-            yield self
-        finally:
-            self._step = before
 
 
 def _as_times(times):

@@ -112,7 +112,7 @@ class BackgroundPressure(ShiftedProblem):
 
     def __init__(self, problem, hierarchy):
         p0, rows = np.asarray(problem.background_pressure), hierarchy.slabs.rows
-        self._field = p0[rows] if p0.ndim else None
+        self._field = {"background_pressure": p0[rows]} if p0.ndim else {}
         self.pressure = np.array(np.broadcast_to(p0, problem.grid.shape)[rows], dtype=float, order="C")
         super().__init__(problem, hierarchy, self.pressure)
         self.hardness = None if problem.hardness is None else problem.hardness - p0
@@ -170,7 +170,7 @@ class BackgroundPressure(ShiftedProblem):
         return replace(
             super().add_to(solution, values),
             pressure=p,
-            background_field=self._field,
+            extra=solution.extra | self._field,
             load=load,
             mean_pressure=load / self.grid.area,
             max_pressure=-float(lowest),

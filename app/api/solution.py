@@ -1,6 +1,6 @@
 """Solutions: fields, numbers and history, on all ranks."""
 
-from dataclasses import dataclass, fields, make_dataclass, replace
+from dataclasses import dataclass, field, fields, make_dataclass, replace
 
 import numpy as np
 
@@ -115,10 +115,9 @@ class Solution(_Numbers, ContactFields):
         Cells at the hardness; None without a hardness.
     indentation_before : ndarray of float64, or None
         Depth of the residual surfaces of the problem [mm]; None without one or without a hardness.
-    hardness_field : ndarray of float64, or None
-        Hardness of the cells if they differ [N/mm2]. A result file has it as ``hardness``, in `Result.extra`.
-    background_field : ndarray of float64, or None
-        Background pressure of the cells if they differ [N/mm2]; in a result file ``background_pressure``.
+    extra : dict of str to ndarray
+        More fields by their names in a result file, also attributes of the solution: ``hardness`` and
+        ``background_pressure`` of the cells if they differ [N/mm2], ``worn_depth`` of `ContactSolver.wear` [mm].
     """
 
     pressure: np.ndarray
@@ -158,8 +157,7 @@ class Solution(_Numbers, ContactFields):
     thermal_conductance: float | None = None
     plastic: np.ndarray | None = None
     indentation_before: np.ndarray | None = None
-    hardness_field: np.ndarray | None = None
-    background_field: np.ndarray | None = None
+    extra: dict = field(default_factory=dict)
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""
@@ -258,13 +256,16 @@ class Solution(_Numbers, ContactFields):
         from app.base.mpi import MPI
 
         names = "pressure", "displacement", "contact", "undeformed_distance"
-        names += "plastic", "indentation_before", "hardness_field", "background_field"
+        names += "plastic", "indentation_before"
         fields = {name: field for name in names if (field := getattr(self, name)) is not None}
         whole = {name: self._all_rows(field, root) for name, field in fields.items()}
+        extra = {name: self._all_rows(field, root) for name, field in self.extra.items()}
         if self.comm.rank != root:
             return None
         h = whole.pop("undeformed_distance")
-        return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
+        return replace(
+            self, **whole, extra=extra, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF
+        )
 
     def _all_rows(self, local, root=None):
         """Return a field's rows of all ranks. Collective.
@@ -337,8 +338,7 @@ class Solution(_Numbers, ContactFields):
         }
         if depth is not None:
             fields |= {"plastic": self.plastic.view(np.uint8), "plastic_depth": depth}
-        own = {"hardness": self.hardness_field, "background_pressure": self.background_field}
-        fields |= {name: field for name, field in own.items() if field is not None}
+        fields |= self.extra
         facts = self.attributes | ({} if attributes.keys() >= _COUNTED else self.count_patches())
         own = {*facts, *ATTRIBUTE_NAMES, *Result.__dataclass_fields__} - RUN_ATTRIBUTES - _COUNTED
         more = call_collectively(self.comm, self._select_fields, attributes, own, f"result file {path}")

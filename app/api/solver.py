@@ -20,8 +20,8 @@ import numpy as np
 
 from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import check_disks, parse_arguments
-from app.api.creep import Histories
 from app.api.derivatives import Derivatives
+from app.api.histories import Histories
 from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
@@ -125,6 +125,7 @@ class ContactSolver(Derivatives, Histories, Friction):
     @synchronized
     def __init__(self, problem, method=None, options=None, comm=None, prefix=None, listeners=()):
         started, comm = clock(), mpi_comm(comm)
+        self._made_by = method, options, comm, None, listeners
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, synchronized(self._resources.free))
         self.problem, self._outer_comm = problem, mpi_abort.abort_on_exception(comm)
@@ -414,7 +415,7 @@ class ContactSolver(Derivatives, Histories, Friction):
             contact=state.in_contact().copy(),
             plastic=state.bounds.plastic(state.p),
             indentation_before=before.depth,
-            hardness_field=hardness[self.hierarchy.slabs.rows] if np.ndim(hardness) else None,
+            extra={"hardness": hardness[self.hierarchy.slabs.rows]} if np.ndim(hardness) else {},
             converged=outcome.converged,
             message=outcome.reason,
             prescribed=loading.kind,

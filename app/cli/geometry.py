@@ -69,10 +69,11 @@ def make_problem(options, texts, comm):
     surfaces = (*measured, *_make_random_surfaces(options, name, grid, bool(measured)))
     file = options["hardness_file"]
     limit = HardnessFile(file).values_on(grid) if file else options["hardness"]
-    bounds = {"hardness": limit, "background_pressure": options["background_pressure"]}
-    if name == "python" and not surfaces and not any(bound is not None for bound in bounds.values()):
+    laws = {"hardness": limit} | {law: options[law] for law in ("background_pressure", "surface_compliance")}
+    laws = {law: value for law, value in laws.items() if value is not None}
+    if name == "python" and not surfaces and not laws:
         return shape, own
-    problem = ContactProblem(grid, material, shape, surfaces=surfaces, **bounds)
+    problem = ContactProblem(grid, material, shape, surfaces=surfaces, **laws)
     if name == "file":
         shape.check(slabs.rows)
     return problem, own

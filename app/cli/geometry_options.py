@@ -76,6 +76,7 @@ MATERIAL_OPTIONS = [
     Option("resistivity", resistivities, None, "rho1,rho2, for electrical conductance; needs -stiffness [ohm m]"),
     Option("thermal_conductivity", conductivities, None, "k1,k2, for thermal conductance; needs -stiffness [W/(m K)]"),
     Option("hardness", hardness, None, "upper bound of the pressure [N/mm2]; inf: elastic (default: none)"),
+    Option("surface_compliance", from_zero, None, "displacement of a cell by its own pressure [mm3/N] (default: 0)"),
     Option("background_pressure", from_zero, None, "pressure in the gap, part of the load [N/mm2] (default: 0)"),
     Option("hardness_file", word, None, "hardness (ny, nx): .npy, .npz, .h5[:/dataset] or text; inf: elastic"),
 ]  # fmt: skip

@@ -171,6 +171,8 @@ class ContactFields:
         attributes = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (key := ATTRIBUTE_NAMES.get(name, name)) in attributes:
             return attributes[key]
+        if attributes and name in self.extra:
+            return self.extra[name]
         public = {*super().__dir__(), *attributes, *ATTRIBUTE_NAMES} if attributes else ()
         similar = find_similar_attribute(name, [word for word in public if word[0] != "_"])
         inverse = " (its reciprocal)" * ("resistance" in name and str(similar).endswith("_conductance"))

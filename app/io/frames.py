@@ -11,6 +11,7 @@ UNITS = {
     "pressure": "N/mm2",
     "hardness": "N/mm2",
     "background_pressure": "N/mm2",
+    "worn_depth": "mm",
     "contact": "1",
     "plastic": "1",
 }

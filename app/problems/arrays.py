@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.base.errors import InputError, format_exact
+from app.base.errors import InputError, format_exact, is_number, plain_number
 from app.options.option_table import LARGEST
 
 
@@ -90,6 +90,16 @@ def check_background(pressure, hardness, grid, label="background_pressure"):
     if not values.any():
         return None
     return values if values.ndim else float(values)
+
+
+def check_compliance(compliance, label="surface_compliance"):
+    """Return a checked surface compliance; InputError unless it is a number from 0."""
+    value = plain_number(compliance)
+    if np.ndim(value):
+        raise InputError(f"{label}: is {type(value).__name__}; must be one number for all cells")
+    if not is_number(value) or not (value == 0 or 1 / LARGEST <= value <= LARGEST):
+        raise InputError(f"{label}: {value}; must be 0, or {1 / LARGEST:g} to {LARGEST:g} mm/(N/mm2)")
+    return float(value)
 
 
 def _check_values(label, values, allowed, limits):

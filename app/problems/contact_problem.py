@@ -12,6 +12,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.problems.arrays import (
     check_background,
+    check_compliance,
     check_hardness,
     check_shape,
     check_size,
@@ -98,6 +99,8 @@ class ContactProblem(Problem):
     background_pressure : float or array_like, shape (ny, nx), [N/mm2], optional
         Pressure in the gap, of a gas or a fluid, from 0: the least pressure of a cell, also where contact is
         impossible. It is part of the load. Default: 0, or the background pressure of a problem given as `gap`.
+    surface_compliance : float, optional
+        Displacement of a cell by its own pressure, from 0 [mm3/N]: that of a thin soft layer.
 
     Examples
     --------
@@ -116,6 +119,7 @@ class ContactProblem(Problem):
     surfaces: tuple = ()
     hardness: object = None
     background_pressure: object = None
+    surface_compliance: float = 0.0
 
     name = "given"
 
@@ -161,6 +165,8 @@ class ContactProblem(Problem):
         background = self.background_pressure
         background = getattr(shape, "background_pressure", None) if background is None else background
         object.__setattr__(self, "hardness", hardness)
+        compliance = check_compliance(self.surface_compliance) or getattr(shape, "surface_compliance", 0.0)
+        object.__setattr__(self, "surface_compliance", compliance)
         object.__setattr__(self, "background_pressure", check_background(background, hardness, self.grid))
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "surfaces", surfaces)
@@ -224,7 +230,7 @@ class ContactProblem(Problem):
         no background pressure.
         """
         smooth = not (self.grid.periodic or self.surfaces or isinstance(self.shape, Problem))
-        smooth = smooth and self.background_pressure is None
+        smooth = smooth and self.background_pressure is None and not self.surface_compliance
         if not (smooth and self.material.is_half_space) or not hasattr(self.shape, "analytic"):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)

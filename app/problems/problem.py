@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.base.errors import InputError
+from app.halfspace.compliant_kernel import CompliantKernel
 from app.halfspace.grid import Grid
 from app.halfspace.material import Material
 from app.halfspace.one_way_kernel import patch_kernel
@@ -30,6 +31,7 @@ class Problem:
     name = ""
     sampled = False
     hardness = None  # largest pressure [N/mm2], a number or an array of shape (ny, nx); None: no limit
+    surface_compliance = 0.0  # displacement of a cell by its own pressure [mm / (N/mm2)]
     background_pressure = None  # least pressure [N/mm2], a number or an array of shape (ny, nx); None: 0
     indentation = None  # permanent, of earlier loads [mm], an array of shape (ny, nx); None without one
     notes = ()  # doubts for the user, one line each
@@ -43,13 +45,15 @@ class Problem:
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
     def fits(self, other):
-        """Return whether a problem has equal grid and material."""
-        return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
+        """Return whether a problem has equal grid, material and surface compliance."""
+        same = isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
+        return same and other.surface_compliance == self.surface_compliance
 
     @property
     def kernel(self):
         """Kernel of the bodies on this patch."""
-        return patch_kernel(self.material.kernel, self.grid)
+        kernel = patch_kernel(self.material.kernel, self.grid)
+        return CompliantKernel(kernel, self.surface_compliance) if self.surface_compliance else kernel
 
     @property
     def periodic(self):
@@ -80,8 +84,8 @@ class Problem:
             "periodic_symbol": self.grid.symbol,
             **{
                 name: value
-                for name in ("hardness", "background_pressure")
-                if (value := getattr(self, name)) is not None and np.ndim(value) == 0
+                for name in ("hardness", "background_pressure", "surface_compliance")
+                if np.ndim(value := getattr(self, name)) == 0 and value
             },
         }
 

@@ -1,4 +1,4 @@
-"""docs/conductance.md, creep.md, slip.md and sensitivities.md: their code runs."""
+"""docs/conductance.md, creep.md, slip.md, wear.md and sensitivities.md: their code runs."""
 
 import numpy as np
 import pytest
@@ -19,6 +19,11 @@ def test_slip_of_the_page_sums_to_the_tangential_load():
     names = run_blocks(blocks_of("slip.md"))
     assert names["slip"].traction.sum() * names["ball"].grid.cell_area == pytest.approx(15)
     assert np.all(np.diff([step.stick_area for step in names["curve"]]) < 0)
+
+
+def test_wear_of_the_page_has_the_volume_of_archard():
+    names = run_blocks(blocks_of("wear.md"))
+    assert names["path"].table["worn_volume"][-1] == pytest.approx(1e-9 * 50 * 4000)
 
 
 def test_conductance_of_the_page_is_near_that_of_a_circle():

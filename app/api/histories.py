@@ -1,0 +1,116 @@
+"""Bodies that change over time: the methods `creep` and `wear` of a solver."""
+
+from contextlib import contextmanager
+from copy import copy
+
+import numpy as np
+
+from app.api.creep import CreepPath
+from app.api.wear import WearPath
+from app.base.errors import InputError, call_collectively, is_number, plain_number
+from app.base.usage import usage
+from app.contact.loading_input import single_loading
+
+
+class Histories:
+    """Methods of `ContactSolver` for bodies that change over time."""
+
+    _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
+
+    @usage("solver.creep(times=[0, 1, 10], load=700), or approach=, mean_pressure=, mean_gap=")
+    def creep(self, times, *, stiffness=False, progress=False, **loadings):
+        """Solve for viscoelastic bodies at several times.
+
+        Parameters
+        ----------
+        times : sequence of float
+            Times [s], increasing. At the first one the load is applied suddenly; between two times pressures change
+            linearly, so the error of a step is of second order in its duration.
+        stiffness, progress : bool
+            See `ContactSolver.path`.
+        **loadings : float or sequence of float
+            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`: one number, or one for each time.
+
+        Returns
+        -------
+        CreepPath
+            An iteration over it yields the Solutions. Its ``table`` has a column ``time``.
+
+        Raises
+        ------
+        InputError
+            If a number is not allowed, or the material is not viscoelastic (`Material.viscoelastic`), or the problem
+            has a hardness or a background pressure.
+        """
+        self._check_open()
+        if self.problem.material.creep is None:
+            raise InputError(
+                "creep: the material is elastic; make it by material.viscoelastic(times, moduli)"
+            )
+        for name in ("hardness", "background_pressure"):
+            if getattr(self.problem, name) is not None:
+                raise InputError(f"creep: not with a {name.replace('_', ' ')}")
+        kind, numbers = call_collectively(self.comm, single_loading, loadings, "creep: ")
+        return CreepPath(self, times, kind, numbers, stiffness, progress)
+
+    @usage("solver.wear(coefficient=1e-9, distance=4000, steps=80, load=700), or approach=, mean_pressure=")
+    def wear(self, coefficient, distance, steps, *, stiffness=False, progress=False, **loadings):
+        """Solve for bodies that wear by Archard's law, in implicit steps.
+
+        Parameters
+        ----------
+        coefficient : float
+            Wear coefficient k, the worn volume over load and distance [mm2/N].
+        distance : float
+            Sliding distance of all steps [mm].
+        steps : int
+            Number of steps.
+        stiffness, progress : bool
+            See `ContactSolver.path`.
+        **loadings : float or sequence of float
+            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`: one number, or one for each step.
+
+        Returns
+        -------
+        WearPath
+            An iteration over it yields the Solutions at the ends of the steps, with a field ``worn_depth`` [mm] and a
+            number ``worn_volume`` [mm3], both since the start. Its ``table`` has ``sliding_distance``, too.
+
+        Raises
+        ------
+        InputError
+            If a number is not allowed, or the problem has a hardness or a background pressure.
+        """
+        for name, value in (("coefficient", coefficient), ("distance", distance)):
+            if not (is_number(plain_number(value)) and 0 < float(value) < np.inf):
+                raise InputError(f"{name} {value}: must be a positive number")
+        if not (isinstance(steps, int) and not isinstance(steps, bool) and steps > 0):
+            raise InputError(f"steps {steps}: must be a whole number from 1")
+        kind, numbers = self._begin_history("wear", loadings)
+        numbers = [numbers] * steps if np.ndim(numbers) == 0 else numbers
+        if len(numbers) != steps:
+            raise InputError(f"wear: {len(numbers)} values of {kind} for {steps} steps")
+        compliance = float(coefficient) * float(distance) / steps
+        problem = copy(self.problem)
+        object.__setattr__(problem, "surface_compliance", problem.surface_compliance + compliance)
+        solver = type(self)(problem, *self._made_by)
+        solver.quiet = self.quiet
+        distances = (float(distance) * np.arange(1, steps + 1) / steps).tolist()
+        return WearPath(solver, compliance, distances, kind, numbers, stiffness, progress)
+
+    def _begin_history(self, what, loadings):
+        """Return the prescribed quantity and its numbers, checked."""
+        self._check_open()
+        for name in ("hardness", "background_pressure"):
+            if getattr(self.problem, name) is not None:
+                raise InputError(f"{what}: not with a {name.replace('_', ' ')}")
+        return call_collectively(self.comm, single_loading, loadings, f"{what}: ")
+
+    @contextmanager
+    def shifted(self, step):
+        """Solve a `ShiftedProblem` instead of the problem during a ``with`` block; None: the problem."""
+        self._step, before = step, self._step
+        try:
+            yield self
+        finally:
+            self._step = before
