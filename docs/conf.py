@@ -49,6 +49,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "speed": None,
         "comparison": None,
         "coming-from": "Coming from ...",
+        "paper": "Summary for a journal",
     },
     "Develop": {
         "extending": None,
