@@ -43,7 +43,7 @@ def solve(n, method, periodic, pressure, hardness):
     options = dict(pair.split("=") for pair in method.split(",")) if "=" in method else {}
     name = None if options or method in ("default", "film") else method
     with ContactSolver(problem(n, periodic, ball, hardness, method == "film"), name, options) as solver:
-        if "lcp_type" in options:  # TAO, SNESVI
+        if "lcp_type" in options:  # SNESVI
             solver.solve(approach=solver.touching + 0.002)
         else:
             solver.solve(mean_pressure=pressure)

@@ -21,7 +21,6 @@ from app import ContactProblem, ContactSolver, Grid, Material, refine, solve
 
 STEEL = Material.combined(82000, 0.28)
 METHODS = {
-    "tao": {"options": {"lcp_type": "tao"}},
     "snesvi": {"options": {"lcp_type": "snesvi"}},
     "norm": {"method": "norm"},
     "fmg_v11": {"method": "fmg_v11"},

@@ -21,7 +21,7 @@ from app.problems.problem import Problem
 MIN_LOVE_THICKNESS = 1e-3  # of a layer over the side of the patch; the sums over images are long below
 INCOMPRESSIBLE_POISSON = 0.495  # ratio above which cells wider than a layer are refused
 MAX_LAYER_CELL = 3.0  # largest cell of an incompressible layer, over its thickness
-_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
+_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|snes)_")
 
 
 def parse_arguments(problem, method, options, prefix, listeners):

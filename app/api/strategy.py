@@ -29,7 +29,7 @@ from app.methods.free.window_cache import WindowCache
 from app.methods.periodic import solver as primal_solver
 from app.methods.periodic.nested import primal_iteration
 from app.methods.periodic.solver import PrimalSolver
-from app.methods.reference_solvers import REFERENCE_SOLVERS
+from app.methods.snesvi import SnesVI
 from app.methods.stopping import InexactStop
 from app.multigrid import direct
 from app.multigrid.hierarchy import Hierarchy
@@ -316,12 +316,12 @@ class Primal(Inexact):
 
 
 class Reference(Strategy):
-    """Strategies ``tao`` and ``snesvi``: PETSc's solvers for bound constraints."""
+    """Strategy ``snesvi``: PETSc's solver of variational inequalities."""
 
     target_only, finds_approach = True, False
 
     def _make_solver(self):
-        return REFERENCE_SOLVERS[self._settings.type](self._hierarchy, self._stop())
+        return SnesVI(self._hierarchy, self._stop())
 
     def _solve(self, loading, history, start):
         state = self._new_state()
@@ -333,9 +333,7 @@ class Reference(Strategy):
             raise
 
 
-STRATEGIES = {"active_set": ActiveSet, "film": Film, "fast": Fast, "primal": Primal} | dict.fromkeys(
-    REFERENCE_SOLVERS, Reference
-)
+STRATEGIES = {"active_set": ActiveSet, "film": Film, "fast": Fast, "primal": Primal, "snesvi": Reference}
 
 
 def _may_be_indefinite(texts):

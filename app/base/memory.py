@@ -14,7 +14,7 @@ from pathlib import Path
 from app.base.errors import InputError, call_collectively, format_distinct
 
 # per cell, on one rank
-DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "film": 34, "tao": 37, "snesvi": 37}
+DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "film": 34, "snesvi": 37}
 DOUBLE_PRECISION = 2  # more doubles of the default methods without single precision
 CYCLES = 12  # more doubles of the active set with Gauss-Seidel, multigrid, or the search on periodic patches
 HARDNESS = 3  # more doubles with a hardness

@@ -1,6 +1,6 @@
 """Functions petsc4py 3.18 lacks, and workarounds for newer releases.
 
-``TAO_REASONS``, ``restricts_by_transpose`` and ``calling_petsc`` hide differences between releases of petsc4py.
+``restricts_by_transpose`` and ``calling_petsc`` hide differences between releases of petsc4py.
 """
 
 import atexit
@@ -26,7 +26,6 @@ from app.base.mpi import MPI, check_running
 from app.base.user_folder import existing_folder
 
 _M_MMAP_MAX = -4
-TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason
 
 
 @cache

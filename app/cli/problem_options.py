@@ -25,7 +25,7 @@ from app.options.option_table import (
 )
 
 # Names that only PETSc can check.
-_SOLVER_OPTION = re.compile("(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")
+_SOLVER_OPTION = re.compile("(^|_)(lcp|ksp|pc|mg|sub|snes|mat|vec)_")
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 

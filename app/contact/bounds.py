@@ -202,7 +202,7 @@ class PressureBounds:
         return self.lower - waves.min(initial=np.inf), most
 
     def vecs(self, pressure):
-        """Return bounds as Vecs, for TAO and SNESVI. Collective."""
+        """Return bounds as Vecs, for SNESVI. Collective."""
         lower, upper = pressure.duplicate(), pressure.duplicate()
         most = np.minimum(self.upper, PETSc.INFINITY) if self.capped else PETSc.INFINITY
         for vec, bound in ((lower, self.lower), (upper, most)):

@@ -10,8 +10,7 @@ last one is used. Single options override the options of the method file. A meth
 ``fast``        the default method, with TrackingCG: `app.methods.free`
 ``primal``      the default method on periodic patches, with CarryingCG: `app.methods.periodic`
 ``film``        the default method for thin incompressible layers: `app.methods.film`
-``tao``         PETSc's solvers of bound-constrained minimisation: `app.methods.reference_solvers`
-``snesvi``      PETSc's solvers of variational inequalities: `app.methods.reference_solvers`
+``snesvi``      PETSc's solver of variational inequalities: `app.methods.snesvi`
 ==============  ======================================================================================
 """
 
@@ -42,7 +41,7 @@ _INEXACT = (DEFAULT, PERIODIC)
 _DEFAULTS = (*_INEXACT, FILM)
 _COPIES = ("active_set", "fast")
 _ACTIVE_SET = ("active_set", *_DEFAULTS)
-_STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
+_STRATEGIES = (*_ACTIVE_SET, "snesvi")
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Settings:
         "largest relative residual of a solution, see docs/methods.md, What solved means")
     error_bound: float = _option(_tolerance, 0.01,
         "largest error_bound of a solution that counts as solved")
-    max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi")
+    max_it: int = _option(count, 100, "iterations in a row on one grid: active set, or those of snesvi")
     coarse_rtol: float = _option(from_zero, 0.0,
         "fast, primal, film: largest relative residual on coarser grids", _DEFAULTS, True)
     predictor: float = _option(from_zero, 0.0,
@@ -119,12 +118,11 @@ _CHANGES = "what the linear solver makes is a change of the pressure, not PETSc'
 _REFUSED = {  # end of the name of an option of PETSc -> strategies that it spoils or aborts, and why
     "ksp_error_if_not_converged": (_DEFAULTS, "the default methods end linear solves early on purpose"),
     "ksp_guess_type": (
-        (*_DEFAULTS, "tao", "snesvi"),
+        (*_DEFAULTS, "snesvi"),
         "solutions of other contact sets do not fit the next one",
     ),
     "ksp_knoll": (_DEFAULTS, _CHANGES),
     "ksp_monitor_solution": (_DEFAULTS, _CHANGES),
-    "ksp_converged_rate": (("tao",), "PETSc crashes: TAO keeps no residuals of its linear solvers"),
     "ksp_monitor_error": (_STRATEGIES, "needs a PETSc DM, and the program has none"),
 }
 _NEED_CONTACT = (
@@ -192,12 +190,12 @@ def make_settings(method=None, options=None, periodic=False, thin_film=False):
         works, this = kinds[::-1] if periodic else kinds
         allowed = f"{default}, {usual}" if thin_film else usual
         raise InputError(
-            f"-lcp_type {strategy}: works on {works}; must be {allowed}, active_set, tao or snesvi on {this}"
+            f"-lcp_type {strategy}: works on {works}; must be {allowed}, active_set or snesvi on {this}"
         )
     if strategy == FILM and not thin_film:
         raise InputError(
             f"-lcp_type {FILM}: works on thin, nearly incompressible layers on a rigid base; must be {usual}, "
-            "active_set, tao or snesvi for these bodies"
+            "active_set or snesvi for these bodies"
         )
     _check_solvers(strategy, texts)
     values = {name.removeprefix("lcp_"): reader[name] for name in _TABLE}
@@ -301,7 +299,7 @@ def _check_solvers(strategy, texts):
                 f"-{name.removesuffix('type')}chebyshev_eigenvalues least,largest (0.5,30 with -pc_type jacobi)"
             )
         is_pc = name.endswith(("pc_type", "pc_python_type"))
-        if is_pc and text.rpartition(".")[2] in _NEED_CONTACT and strategy in ("tao", "snesvi"):
+        if is_pc and text.rpartition(".")[2] in _NEED_CONTACT and strategy == "snesvi":
             raise InputError(
                 f"-{name} {text}: works on contact sets, {strategy} on submatrices; allowed with -lcp_type active_set"
             )

@@ -15,9 +15,7 @@ from app.base.mpi import MPI
 from app.base.petsc import call, error_message
 
 # PETSc reads these options while it solves, all others in set-up.
-_READ_LATE = re.compile(
-    r"(\w+_)?(ksp_converged_reason|mat_view|(snes|tao)_(converged_reason|\w*view\w*|test_\w+))"
-)
+_READ_LATE = re.compile(r"(\w+_)?(ksp_converged_reason|mat_view|snes_(converged_reason|\w*view\w*|test_\w+))")
 _PROBE = "app_solver_options_probe"  # a name that no option has
 
 

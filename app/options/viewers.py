@@ -11,11 +11,11 @@ from pathlib import Path
 from app.base.errors import InputError, shorten
 
 _KINDS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
-_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_(view\w*|converged_reason)")
+_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes)_(view\w*|converged_reason)")
 # Options at which PETSc aborts unless they are shown as text; some may be drawn, too.
 _DRAWABLE = re.compile(r"(\w+_)?ksp_monitor(_true_residual|_solution)?")
 _TEXT_ONLY = re.compile(r"(\w+_)?ksp_monitor_(short|range|max|singular_value)|snes_converged_reason")
-_VECTORS = re.compile(r"(\w+_)?(ksp_view_(solution|rhs|final_residual)|(snes|tao)_view_solution)")
+_VECTORS = re.compile(r"(\w+_)?(ksp_view_(solution|rhs|final_residual)|snes_view_solution)")
 _TO_FILE = re.compile("(ascii|binary|hdf5|matlab|vtk|):([^:]+)")
 _MIN_BYTES = 4096  # of a file of text
 _AS_TEXT, _DRAWN = r"(ascii)?(:[^:]*(:default)?)?", r"draw(:[^:]*(:(default|draw_lg))?)?"

@@ -49,7 +49,7 @@ _OPTION_LABELS = {  # of options whose names are no words
     "surface_rolloff": "roll-off wavelength",
     "surface_cutoff": "cut-off wavelength",
 }
-_SOLVER = re.compile("(lcp|ksp|pc|mg|tao|snes)_")  # its options keep their names
+_SOLVER = re.compile("(lcp|ksp|pc|mg|snes)_")  # its options keep their names
 _MIN_VARIATION = 1e-4  # relative; smaller differences may be errors of the solver
 _MAX_SERIES = 12
 _MAX_TICKS = 6

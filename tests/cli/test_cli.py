@@ -62,7 +62,6 @@ CASES = {
     "no such gap file": (gap_of(None), "gap.npy: no such file"),
     "bounds of nothing": ([*HERTZ, "-ksp_type", "chebyshev"], "needed: -ksp_chebyshev_eigenvalues"),
     "solver without bounds": ([*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "allowed: vinewtonrsls"),
-    "solver that crashes": ([*DEFAULT, "-lcp_type", "tao", "-tao_type", "ssils"], "-tao_type ssils: allowed: tron"),
     "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
     "no problem": (["-problem", "ball"], "must be one of hertz, punch, file"),
     "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),

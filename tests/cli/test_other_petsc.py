@@ -20,8 +20,7 @@ hertz = ContactProblem(grid, Material.combined(82000, 0.28), lambda x, y: x**2 /
 for method in ("fast", "norm", "mg_v11", "fmg_v11"):
     for loading in ({"approach": 0.1}, {"load": 70000.0}):
         assert solve(hertz, method=method, **loading).converged, method
-for kind in ("tao", "snesvi"):
-    assert solve(hertz, approach=0.1, options={"lcp_type": kind}).converged, kind
+assert solve(hertz, approach=0.1, options={"lcp_type": "snesvi"}).converged
 images = ContactProblem(grid, Material.combined(82000, 0.28), lambda x, y: x**2 / 600 + y**2 / 326, periodic=True)
 for options in ({}, {"lcp_precision": "double", "lcp_cells_per_rank": 1}, {"lcp_nested": "false"}):
     for loading in ({"approach": 0.05}, {"load": 70000.0}, {"load": 1e9}):

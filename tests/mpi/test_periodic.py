@@ -20,8 +20,8 @@ CIRCULANT = {
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize(
     ("method", "options"),
-    [("norm", CIRCULANT), ("fmg_v11", {}), ("fmg_lift", {}), (None, {"lcp_type": "tao"})],
-    ids=["norm", "fmg", "lift", "tao"],
+    [("norm", CIRCULANT), ("fmg_v11", {}), ("fmg_lift", {}), (None, {"lcp_type": "snesvi"})],
+    ids=["norm", "fmg", "lift", "snesvi"],
 )
 def test_any_number_of_ranks_finds_the_same(comm, method, options):
     assert_same_as_alone(comm, method, options)

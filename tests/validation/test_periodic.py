@@ -22,7 +22,6 @@ METHODS = {
     "MG": ("mg_v11", {}),
     "FMG": ("fmg_v11", {}),
     "FMG, lift": ("fmg_lift", {}),
-    "TAO": (None, {"lcp_type": "tao"}),
     "SNESVI": (None, {"lcp_type": "snesvi"}),
 }
 PROBLEMS = {

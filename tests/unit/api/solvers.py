@@ -14,7 +14,6 @@ METHODS = {
     "norm": ("norm", {}),
     "mg": ("mg_v11", {}),
     "fmg": ("fmg_v11", {}),
-    "tao": (None, {"lcp_type": "tao"}),
     "snesvi": (None, {"lcp_type": "snesvi"}),
     "primal": (None, {}),
 }

@@ -49,7 +49,7 @@ def test_any_solution_on_the_grid_is_a_start():
 
 
 def test_reference_solvers_refuse_a_load():
-    with solver_of("tao") as solver, pytest.raises(InputError, match="prescribed approach, not a load"):
+    with solver_of("snesvi") as solver, pytest.raises(InputError, match="prescribed approach, not a load"):
         solver.solve(load=1.0)
 
 

@@ -15,7 +15,7 @@ from app.options.method import METHOD_OPTIONS, read_method_file
 
 from ..api.solvers import communicators
 
-SNESVI, TAO = {"snesvi": {"lcp_type": "snesvi"}}, {"tao": {"lcp_type": "tao"}}
+SNESVI = {"snesvi": {"lcp_type": "snesvi"}}
 PLAIN_CG = {"cg": {"ksp_type": "cg", "pc_type": "none"}}
 OPTIONS = {
     "unknown method": ({"method": "faster"}, "method 'faster': must be one of .*fmg_v11"),
@@ -24,12 +24,12 @@ OPTIONS = {
     "value that is no number": ({"options": {"lcp_rtol": "small"}}, "-lcp_rtol small"),
     "unknown PC": ({"options": {"pc_type": "gc"}}, "gc"),
     "unknown smoother": ({"method": "fmg_v11", "options": {"mg_levels_pc_type": "gc"}}, "gc"),
-    "unknown line search": ({"options": {"lcp_type": "tao", "tao_ls_type": "gc"}}, "gc"),
+    "unknown line search": ({"options": {"lcp_type": "snesvi", "snes_linesearch_type": "gc"}}, "gc"),
     "linear solver that needs entries": ({"method": "norm", "options": {"pc_type": "gamg"}}, "No method"),
     "only the default method": ({"method": "norm", "options": {"lcp_predictor": 1.0}}, "lcp_predictor.*no effect"),
     "only nested": ({"method": "mg_v11", "options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
     "only by copy": ({"options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
-    "only active sets": ({"options": {"lcp_type": "tao", "lcp_nested": True}}, "lcp_nested.*no effect"),
+    "only active sets": ({"options": {"lcp_type": "snesvi", "lcp_nested": True}}, "lcp_nested.*no effect"),
     "windows without nested": ({"options": {"lcp_nested": False, "lcp_window": 0.1}}, "lcp_window.*no effect"),
     "windows of active sets": ({"options": {"ksp_type": "cg", "lcp_window": 0.1}}, "lcp_window.*no effect"),
     "smoother without effect": (
@@ -42,20 +42,19 @@ OPTIONS = {
         {"method": {"m": {"pc_type": "mg", "pc_mg_tipe": "full"}}, "options": {"pc_type": "none"}}, "tipe$"
     ),
     "idle in its own file": ({"method": {"m": {"ksp_type": "cg", "lcp_beta": "1"}}}, "lcp_beta 1: has no effect"),
-    "multigrid of TAO": ({"options": {"lcp_type": "tao", "pc_type": "mg"}}, "-pc_type mg: works on contact sets"),
+    "multigrid by type": ({"options": {"lcp_type": "snesvi", "pc_type": "mg"}}, "-pc_type mg: works on contact sets"),
     "multigrid of SNESVI": (
         {"options": {"lcp_type": "snesvi", "pc_python_type": "app.multigrid.ContactMG"}}, "works on contact sets"
     ),
     "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),
 }  # fmt: skip
 REFUSED = [  # methods, an option, and a part of the message
-    ([None], "ksp_error_if_not_converged", "allowed with -lcp_type active_set or tao or snesvi$"),
+    ([None], "ksp_error_if_not_converged", "allowed with -lcp_type active_set or snesvi$"),
     ([None], "ksp_diagonal_scale", r"what is written in Python has no method diagonalScale\(\)$"),
-    ([SNESVI, TAO], "ksp_guess_type", "allowed with -lcp_type active_set$"),
-    ([TAO], "ksp_converged_rate", "^-ksp_converged_rate: "),  # PETSc aborts
-    ([None, "norm", SNESVI, TAO], "ksp_view_diagonal_scale", "^-ksp_view_diagonal_scale: "),
+    ([SNESVI], "ksp_guess_type", "allowed with -lcp_type active_set$"),
+    ([None, "norm", SNESVI], "ksp_view_diagonal_scale", "^-ksp_view_diagonal_scale: "),
     (
-        [None, "norm", "mg_v11", SNESVI, TAO],
+        [None, "norm", "mg_v11", SNESVI],
         "ksp_monitor_error",
         "needs a PETSc DM, and the program has none$",
     ),
@@ -90,7 +89,7 @@ OVERRIDDEN = {  # method, and options that leave much of it without a reader
             "mg_levels_ksp_chebyshev_eigenvalues": "0.5,30",
         },
     ),
-    "strategy": ("fast", {"lcp_type": "tao"}),
+    "strategy": ("fast", {"lcp_type": "snesvi"}),
     "strategy, by a file": ({"a": read_method_file("fmg_v11"), "b": read_method_file("norm")}, {}),
     "method, by a file": ({"a": read_method_file("fast"), "b": read_method_file("fmg_v11")}, {"lcp_rtol": 1e-7}),
 }  # fmt: skip
@@ -108,7 +107,7 @@ def test_options_override_a_method_file(case):
     assert len(useless) == (not gone) and all(note.startswith(f"{method}: ") for note in useless)
 
 
-@pytest.mark.parametrize("kind", ["active_set", "fast", "tao"])
+@pytest.mark.parametrize("kind", ["active_set", "fast", "snesvi"])
 def test_an_option_at_its_default_is_never_refused(kind):
     defaults = {option.name: option.default for option in METHOD_OPTIONS} | {"lcp_type": kind}
     with ContactSolver(hertz(8), options=defaults) as solver:
@@ -149,7 +148,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("fmg_v11", "mg_levels_ksp_max_it"),
         ("fmg_v11", "mg_levels_pc_sor_omega"),
         ("primal", "pc_two_grid_sweeps"),
-        ({"tao.opts": {"lcp_type": "tao", "tao_type": "tron"}}, "tao_type"),
+        ({"vi.opts": {"lcp_type": "snesvi", "snes_stol": "0"}}, "snes_stol"),
     ],
 )
 def test_a_similar_name_is_suggested_for_a_misspelt_option(method, name, capfd):
@@ -169,8 +168,8 @@ def test_an_option_of_another_solver_gets_no_suggestion(name):
 
 
 PROBLEM = hertz(16)
-REFERENCE = "snes_converged_reason snes_view tao_converged_reason tao_view"
-NONSENSE = f"pc_view pc_view_nonsense mat_viewfoo mat_view_nonsense snes_view_zzz tao_view_zzz {REFERENCE}"
+REFERENCE = "snes_converged_reason snes_view"
+NONSENSE = f"pc_view pc_view_nonsense mat_viewfoo mat_view_nonsense snes_view_zzz {REFERENCE}"
 READ = [
     (None, "ksp_converged_reason"),
     ("norm", "ksp_converged_reason"),
@@ -180,14 +179,12 @@ READ = [
     ("fmg_v11", "mg_coarse_mat_view mg_coarse_sub_mat_view"),
     (SNESVI, "ksp_converged_reason snes_converged_reason snes_view snes_view_pre snes_view_solution"),
     (SNESVI, "snes_test_jacobian"),
-    (TAO, "ksp_converged_reason tao_converged_reason tao_view tao_ls_view tao_test_gradient tao_test_hessian"),
 ]  # fmt: skip
 UNREAD = [
     (None, f"{NONSENSE} foo_ksp_converged_reason mat_view"),
-    ("norm", "snes_view tao_view mat_view"),
+    ("norm", "snes_view mat_view"),
     ("fmg_v11", f"{NONSENSE} mg_levels_pc_view_q mg_levels_9_ksp_converged_reason mg_levels_mat_view"),
-    (SNESVI, "snes_view_zzz tao_view tao_converged_reason"),
-    (TAO, "tao_view_zzz snes_view snes_converged_reason"),
+    (SNESVI, "snes_view_zzz mat_view_zzz"),
 ]
 PYTHON_KSP = {"ksp_monitor_solution": "", "ksp_guess_type": "fischer", "ksp_knoll": ""}
 
@@ -226,9 +223,7 @@ def test_an_unused_option_is_refused_or_noted_after_the_first_solve(method, name
 @pytest.mark.parametrize("problem", [PROBLEM, periodic_rough(32)])
 @pytest.mark.parametrize("name", PYTHON_KSP)
 def test_options_that_need_a_solution_of_the_ksp_are_refused_by_default_methods(problem, name):
-    with pytest.raises(
-        InputError, match=rf"^-{name}: .*; allowed with -lcp_type active_set( or tao or snesvi)?$"
-    ):
+    with pytest.raises(InputError, match=rf"^-{name}: .*; allowed with -lcp_type active_set( or snesvi)?$"):
         ContactSolver(problem, options={name: PYTHON_KSP[name]})
 
 
@@ -236,7 +231,7 @@ def test_an_option_that_is_off_is_not_refused():
     ContactSolver(PROBLEM, options={"ksp_knoll": False, "ksp_error_if_not_converged": "no"}).close()
 
 
-@pytest.mark.parametrize("method", ["norm", "mg_v11", SNESVI, TAO])
+@pytest.mark.parametrize("method", ["norm", "mg_v11", SNESVI])
 def test_an_unconverged_linear_solve_is_the_reason_if_asked_for(method):
     options = {"ksp_max_it": 2, "ksp_error_if_not_converged": "", "ksp_rtol": 1e-12}
     if method in ("norm", "mg_v11"):
@@ -256,7 +251,7 @@ WITHOUT_GUESS = (
 FAILS_LATE = [
     ("fmg_v11", "mg_coarse_sub_ksp_initial_guess_nonzero", "", WITHOUT_GUESS),
     ("mg_v11", "mg_levels_ksp_type", "preonly", WITHOUT_GUESS),
-    (TAO, "pc_type", "lu", "Could not locate a solver type for factorization type LU"),
+    (SNESVI, "pc_type", "lu", "Could not locate a solver type for factorization type LU"),
 ]
 
 
@@ -269,5 +264,5 @@ def test_options_that_fail_in_a_solve_are_refused_each_time(method, name, value,
 
 
 def test_strategy_of_free_patches_is_refused_on_periodic_ones():
-    with pytest.raises(InputError, match="-lcp_type fast: .* must be primal, active_set, tao or snesvi"):
+    with pytest.raises(InputError, match="-lcp_type fast: .* must be primal, active_set or snesvi"):
         ContactSolver(periodic_rough(32), options={"lcp_type": "fast"})
