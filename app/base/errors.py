@@ -28,6 +28,18 @@ class InputError(ValueError):
 
         super().__init__(shorten(_LONG_WORD.sub(shorter, str(message)), MAX_MESSAGE))
 
+    def _render_traceback_(self):
+        """Return the lines that IPython shows: only frames of the user."""
+        package = __name__.partition(".")[0]
+        last = self.__traceback__
+        while (
+            last.tb_next and last.tb_next.tb_frame.f_globals.get("__name__", "").partition(".")[0] != package
+        ):
+            last = last.tb_next
+        last.tb_next = None
+        shell = sys.modules["IPython"].get_ipython()
+        return shell.InteractiveTB.structured_traceback(type(self), self, self.__traceback__, tb_offset=1)
+
 
 class PackageError(ImportError, InputError):
     """A Python package that cannot be imported."""
