@@ -10,9 +10,7 @@ from app.cli.geometry_options import (
     AUTO,
     COATING,
     DEFAULT_CELLS,
-    PAIR,
     RADII,
-    ROUGHNESS,
     SELF_AFFINE,
     SURFACE_FILES,
     WAVY,
@@ -81,13 +79,6 @@ def make_problem(options, texts, comm):
 
 def _make_material(options):
     if options.given(*COATING):
-        wrong = [f"-{name} does not suffice" for name in PAIR if options.given(name)]
-        wrong += [f"-{name} is missing" for name in (*COATING, "young", "poisson") if not options.given(name)]
-        if wrong:
-            raise InputError(
-                f"{wrong[0]}: a coating needs {', '.join(f'-{name}' for name in COATING)}, and -young E1,E2 with "
-                "-poisson nu1,nu2 of its substrate and of the other body; inf: rigid"
-            )
         numbers = [options[name] for name in COATING]
         if len(set(map(len, numbers))) > 1:
             raise InputError(
@@ -99,16 +90,11 @@ def _make_material(options):
             base, base_ratio = options["young"][body], options["poisson"][body]
             other = Material.coated((young, base), (ratio, base_ratio), thickness, None if body else other)
         return other
-    if options.given("contact_modulus"):
-        return Material.from_contact_modulus(options["contact_modulus"])
     if options.given("young", "poisson"):
         return Material.pair(options["young"], options["poisson"])
-    if not options.given("shear_modulus", "poisson_ratio"):
-        raise InputError(
-            "neither -contact_modulus [N/mm2], nor -young E1,E2 [N/mm2] with -poisson nu1,nu2, nor "
-            "-shear_modulus [N/mm2] with -poisson_ratio is given: exactly one of these ways is needed"
-        )
-    return Material.combined(options["shear_modulus"], options["poisson_ratio"])
+    if options.given("shear_modulus", "poisson_ratio"):
+        return Material.combined(options["shear_modulus"], options["poisson_ratio"])
+    return Material.from_contact_modulus(options["contact_modulus"])
 
 
 def _read_symbol(options):
@@ -116,8 +102,6 @@ def _read_symbol(options):
     periodic = options["periodic"]
     if periodic is True:
         return options["periodic_symbol"]
-    if options.given("periodic_symbol"):
-        raise InputError("-periodic_symbol: has no effect here; allowed with -periodic in x and y")
     return periodic or ""
 
 
@@ -127,20 +111,10 @@ def _make_shape(name, options, material):
     if name == "roller":
         return _make_roller(options, material)
     if name == "file":
-        if options.given("surface_unit") and not any(options[file] for file in SURFACE_FILES):
-            raise InputError(
-                f"-surface_unit {options['surface_unit']}: has no effect here; gap files are in mm, "
-                "heights of -surface_file have units"
-            )
         return GapFile(options["gap_file"])
     if options.given(*RADII[1]):
         return shapes.Paraboloid.between(
             options["body1_radii"], options["body2_radii"], options["body_angle"]
-        )
-    if not options.given(*RADII[0]):
-        raise InputError(
-            "neither -hertz_rx and -hertz_ry [mm] nor -body1_radii and -body2_radii [mm] is given: exactly one of "
-            "the two ways is needed"
         )
     return shapes.Paraboloid(options["hertz_rx"], options["hertz_ry"] or options["hertz_rx"])
 
@@ -155,8 +129,6 @@ def _make_roller(options, material):
         numbers["crown_radius"] = half**2 / (2 * drop) if drop else options["roller_crown_radius"]
     elif crown == "log":
         load = options["roller_design_load"] or find_loading(options).get("load")
-        if not load:
-            raise InputError("-roller_design_load is missing: load with nearly uniform pressure [N]")
         numbers |= {"design_load": load, "contact_modulus": material.contact_modulus}
     return Roller(
         options["roller_radius"], options["roller_length"], crown, options["roller_end_chamfer"],
@@ -187,8 +159,12 @@ def _make_grid(options, name, shape, measured, material, periodic, texts):
     """Make the grid from options, a file, or the shape's analytic solution."""
     domain = options["domain"] if options.given("domain") else None
     if domain == AUTO and name != "punch":
-        if reason := _why_not_auto(name, periodic, measured, options.given(*WAVY, *SELF_AFFINE)):
-            raise InputError(f"-domain auto: {reason}")
+        rough = measured or name in ("file", "rough") or options.given(*WAVY, *SELF_AFFINE)
+        if periodic or rough:
+            raise InputError(
+                "-domain auto: only for smooth bodies on a patch that is not periodic; give x0,x1,y0,y1 [mm], or leave "
+                "-domain out if a file states its patch"
+            )
         return _fit_grid(options, name, shape, material, texts)
     if measured:
         known = [surface for surface in measured if surface.spacing] or measured
@@ -205,18 +181,6 @@ def _make_grid(options, name, shape, measured, material, periodic, texts):
     if domain in (None, AUTO) and name not in ("python", "rough"):
         return Grid.from_domain(*n, _make_default_patch(options, shape, material, periodic))
     return Grid.from_domain(*n, options["domain"], periodic)
-
-
-def _why_not_auto(name, periodic, measured, generated):
-    """Return why no patch can be fitted to the contact, or None."""
-    reasons = {
-        "a periodic patch is given by its period": periodic,
-        "a measured map has its own patch; -surface_crop i0,i1,j0,j1 solves on a part of it": measured,
-        "a gap file has no positions, so its patch must be given": name == "file",
-        "nominally flat bodies touch everywhere on a patch": name == "rough",
-        "a generated surface belongs to its patch, which must be given": generated,
-    }
-    return next(filter(reasons.get, reasons), None)
 
 
 def _fit_grid(options, name, shape, material, texts):
@@ -310,10 +274,6 @@ def _make_random_surfaces(options, name, grid, measured):
         if options["surface_sigma"] > 0:
             surfaces.append(WavySurface(*parameters, extent, origin))
     if self_affine:
-        if not options.given(*ROUGHNESS):
-            raise InputError(
-                "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
-            )
         shortest = options["surface_cutoff"]
         check_cut_off(grid, shortest)  # before the waves are made
         numbers = options["surface_hurst"], options["surface_rolloff"] or max(extent), shortest

@@ -112,16 +112,10 @@ class Request:
         if names := set(options.unused()) - own.asked:
             unused = [option for option in PROBLEM_OPTIONS if option.name in names]
             one = f"has no effect here; it is: {unused[0].meaning}"
-            if unused[0].name in ("resistivity", "thermal_conductivity"):
-                one = "needs -stiffness"
             effect = one if len(unused) == 1 else "have no effect here"
             raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in unused))}: {effect}")
         problem_names = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = parsed.split_by_source(texts.keys() - problem_names)
-        if "method" in self.options:
-            name = self.options["method"] or "NAME"
-            file = f"{name.removesuffix('.opts')}.opts"
-            raise InputError(f"-method {name}: a method is an option file; use -options_file {file}")
         known, unknown = _split_unknown(parsed.explicit_names(), own.names)
         if misspelt := [name for name in unknown if find_similar_name(name, known)]:
             raise InputError(describe_unknown_options(misspelt, known))
