@@ -103,12 +103,15 @@ def to_length(name, value):
     raise InputError(f"{name} {value!r}: must be a number [mm], or have a unit of {ALLOWED}")
 
 
+def _scale(size, unit):
+    """Return factor and name of a unit that makes a number of this size short."""
+    scales = _SCALES.get(unit, ()) if 0 < size < math.inf else ()
+    return next(((factor, name) for least, factor, name in scales if size >= least), (1.0, unit))
+
+
 def choose_length_unit(largest):
     """Return a unit that makes lengths up to `largest` [mm] short numbers."""
-    for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
-        if largest >= least:
-            return unit
-    return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
+    return Unit(*_scale(largest, "mm"))
 
 
 def choose_unit(largest, unit):
@@ -122,12 +125,13 @@ def choose_unit(largest, unit):
     ((0.001, 'kN'), (1000.0, 'µm'), (1.0, 'N/mm²'))
     """
     if unit == "mm":
-        return tuple(choose_length_unit(largest))
+        return _scale(largest, unit)
     return (1e-3, "kN") if unit == "N" and largest >= MIN_KILONEWTONS else (1.0, unit)
 
 
 MIN_KILONEWTONS = 1e4  # N; smaller forces are in N
 _SCALES = {  # unit -> least value, factor and name of others, by decreasing size
+    "mm": ((2e4, 1e-3, "m"), (0.2, 1.0, "mm"), (2e-4, 1e3, "µm"), (0.0, 1e6, "nm")),
     "N": ((MIN_KILONEWTONS, 1e-3, "kN"), (0.1, 1.0, "N"), (1e-4, 1e3, "mN"), (0.0, 1e6, "uN")),
     "mm2": ((1e-2, 1.0, "mm2"), (0.0, 1e6, "um2")),
 }
@@ -143,12 +147,7 @@ def format_quantity(value, unit, digits=4):
     >>> format_quantity(0.0021, "mm"), format_quantity(25300.0, "N"), format_quantity(0.25, "1")
     ('2.1 um', '25.3 kN', '0.25')
     """
-    factor, size = 1.0, abs(value)
-    if unit == "mm" and math.isfinite(value):
-        factor, unit = choose_length_unit(size)
-    elif size > 0:
-        scales = _SCALES.get(unit, ((0.0, 1.0, unit),))
-        factor, unit = next((factor, name) for least, factor, name in scales if size >= least)
+    factor, unit = _scale(abs(value), unit)
     name = "" if unit == "1" else f" {unit.replace('µ', 'u')}"
     return f"{value * factor:z.{digits}g}{name}"
 

@@ -24,9 +24,8 @@ from app.problems import shapes, user_problem
 from app.problems.contact_problem import ContactProblem
 from app.problems.default_patch import default_patch
 from app.problems.gap_file import GapFile, HardnessFile
-from app.problems.random_surfaces import SelfAffineSurface, WavySurface, check_cut_off
+from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.roller import Roller, read_profile
-from app.problems.surfaces.filters import check_order
 from app.problems.surfaces.reading import read_surface
 from app.problems.surfaces.resampling import common_grid
 
@@ -144,7 +143,6 @@ def _read_measured(options):
     """Read the measured surfaces; average or resample them by the options."""
     names = [name for name in SURFACE_FILES if options[name]]
     if names:
-        check_order(*_read_filters(options))
         how = [options[f"surface_{name}"] for name in ("unit", "level", "crop", "missing", "height_unit")]
         how += [options["surface_orient"] or (), options["surface_skip"]]
     surfaces = [read_surface(options[name], *how) for name in names]
@@ -275,7 +273,6 @@ def _make_random_surfaces(options, name, grid, measured):
             surfaces.append(WavySurface(*parameters, extent, origin))
     if self_affine:
         shortest = options["surface_cutoff"]
-        check_cut_off(grid, shortest)  # before the waves are made
         numbers = options["surface_hurst"], options["surface_rolloff"] or max(extent), shortest
         rms = {name: options[f"surface_{name}"] for name in ("rms_slope", "rms_height")}
         surfaces.append(SelfAffineSurface(*numbers, extent, options["surface_seed"], **rms, origin=origin))

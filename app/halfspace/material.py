@@ -62,16 +62,7 @@ class Material:
     creep: CreepFunction | None = field(default=None, init=False, compare=False)
     relaxation: Mapping | None = field(default=None, init=False, compare=False)
 
-    def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None, **unknown):
-        if unnamed or unknown or shear_modulus is None or poisson_ratio is None:
-            values = [*unnamed, *unknown.values()]
-            given = ", ".join([*map(str, unnamed), *(f"{name}={value}" for name, value in unknown.items())])
-            young, combined = [", ".join(map(str, values))] * 2 if len(values) == 2 else ("E, nu", "G, nu")
-            raise InputError(
-                f"Material({given}): takes shear_modulus= and poisson_ratio= only; two equal bodies with Young's "
-                f"modulus and Poisson's ratio: Material.isotropic({young}); shear modulus and Poisson's ratio of "
-                f"the pair: Material.combined({combined})"
-            )
+    def __init__(self, *, shear_modulus, poisson_ratio):
         for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
             object.__setattr__(self, name, _real(name.replace("_", " "), value))
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):

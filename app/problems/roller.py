@@ -160,6 +160,4 @@ def read_profile(path):
         table = np.loadtxt(rows, ndmin=2)
     except (OSError, ValueError) as error:
         raise InputError(f"profile {path}: cannot be read: {error}") from None
-    if table.ndim != 2 or table.shape[1] != 2:
-        raise InputError(f"profile {path}: must have two columns, y and z [mm]")
     return table
