@@ -30,7 +30,6 @@ from llvmlite.binding import ObjectFileRef, set_option
 from numba.core import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.compiler import compile_result
-from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
 
 from app.base.errors import InputError, is_first_rank
@@ -100,10 +99,8 @@ def njit(makes_arrays=False, **options):
     A function is compiled once for calls from Python, and once for calls from other loops, which need no wrapper for
     Python. The wrapper takes a tenth of the time to compile, and most functions are called in only one of these ways.
     """
-    if hasattr(DefaultOptions, "_nrt"):  # not a public option of numba; without it all functions count
-        options["_nrt"] = makes_arrays
-    if hasattr(DefaultOptions, "no_cfunc_wrapper"):  # only functions called by address need this wrapper
-        options["no_cfunc_wrapper"] = True
+    options["_nrt"] = makes_arrays  # not a public option of numba
+    options["no_cfunc_wrapper"] = True  # only functions called by address need this wrapper
 
     def compiled(function, cache_class, **more):
         dispatcher = numba.njit(**options, **more)(function)
@@ -111,8 +108,6 @@ def njit(makes_arrays=False, **options):
         return dispatcher
 
     def decorate(function):
-        if not hasattr(DefaultOptions, "no_cpython_wrapper"):
-            return compiled(function, LockedCache)
         dispatcher = compiled(function, MachineCodeCache)
         inner = cache(lambda: compiled(_renamed(function, "inner"), LockedCache, no_cpython_wrapper=True))
         dispatcher.get_call_template = lambda args, kws: inner().get_call_template(*unliteral(args, kws))
@@ -272,8 +267,6 @@ class LockedCache(FunctionCache):
 
     def _load(self, signature, context):
         """Load compiled code without numba's tables of types, to save 0.1 s."""
-        if not hasattr(self, "_load_overload"):  # not a public method of numba
-            return super().load_overload(signature, context)
         rtsys.initialize(context)  # allocator of arrays
         return self._load_overload(signature, context)
 

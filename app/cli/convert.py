@@ -19,7 +19,7 @@ from app.cli.arguments import Parser, argument_type, cell_size, command, length_
 from app.cli.instruments import FAULTY
 from app.options.option_table import cells, integer, subset
 from app.problems.surfaces.array_file import UnknownFormat
-from app.problems.surfaces.formats import ARRAY_KINDS, ARRAYS, TEXTS, detect_format, split_suffix
+from app.problems.surfaces.formats import ARRAYS, TEXTS, detect_format, split_suffix
 from app.problems.surfaces.height_map import TURNS, HeightMap, open_heights
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # variable with the path of a Python that has SurfaceTopography
@@ -92,10 +92,6 @@ def _read(path, arguments):
     """Return a file's `HeightMap`, format and channel."""
     channel, skip = arguments.channel, arguments.skip
     known = detect_format(_without_dataset(path), skip)
-    if channel and known.kind in ARRAY_KINDS:
-        raise InputError(
-            f"--channel {channel}: an array of a .npz or HDF5 file is named as {path}:/{channel}, a .npy has one only"
-        )
     if skip and known.kind == "instrument":
         raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
     if known.kind == "instrument":
