@@ -130,7 +130,6 @@ GEOMETRY_OPTIONS = [
     Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
 ]  # fmt: skip
-PAIR = "contact_modulus", "shear_modulus", "poisson_ratio"  # of both bodies together
 COATING = "coating_young", "coating_poisson", "coating_thickness"
 MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")

@@ -56,11 +56,6 @@ class LayerWaves:
         value, slope = self._base
         return _decaying(value, value + slope, s, np.exp(-s))[:3]
 
-    def displacements(self, depth):
-        """Return displacements at a depth in the layer [mm]."""
-        nu, (a, a1, a2, a3) = self.layer.poisson[0], self._layer_functions(depth)
-        return (1 - nu) * a3 - (2 - nu) * a1, (1 - nu) * a2 + nu * a
-
     def _layer_functions(self, depth, reflected=False):
         functions = np.empty((4, *self._q.shape))
         thin, s = self._thin, self._q * depth

@@ -206,7 +206,7 @@ class SelfAffineSurface(_Function):
     power spectrum (see References), which is
 
     - proportional to q^(-2-2H) from the roll-off wavelength to the shortest wavelength,
-    - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
+    - constant from the period to the roll-off wavelength, and zero elsewhere.
 
     As a sum of many independent waves the height is Gaussian. The sum is periodic; use it on a patch inside one period.
     Phases are drawn from small to large wave numbers. So a shorter `shortest_wavelength` adds waves and keeps the
@@ -216,8 +216,8 @@ class SelfAffineSurface(_Function):
     ----------
     hurst : float
         Hurst exponent H, 0 < H <= 1.
-    rolloff_wavelength, shortest_wavelength, longest_wavelength : float
-        Wavelengths [mm] between which the spectrum has its ranges. The longest one is by default the period.
+    rolloff_wavelength, shortest_wavelength : float
+        Wavelengths [mm] between which the spectrum has its ranges.
     period : tuple of float
         l_x, l_y: sides of the period [mm].
     seed : int
@@ -255,24 +255,19 @@ class SelfAffineSurface(_Function):
         *,
         rms_height=None,
         rms_slope=None,
-        longest_wavelength=None,
         origin=(0.0, 0.0),
     ):
         rolloff_wavelength = to_length("rolloff_wavelength", rolloff_wavelength)
         shortest_wavelength = to_length("shortest_wavelength", shortest_wavelength)
-        if longest_wavelength is not None:
-            longest_wavelength = to_length("longest_wavelength", longest_wavelength)
         if rms_height is not None:
             rms_height = to_length("rms_height", rms_height)
         require_numbers(**{"Hurst exponent": hurst})
         if not 0 < hurst <= 1:
             raise InputError(f"Hurst exponent {format_exact(hurst)}: must be above 0 and at most 1")
-        longest = np.inf if longest_wavelength is None else longest_wavelength
-        if not (0 < shortest_wavelength <= rolloff_wavelength <= longest and np.isfinite(rolloff_wavelength)):
+        if not 0 < shortest_wavelength <= rolloff_wavelength < np.inf:
             raise InputError(
                 f"surface wavelengths: shortest {format_exact(shortest_wavelength)}, "
-                f"roll-off {format_exact(rolloff_wavelength)}, longest {format_exact(longest)}: "
-                "must be positive and in this order"
+                f"roll-off {format_exact(rolloff_wavelength)}: must be positive and in this order"
             )
         _check_pair("period", period, "positive, finite lengths", above=0)
         _check_pair("origin", origin, "finite coordinates")
@@ -292,10 +287,10 @@ class SelfAffineSurface(_Function):
         check_fits(16.0 * (largest_x + 1) * (largest_y + 1), waves)
         self.wave_numbers = np.arange(largest_x + 1), np.arange(-largest_y, largest_y + 1)
         self.hurst, self.rolloff_wavelength = hurst, rolloff_wavelength
-        self.shortest_wavelength, self.longest_wavelength = shortest_wavelength, longest_wavelength
+        self.shortest_wavelength = shortest_wavelength
         sums = sum(np.array([power.sum(), np.sum(power * q**2)]) for _, power, q in self._strips())
         if not sums[0]:
-            raise InputError(f"{waves}, at most {format_exact(longest)} mm long: no wave has this period")
+            raise InputError(f"{waves}: no wave has this period")
         # Parseval's theorem: a cosine has mean square 1/2.
         height, slope = np.sqrt(sums / 2)
         self._factor = factor = target / (slope if rms_height is None else height)
@@ -337,8 +332,6 @@ class SelfAffineSurface(_Function):
             q = 2 * np.pi * np.hypot(kx[columns] / self.period[0], ky[:, None] / self.period[1])
             power = np.maximum(q * self.rolloff_wavelength / (2 * np.pi), 1) ** (-2 - 2 * self.hurst)
             power[q * self.shortest_wavelength > 2 * np.pi * (1 + 1e-12)] = 0
-            if self.longest_wavelength is not None:
-                power[q * self.longest_wavelength < 2 * np.pi * (1 - 1e-12)] = 0
             if not start:
                 power[: ky[-1] + 1, 0] = 0  # q = 0, and -q of the waves kept on the line k_x = 0
             yield columns, power, q

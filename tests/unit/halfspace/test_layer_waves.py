@@ -23,6 +23,12 @@ def waves(young, poisson, x=X):
     return layer, LayerWaves(layer, x / layer.thickness)
 
 
+def displacements(layer, response, depth):
+    """Displacements at a depth in the layer, by the module's formulas."""
+    nu, (a, a1, a2, a3) = layer.poisson[0], response._layer_functions(depth)
+    return (1 - nu) * a3 - (2 - nu) * a1, (1 - nu) * a2 + nu * a
+
+
 def half_space(s):
     """The stress function of a half-space, and two derivatives."""
     return (1 + s) * np.exp(-s), -s * np.exp(-s), (s - 1) * np.exp(-s)
@@ -34,7 +40,7 @@ def test_surface_carries_the_pressure_and_is_displaced_as_the_ratio_says(young, 
     value, slope, _ = response.functions(0.0)
     np.testing.assert_allclose(value, 1, atol=1e-14)
     np.testing.assert_allclose(slope, 0, atol=1e-14)
-    normal, _ = response.displacements(0.0)
+    normal, _ = displacements(layer, response, 0.0)
     ratio = layer.ratio(X / THICKNESS)
     np.testing.assert_allclose(normal / (2 - 2 * poisson[0]), ratio, rtol=0, atol=1e-12 * max(1, ratio.max()))
 
@@ -42,7 +48,7 @@ def test_surface_carries_the_pressure_and_is_displaced_as_the_ratio_says(young, 
 @bodies
 def test_stresses_and_displacements_are_continuous_at_the_interface(young, poisson):
     layer, response = waves(young, poisson)
-    u_z, u_x = response.displacements(THICKNESS)
+    u_z, u_x = displacements(layer, response, THICKNESS)
     if layer.on_rigid_base:
         np.testing.assert_allclose([u_z, u_x], 0, atol=1e-13)
         return

@@ -181,14 +181,6 @@ def test_self_affine_spectrum_has_slope_minus_2_minus_2h_and_a_plateau(hurst):
     assert spectrum.density[beyond].max() < 1e-20 * spectrum.density[0]
 
 
-def test_longest_wavelength_removes_the_longer_waves():
-    n, length = 64, 10.0
-    surface = SelfAffineSurface(0.8, 1.0, 0.5, (length, length), 5, rms_height=0.1, longest_wavelength=2.0)
-    spectrum = radial_spectrum(sampled(surface, n, n, (0, length, 0, length)), length / n, length / n)
-    removed = spectrum.wave_number < 0.85 * 2 * np.pi / 2.0
-    assert spectrum.density[removed].max() < 1e-20 * spectrum.density.max()
-
-
 def test_self_affine_heights_are_gaussian():
     surface = SelfAffineSurface(0.8, 0.5, 0.1, (10.0, 10.0), 11, rms_height=0.1)
     height = sampled(surface, 256, 256, (0, 10, 0, 10))
