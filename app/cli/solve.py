@@ -28,7 +28,6 @@ def main(parsed):
         from app.api.summary import refinement_table, summary
         from app.base.mpi import MPI
         from app.base.numba_cache import clock, compile_seconds
-        from app.cli import monitor
         from app.cli.load_path import load_path_summary, run_path
         from app.cli.problem_options import Request, format_help, suggest_names
         from app.contact.history import Monitor
@@ -47,11 +46,8 @@ def main(parsed):
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"), suggest_names(parsed):
         request, solver = Request(parsed, MPI.COMM_WORLD), None
-        listeners = [] if request.path else monitor.make_listeners()  # a path shows its steps
         if not request.refine_until:
-            solver = ContactSolver(
-                request.problem, request.method, request.options, prefix="", listeners=listeners
-            )
+            solver = ContactSolver(request.problem, request.method, request.options, prefix="")
             facts["setup_seconds"] = clock() - started
     facts |= {"title": request.title} if request.title else {}
 
@@ -66,7 +62,7 @@ def main(parsed):
         if request.refine_until:
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
-                listeners=listeners, stiffness=request.stiffness, prefix="", quantities=request.quantities,
+                stiffness=request.stiffness, prefix="", quantities=request.quantities,
                 **request.loading,
             )  # fmt: skip
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
