@@ -16,6 +16,7 @@ from app.halfspace.layer import Layer
 from app.halfspace.layered_kernel import LayeredKernel
 
 
+@usage("Material.isotropic(E, nu) of equal bodies, or Material.combined(G, nu) of the pair")
 @dataclass(frozen=True, init=False, repr=False)
 class Material:
     """Combined elastic constants of both bodies (Sec. 2.2).

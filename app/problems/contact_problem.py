@@ -44,7 +44,7 @@ class _SampledOrFunction:
         if self.sampled:
             return np.array(self._values[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
-        shape, values = (y.shape[0], grid.nx), real_numbers(self._label, self._values(x, y))
+        shape, values = (y.shape[0], grid.nx), real_numbers(self._label, self._call(x, y))
         try:
             values = np.array(np.broadcast_to(values, shape), order="C")
         except ValueError:
@@ -55,6 +55,15 @@ class _SampledOrFunction:
         return values
 
     heights_on = shape_on
+
+    def _call(self, x, y):
+        try:
+            return self._values(x, y)
+        except (TypeError, ValueError) as error:
+            if type(error) not in (TypeError, ValueError) or "array" not in str(error):
+                raise
+            advice = f"a {self._label} is called with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
+            raise type(error)(f"{error}; {advice}").with_traceback(error.__traceback__) from None
 
     def describe(self):
         """Return an empty dict: a result file does not repeat the values."""

@@ -1,6 +1,7 @@
 """Contact problems: shapes and surfaces on them."""
 
 import itertools
+import math
 import pickle
 from dataclasses import replace
 
@@ -111,6 +112,13 @@ def test_a_problem_is_printed_in_one_line():
     assert repr(wavy).startswith("<ContactProblem: rough, 12 x 8 cells of ")
     assert repr(wavy).endswith(", periodic, E* 100000 N/mm2, 1 surface>") and len(repr(wavy)) < 120
     assert repr(ROUGH) == f"<SelfAffineSurface: Hurst exponent 0.8, rms slope {ROUGH.rms_slope:.4g}, seed 1>"
+
+
+@pytest.mark.parametrize("number", [lambda x, y: x if x > y else y, lambda x, y: math.hypot(x, y)])
+def test_the_error_of_a_gap_of_numbers_suggests_vectorize(number):
+    with pytest.raises((TypeError, ValueError), match=r"arrays x, y; np.vectorize\(f\)"):
+        ContactProblem(GRID, STEEL, number).shape_on(GRID)
+    assert ContactProblem(GRID, STEEL, np.vectorize(number)).shape_on(GRID).shape == GRID.shape
 
 
 def test_coated_bodies_have_no_analytic_solution():

@@ -121,7 +121,7 @@ def test_class_reads_options_of_its_own(make):
         ("my_module.Forgets", "from_options returns no"),
         ("my_module.Cone", "-cone_slope is missing: height over radius"),
         ("my_module.Transposed", r"shape \(6, 4\); must be .* = \(4, 6\)"),
-        ("my_module.scalar", r"ValueError: The truth value .* \(.*my_module.py, line 10\)"),
+        ("my_module.scalar", r"ValueError: The truth value .*np.vectorize.* \(.*my_module.py, line 10\)"),
         ("my_module.short", r"gap: .*\(3,\); must be \(4, 6\)"),
         ("my_module.huge", "must be numbers up to"),
         ("broken.f", r"AttributeError: .*no_such_thing.* \(.*broken.py, line 2\)"),
