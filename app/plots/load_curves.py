@@ -8,14 +8,13 @@ on the curves.
 import csv
 import re
 from contextlib import suppress
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from app.base.errors import InputError
-from app.base.quantities import axis_label, scale_for_axis
-from app.base.units import choose_length_unit, to_millimetres
+from app.base.quantities import scale_for_axis
+from app.base.units import to_millimetres
 from app.options import option_table
 from app.plots.style import (
     DASH_DOTTED,
@@ -30,6 +29,9 @@ from app.plots.style import (
 )
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 
+_AXES = (  # drawn columns
+    "load", "approach", "indentation", "max_pressure", "contact_area", "stiffness", "contact_fraction", "mean_gap",
+)  # fmt: skip
 # Drawn column -> column to which the error is relative, and column of the error; default: NAME, NAME_error.
 _ERRORS = {
     "approach": ("indentation", "approach_error"),
@@ -38,6 +40,22 @@ _ERRORS = {
     "mean_pressure": ("mean_pressure", "load_error"),
 }
 _FORCES = "load", "mean_pressure"
+_FRACTION = "contact_fraction"
+# Drawn column -> columns of the plastic part, and of its theory.
+_PLASTIC = {
+    "contact_area": ("plastic_area", ""),
+    _FRACTION: ("plastic_fraction", "persson_plastic_fraction"),
+}
+_SHARES = (  # other contact fractions: column, label, style
+    (
+        "contact_fraction_corrected",
+        "corrected for the stepped boundary",
+        {"marker": "x", "linestyle": "none"},
+    ),
+    ("persson", "Persson", {"linestyle": DASHED}),
+    ("bush_gibson_thomas", "Bush, Gibson, Thomas", {"linestyle": DOTTED}),
+    ("persson_hardness_fraction", "Persson with hardness", {"linestyle": DASH_DOTTED}),
+)
 
 
 class Path(NamedTuple):
@@ -61,10 +79,12 @@ class Path(NamedTuple):
         valid = (np.isfinite(values) & (values > above)).all(axis=0)
         return values[:, valid] if valid.any() else None
 
-    @property
-    def relative(self):
-        """1 / (E* times rms slope) [mm2/N]; NaN if unknown."""
-        return 1 / self.scale if self.scale > 0 else np.nan
+    def multiply(self, factor, name):
+        """Return the path with a column, its error and its analytic values times a factor."""
+        names = {name, f"{name}_bar", f"analytic_{name}"} & self.columns.keys()
+        return self._replace(
+            columns=self.columns | {key: factor * np.asarray(self.columns[key], float) for key in names}
+        )
 
 
 def get_path(result, name=""):
@@ -95,40 +115,129 @@ def path_figure(paths, heading=""):
     with the theories of Persson and of Bush, Gibson and Thomas. kappa is the contact fraction divided by the relative
     pressure. For other bodies the panels show load, pressure, area and stiffness.
     """
-    rough = all(
-        np.isfinite(path.relative) and path.select("mean_pressure", "contact_fraction") is not None
-        for path in paths
-    )
+    rough = all(path.scale > 0 and path.select("mean_pressure", _FRACTION) is not None for path in paths)
     figure, panels = new_panels([(7.0, 4.3)] * 4, 2, heading)
-    for axes, draw in zip(panels, _ROUGH if rough else _SMOOTH, strict=True):
-        draw(axes, paths)
-    if not rough and len(panels[0].lines) + len(panels[0].collections) > 1:
-        panels[0].legend(loc="best")
+    shown, note = _complete_stiffness(list(map(_add_bars, paths)))
+    labels = {}
+    for name in _AXES:
+        factor, labels[name] = scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
+        shown = [path.multiply(factor, name) for path in shown]
+    labels["stiffness"] += note
+    (_draw_rough if rough else _draw_smooth)(panels, shown, labels)
     return figure
 
 
-def _draw_curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
-    """Draw column `y` against column `x` for all paths.
+def _add_bars(path):
+    """Return a path with estimated errors, in the units of their columns.
 
-    The function `scale` returns, for a path, the factors of x and of y. `logs` are two values, true if x or y is
-    logarithmic; then only positive values are drawn. Return False if there are no values.
+    Where the relative error is 1 there is no bar: this number means that the quantity does not converge with the grid.
     """
-    above = 0.0 if any(logs) else -np.inf
+    columns = dict(path.columns)
+    for name in (*_AXES, "mean_pressure"):
+        reference, error = _ERRORS.get(name, (name, f"{name}_error"))
+        size = path.columns.get(reference, path.columns.get(name))
+        if size is not None and error in path.columns:
+            share = np.asarray(path.columns[error], float)
+            size = np.abs(np.asarray(size, float)) * share
+            columns[f"{name}_bar"] = np.where((share > 0) & (share < 1), size, np.nan)
+    return path._replace(columns=columns)
+
+
+def _complete_stiffness(paths):
+    """Return the paths with stiffness by differences where the exact one is unknown.
+
+    Also return a note for the axis, which names these paths.
+    """
+    shown, names = [], []
+    for path in paths:
+        if path.select("load", "stiffness") is None:
+            names.append(path.name)
+            if (differences := path.columns.get("stiffness_by_differences")) is not None:
+                path = path._replace(columns=path.columns | {"stiffness": differences})
+        shown.append(path)
+    which = ", ".join(names) if len(names) < 4 else f"{len(names)} of {len(paths)} paths"
+    which = f": {which}" if len(names) < len(paths) else ""
+    return shown, f"\nby differences{which}" if names else ""
+
+
+def _select_all(paths, name):
+    columns = [path.select(name, above=-np.inf) for path in paths]
+    return np.concatenate([column[0] for column in columns if column is not None] or [[1.0]])
+
+
+def _draw_rough(panels, paths, labels):
+    paths = [path.multiply(1 / path.scale, "mean_pressure") for path in paths]
+    labels = labels | {"mean_pressure": "p / (E* h′rms)"}
+    p = np.concatenate([path.select("mean_pressure", _FRACTION)[0] for path in paths])
+    span = np.geomspace(p.min(), p.max() * 1.0001, 200)
+    theories = {"persson": persson_fraction(span), "bush_gibson_thomas": bush_gibson_thomas_fraction(span)}
+    theory = Path({"mean_pressure": span, **theories})
+    for axes, shown, logs in (
+        (panels[0], [*paths, theory], "xy"), (panels[1], [*map(_divide, paths), _divide(theory)], "x"),
+    ):  # fmt: skip
+        others = [(shown, "mean_pressure", *row) for row in _SHARES]
+        _draw_panel(axes, shown[:-1], labels, "mean_pressure", _FRACTION, logs, others)
+    panels[1].set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, None))
+    add_legend(panels[1])  # also for the panel on the left
+    _draw_panel(panels[2], paths, labels, "mean_gap", "mean_pressure", "y")  # nearly a straight line
+    _draw_panel(panels[3], paths, labels, "mean_pressure", "stiffness")
+
+
+def _divide(path):
+    """Return a path with contact fractions divided by the relative pressure."""
+    p, names = path.columns["mean_pressure"], (_FRACTION, f"{_FRACTION}_bar", *(row[0] for row in _SHARES))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = {name: path.columns[name] / p for name in names if name in path.columns}
+    return path._replace(columns={"mean_pressure": p} | shares)
+
+
+def _draw_smooth(panels, paths, labels):
+    x, columns = "approach", [path.columns for path in paths]
+    values = _select_all(paths, x)
+    if values.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
+        x, values = "indentation", _select_all(paths, "indentation")
+    # Approaches counted from within the roughness are negative. Bodies that unload keep an indentation.
+    log = values.min() >= 0 and all((np.diff(one["load"]) >= 0).all() for one in columns)
+    rows = (x, "load"), *(("load", y) for y in ("max_pressure", "contact_area", "stiffness"))
+    for axes, (x, y) in zip(panels, rows, strict=True):
+        theory = paths, f"analytic_{x}", f"analytic_{y}", "analytic", {"linestyle": DASHED}
+        _draw_panel(axes, paths, labels, x, y, "xy" if log or y != "load" else "", [theory])
+    if len(panels[0].lines) + len(panels[0].collections) > 1:
+        panels[0].legend(loc="best")
+
+
+def _draw_panel(axes, paths, labels, x, y, logs="xy", others=()):
+    """Draw column `y` against column `x` for all paths, with marks, errors and theories.
+
+    The axes named in `logs` are logarithmic; then only positive values are drawn. `others` are arguments of
+    `_draw_theory`.
+    """
+    above = 0.0 if logs else -np.inf
     for number, path in enumerate(paths):
         values = path.select(x, y, above=above)
-        if values is None:
-            continue
-        values = values * np.array(scale(path))[:, None]
-        axes.plot(*values, **series_style(number), label=path.name or "computed")
-        for name in x, y:
-            _draw_errors(axes, path, (x, y), name, scale(path), number)
-        _mark_unloading(axes, *values, values[0 if x in _FORCES else 1], number)
+        if values is not None:
+            axes.plot(*values, **series_style(number), label=path.name or "computed")
+            _draw_errors(axes, path, x, y, number)
+            _mark_unloading(axes, *values, values[0 if x in _FORCES else 1], number)
     if not axes.lines:
         missing = [name for name in (x, y) if all(path.select(name, above=above) is None for path in paths)]
         annotate_empty(axes, f"no {(*missing, y)[0].replace('_', ' ')}")
-        return False
-    set_log_axes(axes, [name for name, log in zip("xy", logs, strict=True) if log])
-    return True
+        return
+    for other in others:
+        _draw_theory(axes, *other)
+    _draw_plastic(axes, paths, x, *_PLASTIC.get(y, ("", "")))
+    set_log_axes(axes, logs)
+    axes.set(xlabel=labels[x], ylabel=labels[y])
+
+
+def _draw_errors(axes, path, x, y, number):
+    """Draw the estimated errors of two columns as bars on their curve."""
+    bars = {"xerr": path.columns.get(f"{x}_bar", np.nan), "yerr": path.columns.get(f"{y}_bar", np.nan)}
+    bars = {along: bar for along, bar in bars.items() if np.isfinite(bar).any()}
+    if bars:
+        style = {"ecolor": series_style(number)["color"], "alpha": 0.5, "fmt": "none"}
+        label = None if axes.containers else "estimated error"
+        axes.errorbar(path.columns[x], path.columns[y], **bars, **style, label=label)
 
 
 def _mark_unloading(axes, x, y, force, number):
@@ -140,200 +249,27 @@ def _mark_unloading(axes, x, y, force, number):
         axes.plot(x[falls], y[falls], **style)
 
 
-def _draw_errors(axes, path, names, name, scale, number):
-    """Draw a column's estimated errors as bars on a curve.
-
-    `names` are the columns of the curve, `name` is the column with the error. Where the relative error is 1 there is no
-    bar: this number means that the quantity does not converge with the grid.
-    """
-    reference, error = _ERRORS.get(name, (name, f"{name}_error"))
-    reference = reference if reference in path.columns else name
-    columns = [path.columns.get(column) for column in (*names, reference, error)]
-    if any(column is None for column in columns):
-        return
-    x, y, size, share = (np.asarray(column, float) for column in columns)
-    along = names.index(name)
-    half = np.where((share > 0) & (share < 1), np.abs(size) * share * scale[along], np.nan)
-    if np.isfinite(half).any():
-        label = None if axes.containers else "estimated error"
-        style = {"ecolor": series_style(number)["color"], "alpha": 0.5, "fmt": "none", "label": label}
-        axes.errorbar(x * scale[0], y * scale[1], **{("xerr", "yerr")[along]: half}, **style)
-
-
-def _draw_analytic(axes, paths, x, y, scale):
-    """Draw the analytic solutions of smooth bodies, column y against x.
-
-    The function `scale` returns the factors of x and of y.
-    """
-    label = "analytic"
-    for path in paths:
-        exact = path.select(f"analytic_{x}", f"analytic_{y}")
-        if exact is not None and exact.shape[1] > 1:
-            axes.plot(
-                exact[0] * scale[0], exact[1] * scale[1], color="0.3", linestyle=DASHED, zorder=1, label=label
-            )
-            label = None  # one entry in the legend
-
-
-_RELATIVE = "p / (E* h′rms)"
-
-
-def _draw_shares(axes, paths, value):
-    """Draw a function of the contact fraction, ``value(x, fraction)``.
-
-    x is the mean pressure divided by E* times the rms slope. Two theories are drawn, too.
-    """
-    pressures = []
-    for number, path in enumerate(paths):
-        p, fraction = path.select("mean_pressure", "contact_fraction")
-        x = p * path.relative
-        pressures.append(x)
-        axes.plot(x, value(x, fraction), **series_style(number), label=path.name or "computed")
-        with np.errstate(divide="ignore"):
-            one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
-        names = "mean_pressure", "contact_fraction"
-        _draw_errors(axes, path, names, names[1], (path.relative, one), number)
-        _mark_unloading(axes, x, value(x, fraction), p, number)
-    label, cross = "corrected for the stepped boundary", {"color": "0.4", "marker": "x", "linestyle": "none"}
-    for path in paths:
-        corrected = path.select("mean_pressure", "contact_fraction_corrected")
-        if corrected is not None:
-            x = corrected[0] * path.relative
-            pressures.append(x)
-            axes.plot(x, value(x, corrected[1]), **cross, zorder=1, label=label)
-            label = None  # one entry in the legend
-    x = np.concatenate(pressures)
-    set_log_axes(axes, "x")
-    span = np.geomspace(x.min(), x.max() * 1.0001, 200)
-    persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
-    axes.plot(span, value(span, persson), color="0.3", linestyle=DASHED, label="Persson")
-    axes.plot(span, value(span, bgt), color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
-    _draw_hardness_theory(axes, paths, "persson_hardness_fraction", value, "Persson with hardness")
-    axes.set_xlabel(_RELATIVE)
-
-
-def _draw_hardness_theory(axes, paths, name, value, label):
-    """Draw a column of Persson's theory with hardness.
-
-    The function ``value(x, column)`` is as in `_draw_shares`. Return the lines.
-    """
+def _draw_theory(axes, paths, x, y, label, style):
+    """Draw a column of a theory in grey, with one entry in the legend; return the lines."""
     lines = []
     for path in paths:
-        columns = path.select("mean_pressure", name)
+        columns = path.select(x, y)
         if columns is not None:
-            p, fraction = columns[:, columns[0].argsort()]
-            x, style = p * path.relative, {"color": "0.3", "linestyle": DASH_DOTTED, "zorder": 1}
-            lines += axes.plot(x, value(x, fraction), **style, label=None if lines else label)
+            columns = columns[:, columns[0].argsort()]
+            lines += axes.plot(*columns, color="0.3", zorder=1, **style, label=None if lines else label)
     return lines
 
 
-def _draw_plastic(axes, paths, x, y, scale, theory=()):
-    """Draw the plastic share or area, with a legend."""
-    lines = []
+def _draw_plastic(axes, paths, x, y, theory):
+    """Draw the plastic part of a contact and its theory, with a legend."""
+    grey, lines = _draw_theory(axes, paths, x, theory, "Persson, plastic", {"linestyle": DASH_DOTTED}), []
     for number, path in enumerate(paths):
         values = path.select(x, y)
         if values is not None:
             style = series_style(number) | {"marker": "x", "linestyle": DOTTED}
-            label = f"{path.name} plastic".strip()
-            lines += axes.plot(values[0] * scale(path), values[1], **style, label=label)
+            lines += axes.plot(*values, **style, label=f"{path.name} plastic".strip())
     if lines:
-        axes.legend(handles=[*lines, *theory[:1]], loc="lower right")
-
-
-def _draw_fraction(axes, paths):
-    def share(x, fraction):
-        return fraction
-
-    _draw_shares(axes, paths, share)
-    theory = _draw_hardness_theory(axes, paths, "persson_plastic_fraction", share, "Persson, plastic")
-    _draw_plastic(axes, paths, "mean_pressure", "plastic_fraction", lambda path: path.relative, theory)
-    axes.set_ylabel("contact fraction")
-    set_log_axes(axes, "y")
-
-
-def _draw_kappa(axes, paths):
-    _draw_shares(axes, paths, lambda x, fraction: fraction / x)
-    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, None))
-    add_legend(axes)  # also for the panel on the left
-
-
-def _draw_gap(axes, paths):
-    gaps = [path.select("mean_pressure", "mean_gap") for path in paths]
-    unit = choose_length_unit(max((gap[1].max() for gap in gaps if gap is not None), default=1.0))
-    scale, logs = (
-        lambda path: (unit.per_mm, path.relative),
-        (False, True),
-    )  # nearly exponential: a straight line
-    if _draw_curves(axes, paths, "mean_gap", "mean_pressure", scale, logs):
-        axes.set(xlabel=f"mean gap  [{unit.name}]", ylabel=_RELATIVE)
-
-
-def _draw_stiffness(rough, axes, paths):
-    """Draw the exact stiffness; if unknown, the stiffness from step differences."""
-    names, shown = [], []
-    for path in paths:
-        if path.select("load", "stiffness") is None:
-            names.append(path.name)
-            columns = {name: column for name, column in path.columns.items() if name != "stiffness"}
-            differences = columns.get("stiffness_by_differences")
-            path = path._replace(
-                columns=columns if differences is None else columns | {"stiffness": differences}
-            )
-        shown.append(path)
-    x = "mean_pressure" if rough else "load"
-    factor, load = _scale_axis(paths, "load")
-    if not _draw_curves(axes, shown, x, "stiffness", lambda path: (path.relative if rough else factor, 1.0)):
-        return
-    which = ", ".join(names) if len(names) < 4 else f"{len(names)} of {len(paths)} paths"
-    which = f": {which}" if len(names) < len(paths) else ""
-    note = f"\nby differences{which}" if names else ""
-    axes.set(xlabel=_RELATIVE if rough else load, ylabel=f"{axis_label('stiffness')}{note}")
-    if not rough:
-        _draw_analytic(axes, paths, "load", "stiffness", (factor, 1.0))
-
-
-def _select_all(paths, name):
-    columns = [path.select(name, above=-np.inf) for path in paths]
-    return np.concatenate([column[0] for column in columns if column is not None] or [[1.0]])
-
-
-def _scale_axis(paths, name):
-    return scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
-
-
-def _draw_load(axes, paths):
-    x, columns = "approach", [path.columns for path in paths]
-    values = _select_all(paths, x)
-    if values.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
-        x, values = "indentation", _select_all(paths, "indentation")
-    # Approaches counted from within the roughness are negative. Bodies that unload keep an indentation.
-    log = values.min() >= 0 and all((np.diff(path.columns["load"]) >= 0).all() for path in paths)
-    (across, x_label), (up, y_label) = _scale_axis(paths, x), _scale_axis(paths, "load")
-    if _draw_curves(axes, paths, x, "load", lambda path: (across, up), (log, log)):
-        axes.set(xlabel=x_label, ylabel=y_label)
-        _draw_analytic(axes, paths, "approach", "load", (across, up))
-
-
-def _draw_area(axes, paths):
-    _draw_against_load("contact_area", axes, paths)
-    factor, _ = _scale_axis(paths, "load")
-    _draw_plastic(axes, paths, "load", "plastic_area", lambda path: factor)
-
-
-def _draw_against_load(name, axes, paths):
-    factor, label = _scale_axis(paths, "load")
-    if _draw_curves(axes, paths, "load", name, lambda path: (factor, 1.0)):
-        axes.set(xlabel=label, ylabel=axis_label(name))
-        _draw_analytic(axes, paths, "load", name, (factor, 1.0))
-
-
-_ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, partial(_draw_stiffness, True))
-_SMOOTH = (
-    _draw_load,
-    partial(_draw_against_load, "max_pressure"),
-    _draw_area,
-    partial(_draw_stiffness, False),
-)
+        axes.legend(handles=[*lines, *grey[:1]], loc="lower right")
 
 
 def is_table(path):

@@ -189,7 +189,7 @@ def new_panels(sizes, across=1, title=None):
 def add_legend(axes, **options):
     """Add a legend outside axes full of curves."""
     if column_width():
-        place = {"loc": "lower left", "bbox_to_anchor": (0, 1.02), "ncol": 2, "borderaxespad": 0}
+        place = {"loc": "lower left", "bbox_to_anchor": (0, 1.02), "borderaxespad": 0}
     else:
         place = {"loc": "upper left", "bbox_to_anchor": (1.02, 1)}
     axes.legend(**place, fontsize="small", title_fontsize="small", **options)
