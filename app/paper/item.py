@@ -1,4 +1,4 @@
-"""Tables, studies and figures of the reproduction, with the runs they need."""
+"""Tables and figures of the reproduction, with the runs they need."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -10,28 +10,27 @@ CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], 
 
 
 class Limits(NamedTuple):
-    """Largest grid and number of surfaces of a reproduction."""
+    """Largest grid of a reproduction."""
 
     largest: int = 256  # number of cells per side
-    seeds: int = 10  # number of random surfaces in addition to that of the tables
 
     def sizes(self, *sizes):
         """Return the given sizes that are at most `largest`."""
         return [n for n in sizes if n <= self.largest]
 
 
-FULL, QUICK = Limits(), Limits(largest=64, seeds=2)
+FULL, QUICK = Limits(), Limits(largest=64)
 
 
 class Item(NamedTuple):
-    """A table, a study or a figure.
+    """A table or a figure.
 
     ``plan(limits)`` maps cases (tuples of str) to their Run. ``evaluate(outcomes)`` takes the outcome of each case, and
     returns data of JSON types, or a figure of matplotlib.
     """
 
     name: str  # on the command line and of the files
-    kind: str  # "table", "study" or "figure"
+    kind: str  # "table" or "figure"
     title: str
     plan: Callable
     evaluate: Callable

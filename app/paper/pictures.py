@@ -1,4 +1,4 @@
-"""Figures of the paper, and a figure of work against grid size."""
+"""Figures of the paper."""
 
 from functools import partial
 
@@ -10,8 +10,8 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.material import Material
 from app.paper import smoother_analysis, trace
-from app.paper.item import CASES, Item, solver_run
-from app.paper.tables import PAPER, converged, evaluate_methods, traced
+from app.paper.item import CASES, Item
+from app.paper.tables import converged, traced
 from app.plots.maps import LENGTH_MAP
 from app.plots.style import BLUE, GREEN, GREY, ORANGE, new_figure, with_style
 from app.problems.random_surfaces import WavySurface
@@ -249,53 +249,6 @@ def _figure12(outcomes):
     return figure
 
 
-# -- work ----------------------------------------------------------------------------------------------------
-
-
-_WORK = {
-    "Hertz": ("table3", "hertz", None),
-    **{f"rough, case {case}": (f"table{4 + case}", "punch", approach) for case, approach in CASES.items()},
-}
-_WORK_METHODS = {"norm_cg": "norm", "V11": "fmg_v11"}
-_WORK_LABELS = {"norm_cg": "active set + CG", "V11": "full multigrid"}
-
-
-def _plan_work(limits):
-    return {
-        (title, str(n), name): solver_run(problem, method, n, approach=approach)
-        for title, (_, problem, approach) in _WORK.items()
-        for n in limits.sizes(32, 64, 128, 256)
-        for name, method in _WORK_METHODS.items()
-    }
-
-
-@with_style
-def _figure_work(outcomes):
-    figure = new_figure(11.5, 4.4)
-    panels = figure.subplots(1, len(_WORK), sharey=True)
-    for axes, (title, (table, *_)) in zip(panels, _WORK.items(), strict=True):
-        data = evaluate_methods({case[1:]: outcome for case, outcome in outcomes.items() if case[0] == title})
-        sizes = [int(n) for n in data]
-        for name, (colour, marker, line) in zip(_WORK_METHODS, _MARKERS, strict=False):
-            ours = [row[name][1] if row[name] else np.nan for row in data.values()]
-            source = PAPER["table2" if (table, name) == ("table3", "norm_cg") else table]
-            theirs = [source[n][name][1] for n in data]
-            axes.plot(sizes, ours, color=colour, marker=marker, linestyle=line, label=_WORK_LABELS[name])
-            axes.plot(sizes, theirs, color=colour, marker="x", markersize=9, linestyle="none")
-        axes.set_xscale("log", base=2)
-        axes.set_yscale("log")
-        axes.set_xticks(sizes, [str(n) for n in sizes])
-        axes.set_yticks([20, 30, 50, 100, 200], ["20", "30", "50", "100", "200"])
-        axes.minorticks_off()
-        axes.set_xlabel("cells per side")
-        axes.set_title(title, loc="left")
-    panels[0].set_ylabel("work units")
-    panels[0].plot([], [], color="0.3", marker="x", linestyle="none", markersize=9, label="the paper's")
-    panels[0].set_ylim(17, 700)
-    panels[0].legend(loc="upper left")
-    return figure
-
-
 FIGURES = [
     Item("fig2", "figure", "Influence coefficients of the Hertz problem, 32 × 32 cells", _nothing, _figure2),
     Item("fig5", "figure", "Eigenvalues of Jacobi and Gauss–Seidel, line contact of 32 cells", _nothing, _figure5),
@@ -308,6 +261,4 @@ FIGURES = [
     Item("fig11", "figure", "Rough punch, 32 × 32 cells: contact area at the start and at the end",
          _plan_contact("punch", CASES), partial(_contact_figure, CASES, 9.6)),
     Item("fig12", "figure", "Rough surfaces with different decay, and normal probability plot", _nothing, _figure12),
-    Item("work", "figure", "Work against grid size: full multigrid and active set + CG, ours and the paper's",
-         _plan_work, _figure_work),
 ]  # fmt: skip

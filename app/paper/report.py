@@ -10,8 +10,6 @@ from app.paper.tables import HEADINGS, PAPER
 # Least noticeable differences: of iterations or cycles, of work or error (relative), and of the convergence factor.
 NOTICEABLE_ITERATIONS, NOTICEABLE_FRACTION, NOTICEABLE_FACTOR = 2, 0.1, 0.03
 _MAX_LISTED = 5  # Largest number of differences that are listed one by one.
-_STUDY_HEADINGS = {"cg_iterations": "CG iterations", "contact": "contact share"}
-_TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 
 class Entry(NamedTuple):
@@ -97,15 +95,6 @@ def summarize(pairs):
     return f"{counts}; noticeably different: {names}."
 
 
-def _study_cell(name, value):
-    if name == "method":
-        return HEADINGS[value]
-    if isinstance(value, list):
-        spec = ".2%" if name == "contact" else ".3g"
-        return " · ".join(format(number, spec) for number in value)
-    return "not solved" if value is None else str(value)
-
-
 # -- sections ----------------------------------------------------------------------------------------------
 
 _HEAD = f"""# A full multigrid method for elastic contact: tables and figures from real runs
@@ -153,32 +142,16 @@ def table_section(item, ours):
     return Section(item.name, item.title, rows, note=_join(item.note, summarize(pairs), why))
 
 
-def study_section(item, data):
-    """Return the section of a study.
-
-    `data` has its numbers, in the form of ``report.json``.
-    """
-    triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
-    note = _join(item.note, _TRIPLES if triples else "")
-    headings = {
-        name: _STUDY_HEADINGS.get(name, name.replace("_", " ")) for row in data["rows"] for name in row
-    }
-    rows = [{headings[name]: _study_cell(name, value) for name, value in row.items()} for row in data["rows"]]
-    return Section(item.name, item.title, rows, note=note)
-
-
-def format_page(items, tables, studies, pictures, checks, facts):
+def format_page(items, tables, pictures, checks, facts):
     """Format the items' results, in order, as one Markdown page.
 
-    `tables` and `studies` have the items' numbers, `pictures` the names of their files, and `checks` the worst values
-    of the complementarity conditions, each by the name of the item. `facts` are texts for the head of the page.
+    `tables` have the items' numbers, `pictures` the names of their files, and `checks` the worst values of the
+    complementarity conditions, each by the name of the item. `facts` are texts for the head of the page.
     """
     sections = []
     for item in items:
         if item.name in tables:
             sections.append(table_section(item, tables[item.name]))
-        elif item.name in studies:
-            sections.append(study_section(item, studies[item.name]))
         elif item.name in pictures:
             sections.append(Section(item.name, item.title, picture=pictures[item.name], note=item.note))
     if checks:

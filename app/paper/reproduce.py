@@ -1,9 +1,9 @@
 """Reproduce the paper's tables and figures: ``python -m app.reproduce [table1 fig8 ...|all] -o DIR``.
 
-Items: table1 .. table8, the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12, work, and the studies seeds and
-inexact; `tables`, `figures`, `studies` and `all` (default) name several. In DIR:
+Items: table1 .. table8, and the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12; `tables`, `figures` and
+`all` (default) name several. In DIR:
 
-- ``tables.json``: this program's numbers of the tables; ``report.json``: the studies and the checks;
+- ``tables.json``: this program's numbers of the tables; ``report.json``: the checks;
 - ``report.md``: the paper's numbers and this program's, with the pictures ``fig8.png`` ...;
 - ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: finished runs, which a second call skips.
 
@@ -27,15 +27,14 @@ from app.io.table import write_table
 from app.paper import report
 from app.paper.item import FULL, QUICK
 from app.paper.pictures import FIGURES
-from app.paper.studies import STUDIES
 from app.paper.tables import PAPER, TABLES
 from app.parameter_study.batch import run_all
 from app.parameter_study.journal import Journal
 from app.parameter_study.run import CHECKS, OUTCOME
 from app.plots.style import save_figure
 
-ITEMS = {item.name: item for item in (*TABLES, *FIGURES, *STUDIES)}
-GROUPS = {"tables": TABLES, "figures": FIGURES, "studies": STUDIES, "all": [*ITEMS.values()]}
+ITEMS = {item.name: item for item in (*TABLES, *FIGURES)}
+GROUPS = {"tables": TABLES, "figures": FIGURES, "all": [*ITEMS.values()]}
 
 
 @command
@@ -47,7 +46,7 @@ def main(argv):
     add("items", nargs="*", metavar="ITEM", help=items)
     add("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
     add("--jobs", type=count, default=jobs, metavar="N", help="runs at a time; default: all cores")
-    add("--quick", action="store_true", help="small grids and few surfaces only")
+    add("--quick", action="store_true", help="small grids only")
     add("--fresh", action="store_true", help="do all runs again")
     arguments = parser.parse_args(argv)
     items = select_items(arguments.items or ["all"])
@@ -100,7 +99,7 @@ def select_items(names):
 
 def _write(folder, tables, rest, items, plans, found, quick, seconds):
     """Add the results of items to the folder, and print the results."""
-    studies, checks, made = (rest.setdefault(name, {}) for name in ("studies", "checks", "made"))
+    checks, made = (rest.setdefault(name, {}) for name in ("checks", "made"))
     tables["source"] = f"app.reproduce {__version__}, after {PAPER['source']}"
     (folder / "runs").mkdir(exist_ok=True)
     today = datetime.date.today().isoformat()
@@ -110,15 +109,12 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         if item.kind == "figure":
             save_figure(result, folder / f"{item.name}.png", dpi=130)
             streams.print_output(f"{item.name}  {item.title}: {folder / item.name}.png")
-        elif item.kind == "table":
+        else:
             tables[item.name] = {"what": item.title, **result}
             streams.print_output(report.table_section(item, result).text())
-        else:
-            studies[item.name] = result
-            streams.print_output(report.study_section(item, result).text())
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
         if item.kind == "figure":
-            continue  # its runs are those of a table or study, or traces
+            continue  # its runs are those of a table, or traces
         worst = worst_conditions(outcomes.values())
         if worst:
             checks[item.name] = worst
@@ -136,7 +132,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     facts = [f"version {__version__}", today]
     if any(entry["quick"] for entry in made.values()):
         facts.append("some items were made with --quick, on small grids only")
-    page = report.format_page(_reading_order(), numbers, studies, pictures, checks, facts)
+    page = report.format_page(_reading_order(), numbers, pictures, checks, facts)
     write_text(folder / "report.md", page)
     streams.print_output(f"report: {folder / 'report.md'} ({seconds:.0f} s)")
 
@@ -156,9 +152,9 @@ def worst_conditions(outcomes):
 
 
 def _reading_order():
-    """Return the items in order: each table, then its figures and studies."""
+    """Return the items in order: each table, then its figures."""
     behind = {"table1": ["fig2", "fig5", "fig6", "fig7"], "table3": ["fig8"], "table4": ["fig12", "fig10"],
-              "table8": ["fig11", "work", "seeds", "inexact"]}  # fmt: skip
+              "table8": ["fig11"]}  # fmt: skip
     return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]
 
 

@@ -150,5 +150,5 @@ TABLES = [
     Item("table8", "table", "Rough punch, case 3: a fixed number of CG iterations for each contact set",
          _plan_table8, _evaluate_table8,
          note="Work units: active set iterations times CG iterations plus two.",
-         why=f"{_SURFACE} How few CG iterations are too few, on ten more surfaces: see below."),
+         why=_SURFACE),
 ]  # fmt: skip
