@@ -102,10 +102,6 @@ _HEAD = f"""# A full multigrid method for elastic contact: tables and figures fr
 The numbers of {PAPER["source"]} next to those of this program, each from a run of its own. In brackets: work units.
 A difference is called noticeable from {NOTICEABLE_ITERATIONS} iterations, or {NOTICEABLE_FRACTION:.0%}, on.
 """
-_CHECKS_NOTE = (
-    "Worst values over all converged runs of an item: gap e < 0 [mm], pressure p < 0 [N/mm²], and "
-    "max |p e| / (max p max |h|). Residuals of 1e-6 of the size of h are what (5.1) asks for."
-)
 
 
 class Section(NamedTuple):
@@ -142,28 +138,9 @@ def table_section(item, ours):
     return Section(item.name, item.title, rows, note=_join(item.note, summarize(pairs), why))
 
 
-def format_page(items, tables, pictures, checks, facts):
-    """Format the items' results, in order, as one Markdown page.
-
-    `tables` have the items' numbers, `pictures` the names of their files, and `checks` the worst values of the
-    complementarity conditions, each by the name of the item. `facts` are texts for the head of the page.
-    """
-    sections = []
-    for item in items:
-        if item.name in tables:
-            sections.append(table_section(item, tables[item.name]))
-        elif item.name in pictures:
-            sections.append(Section(item.name, item.title, picture=pictures[item.name], note=item.note))
-    if checks:
-        rows = [
-            {
-                name.replace("_", " "): f"{value:.1e}" if isinstance(value, float) else value
-                for name, value in {"item": item, **row}.items()
-            }
-            for item, row in checks.items()
-        ]
-        sections.append(Section("checks", "Complementarity conditions", rows, note=_CHECKS_NOTE))
-    return "\n".join([_HEAD, f"{' · '.join(facts)}\n", *(section.markdown() for section in sections)])
+def format_page(sections, facts):
+    """Format sections as one Markdown page, with a text of facts at its head."""
+    return "\n".join([_HEAD, f"{facts}\n", *(section.markdown() for section in sections)])
 
 
 def _join(*sentences):

@@ -57,12 +57,7 @@ def test_inexact_cg_is_within_an_iteration_of_the_paper(numbers):
             assert abs(iterations - tables.PAPER["table8"][size][k][0]) <= 1
 
 
-def test_every_run_is_listed_and_its_conditions_are_checked(folder):
-    rest = json.loads((folder / "report.json").read_text())
-    check = rest["checks"]["table8"]
-    assert check["runs"] == 10 and check["not_converged"] == 0
-    assert 0 <= check["largest_penetration"] < 1e-5 and check["smallest_pressure"] == 0
-    assert 0 <= check["complementarity"] < 1e-5
+def test_every_run_is_listed(folder):
     lines = (folder / "runs/table8.csv").read_text().splitlines()
     assert len(lines) == 11 and all("punch.opts" in line for line in lines[1:])
 
@@ -70,7 +65,7 @@ def test_every_run_is_listed_and_its_conditions_are_checked(folder):
 def test_page_shows_all_that_there_is_in_order(folder):
     text = (folder / "report.md").read_text()
     assert re.findall(r"^## (.*?):? ", text, re.MULTILINE) == [
-        "Table", "Figure", "Figure", "Table", "Table", "Complementarity",
+        "Table", "Table", "Table", "Figure", "Figure",
     ]  # fmt: skip
     pictures = re.findall(r"^!\[[^]]+\]\((.*)\)$", text, re.MULTILINE)
     assert pictures == ["fig5.png", "fig8.png"]
@@ -78,15 +73,15 @@ def test_page_shows_all_that_there_is_in_order(folder):
     assert "--quick" in text
 
 
-def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):
+def test_second_call_repeats_no_run(folder, capsys, monkeypatch):
     def no_run(*arguments):
         raise AssertionError("all is done already")
 
     monkeypatch.setattr(batch, "perform", no_run)
-    before = (folder / "tables.json").read_text()
+    before = json.loads((folder / "tables.json").read_text())
     assert reproduce.main(["table8", "fig2", "-o", str(folder), "--quick"]) == 0
-    assert json.loads((folder / "tables.json").read_text()) == json.loads(before)
-    assert (folder / "report.md").read_text().count("![") == 3
+    assert json.loads((folder / "tables.json").read_text())["table8"] == before["table8"]
+    assert (folder / "report.md").read_text().count("![") == 1
     out = capsys.readouterr().out
     assert "paper" in out and "ours" in out and "table8" in out
     assert not (folder / "work").exists()
@@ -98,9 +93,6 @@ def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):
 def test_failed_run_leaves_its_item_out(tmp_path, capsys, monkeypatch):
     failed = {"exit_status": 1, "message": "ValueError: broken"}
     monkeypatch.setattr(batch, "perform", lambda *arguments: failed)
-    (tmp_path / "out/runs").mkdir(parents=True)
-    (tmp_path / "out/tables.json").write_text('{"source": "", "table1": {"64": {"0.8": [9, 0.2]}}}')
-    (tmp_path / "out/runs/table1.csv").write_text("case,exit_status\n64 0.8,0\n")
     assert reproduce.main(["table1", "fig10", "-o", str(tmp_path / "out"), "--quick"]) == 1
     assert "table1: left out, because a run failed: 64 0.8: ValueError: broken" in capsys.readouterr().err
     assert json.loads((tmp_path / "out/tables.json").read_text()).keys() == {"source"}
@@ -116,14 +108,11 @@ def test_failed_run_leaves_its_item_out(tmp_path, capsys, monkeypatch):
         (["table1", "-o", "file"], "not a folder"),
         (["table1", "-o", "absent/out"], "does not exist"),
         (["table1", "-o", "out", "--jobs", "none"], "at least 1"),
-        (["table1", "-o", "broken"], "tables.json: is not JSON"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken/tables.json").write_text("{")
     assert reproduce.main(arguments) == 2
     err = capsys.readouterr().err
     assert err.startswith("error: ") and err.count("\n") == 1 and message in err
@@ -136,8 +125,6 @@ def test_all_is_everything_once_and_in_the_order_of_the_report():
     assert {"fig2", "fig5", "fig6", "fig7", "fig8", "fig10", "fig11", "fig12"} < set(names)
     assert len(names) == len(set(names))
     assert [item.name for item in reproduce.select_items(["fig7", "table2", "fig7"])] == ["table2", "fig7"]
-    placed = [item.name for item in reproduce._reading_order()]
-    assert sorted(placed) == sorted(reproduce.ITEMS)
 
 
 @pytest.mark.parametrize("name", [f"table{k}" for k in range(1, 9)])
