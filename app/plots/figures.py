@@ -103,8 +103,7 @@ def pressure_figure(result, reference=None):
 def deformation_figure(result):
     """Draw maps of displacement u and gap e."""
     canvas = Canvas(result, lie=True)
-    across = 1 if canvas.low else 2
-    figure, (first, second) = new_panels([canvas.size] * 2, across, make_title(result))
+    figure, (first, second) = new_panels([canvas.size] * 2, 2, make_title(result))
     canvas.draw_displacement(first)
     canvas.draw_gap(second)
     return figure

@@ -18,14 +18,12 @@ from app.plots.zoom import draw_inset, find_view
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
 LEGEND_ABOVE = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2, "frameon": False}
-MAX_TICKS = 5  # along x, so that labels of many digits do not touch
+MAX_TICKS = 5  # so that labels of many digits do not touch
 MAX_PIXELS = 1024  # per side of an image; larger fields are averaged
 MAX_UPRIGHT = 1.8  # height over width of a map that need not lie
-MIN_ASPECT = 0.22  # short over long side of a map; narrower patches are stretched
+MIN_ASPECT = 1 / 3  # short over long side of a map; narrower patches are stretched
 _MAX_WIDTH, _MAX_HEIGHT = 5.1, 6.4  # of a map [inch]
 _LABELS_WIDTH, _MIN_FIGURE_WIDTH = 2.0, 6.4  # of a map's labels and colour bar; of a figure [inch]
-_MIN_BAR_HEIGHT = 2.2  # of a map with the colour bar on its right [inch]
-_MIN_LABEL_WIDTH = 2.0  # of a map with horizontal tick labels [inch]
 _MIN_VARIATION = 1e-4  # of a length; fields that vary less have one colour
 _ROUNDING = 1e-14  # relative error of a sum of lengths
 _BAR_WIDTH = 0.18  # inch
@@ -36,9 +34,9 @@ PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00
 class Canvas:
     """Layout of a result's maps; its methods draw fields on axes.
 
-    `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are the sides of the map [inch]. `low` is True if the
-    colour bar is below the map, `stretched` if x and y have different scales. With `zoom` the map shows only the
-    contact, if the contact is small in its patch; an inset shows the patch. With `lie` a map that is long in y is
+    `extent` is x0, x1, y0, y1 in `unit`; `width` and `height` are the sides of the map [inch]. `stretched` is True if
+    x and y have different scales. With `zoom` the map shows only the contact, if the contact is small in its patch; an
+    inset shows the patch. With `lie` a map that is long in y is
     turned, so that y points to the right. If `titled`, the label of the colours is the title, because at the bar it
     would look like a label of the next panel; else it is at the bar, and the title is the user's.
     """
@@ -63,14 +61,11 @@ class Canvas:
         self.stretched = not np.isclose(box, shape)
         self.width = min(_MAX_WIDTH, _MAX_HEIGHT / box, (column_width() or np.inf) - _LABELS_WIDTH)
         self.height = box * self.width
-        self.low = self.height < _MIN_BAR_HEIGHT
 
     @property
     def size(self):
         """Size of the map with its labels [inch]."""
-        return max(
-            self.width + _LABELS_WIDTH, column_width() or _MIN_FIGURE_WIDTH
-        ), self.height + 1.5 + 0.9 * self.low
+        return max(self.width + _LABELS_WIDTH, column_width() or _MIN_FIGURE_WIDTH), self.height + 1.5
 
     @cached_property
     def outside(self):
@@ -105,16 +100,14 @@ class Canvas:
             ylabel=f"{up}  [{name}]",
             aspect="auto",
         )
-        slim = self.width < _MIN_LABEL_WIDTH
         if self.stretched:
             long, short = (up, across) if y1 - y0 > x1 - x0 else (across, up)
             times = max((y1 - y0) / (x1 - x0), (x1 - x0) / (y1 - y0)) * MIN_ASPECT
-            gap, space = ("\n", "\n") if slim else ("   ", " ")  # matplotlib would cut off a long line
-            axes.set(xlabel=f"{across}  [{name}]{gap}({short}: {times:.3g} ×{space}the scale of {long})")
+            axes.set(xlabel=f"{across}  [{name}]\n({short}: {times:.3g} × the scale of {long})")
         axes.set_box_aspect(self.height / self.width)
-        axes.tick_params(axis="x", labelrotation=90 if slim else 0)
         axes.ticklabel_format(style="plain", useOffset=False)
-        axes.locator_params(axis="x", nbins=2 if slim else MAX_TICKS)
+        axes.locator_params(nbins=MAX_TICKS)
+        axes.tick_params(axis="x", labelrotation=90 if self.height > MAX_UPRIGHT * self.width else 0)
         for spine in axes.spines.values():
             spine.set_visible(True)
         return image
@@ -138,10 +131,8 @@ class Canvas:
         if hide_zero:
             pixels = np.where(pixels == 0, np.nan, pixels)
         image = self._draw_image(axes, pixels, b, cmap=colours, **options)
-        below = [0, -0.85 / self.height, 1, _BAR_WIDTH / self.height]
-        inset = axes.inset_axes(below if self.low else [1 + 0.15 / self.width, 0, _BAR_WIDTH / self.width, 1])
-        orientation = "horizontal" if self.low else "vertical"
-        bar = axes.figure.colorbar(image, cax=inset, extend=extend, orientation=orientation)
+        inset = axes.inset_axes([1 + 0.15 / self.width, 0, _BAR_WIDTH / self.width, 1])
+        bar = axes.figure.colorbar(image, cax=inset, extend=extend)
         axes.set_title(label) if self.titled else bar.set_label(label)
         ticks = [] if np.isnan(pixels).all() else ticks
         if ticks is not None:
