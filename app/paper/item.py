@@ -35,7 +35,6 @@ class Item(NamedTuple):
     plan: Callable
     evaluate: Callable
     note: str = ""  # remark for the reader
-    why: str = ""  # reason why our numbers differ noticeably from the paper's
 
 
 def solver_run(problem, method, n, **options):

@@ -7,10 +7,6 @@ from typing import NamedTuple
 from app.io.table import format_markdown, format_text
 from app.paper.tables import HEADINGS, PAPER
 
-# Least noticeable differences: of iterations or cycles, of work or error (relative), and of the convergence factor.
-NOTICEABLE_ITERATIONS, NOTICEABLE_FRACTION, NOTICEABLE_FACTOR = 2, 0.1, 0.03
-_MAX_LISTED = 5  # Largest number of differences that are listed one by one.
-
 
 class Entry(NamedTuple):
     """One entry of a table, with the paper's value and this program's.
@@ -22,18 +18,6 @@ class Entry(NamedTuple):
     column: str
     paper: object
     ours: object
-
-    @property
-    def noticeable(self):
-        """True if the two values differ noticeably."""
-        if self.paper is None or self.ours is None:
-            return (self.paper is None) != (self.ours is None)
-        if not isinstance(self.paper, list):
-            return abs(self.ours / self.paper - 1) > NOTICEABLE_FRACTION
-        (p, q), (r, s) = self.paper, self.ours
-        return abs(p - r) >= NOTICEABLE_ITERATIONS or (
-            abs(q - s) > NOTICEABLE_FACTOR if q < 1 else abs(s / q - 1) > NOTICEABLE_FRACTION
-        )
 
     def difference(self):
         """Difference of the two values, as text."""
@@ -83,16 +67,9 @@ def _column(name, column):
 
 
 def summarize(pairs):
-    """Return a sentence on how many entries differ noticeably."""
-    noticeable = [entry for entry in pairs if entry.noticeable]
+    """Return a sentence on how many entries equal the paper's."""
     same = sum(format_entry(entry.paper) == format_entry(entry.ours) for entry in pairs)
-    counts = f"{len(pairs)} entries, {same} of them equal in all digits printed"
-    if not noticeable:
-        return f"{counts}; no noticeable difference."
-    if len(noticeable) > _MAX_LISTED:
-        return f"{counts}; {len(noticeable)} noticeably different."
-    names = ", ".join(f"{entry.row} {entry.column}" for entry in noticeable)
-    return f"{counts}; noticeably different: {names}."
+    return f"{len(pairs)} entries, {same} of them equal in all digits printed."
 
 
 # -- sections ----------------------------------------------------------------------------------------------
@@ -100,7 +77,6 @@ def summarize(pairs):
 _HEAD = f"""# A full multigrid method for elastic contact: tables and figures from real runs
 
 The numbers of {PAPER["source"]} next to those of this program, each from a run of its own. In brackets: work units.
-A difference is called noticeable from {NOTICEABLE_ITERATIONS} iterations, or {NOTICEABLE_FRACTION:.0%}, on.
 """
 
 
@@ -131,17 +107,13 @@ def table_section(item, ours):
     `ours` has this program's numbers, in the form of ``tables.json``.
     """
     pairs = pair_entries(item.name, ours)
-    why = item.why if any(entry.noticeable for entry in pairs) else ""
     headings = "grid", "", "paper", "ours", "difference"
     rows = [(e.row, e.column, format_entry(e.paper), format_entry(e.ours), e.difference()) for e in pairs]
     rows = [dict(zip(headings, row, strict=True)) for row in rows]
-    return Section(item.name, item.title, rows, note=_join(item.note, summarize(pairs), why))
+    note = " ".join(filter(None, (item.note, summarize(pairs))))
+    return Section(item.name, item.title, rows, note=note)
 
 
 def format_page(sections, facts):
     """Format sections as one Markdown page, with a text of facts at its head."""
     return "\n".join([_HEAD, f"{facts}\n", *(section.markdown() for section in sections)])
-
-
-def _join(*sentences):
-    return " ".join(filter(None, sentences))

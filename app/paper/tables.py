@@ -138,17 +138,16 @@ TABLES = [
          partial(plan_methods, "hertz", "mg", True), evaluate_methods),
     Item("table3", "table", "Hertz, full multigrid: active set iterations on the target grid, and work units",
          partial(plan_methods, "hertz", "fmg", False), evaluate_methods,
-         why="A cell that enters or leaves the contact set late costs an iteration; the paper leaves details of the "
-             "interpolation open that decide about single cells."),
+         note="A cell that enters or leaves the contact set late costs an iteration; the paper leaves details of the "
+              "interpolation open that decide about single cells."),
     Item("table4", "table", "Hertz, full multigrid with V(1,1): rms pressure error on the contact area [N/mm²]",
          _plan_table4, _evaluate_table4,
-         note="Root mean square over the cells of the converged contact area.",
-         why="Nearly all of the error sits in the outermost cells of the contact area; which cells these are decides."),
+         note="Root mean square over the cells of the converged contact area. "
+              "Nearly all of the error sits in its outermost cells; which cells these are decides."),
     *(Item(f"table{4 + case}", "table", _CASE_TITLE.format(case, approach.replace("-", "−")),
-           partial(plan_methods, "punch", "fmg", True, approach=approach), evaluate_methods, why=_SURFACE)
+           partial(plan_methods, "punch", "fmg", True, approach=approach), evaluate_methods, note=_SURFACE)
       for case, approach in CASES.items()),
     Item("table8", "table", "Rough punch, case 3: a fixed number of CG iterations for each contact set",
          _plan_table8, _evaluate_table8,
-         note="Work units: active set iterations times CG iterations plus two.",
-         why=_SURFACE),
+         note=f"Work units: active set iterations times CG iterations plus two. {_SURFACE}"),
 ]  # fmt: skip
