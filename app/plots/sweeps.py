@@ -18,7 +18,6 @@ _WORK = {  # columns of the solver's work and accuracy, with their labels
     "solve_seconds": "time of the solve  [s]",
     "error_bound": "proved bound of the error",
 }
-_SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # proportional on one patch
 _UNITS = (
     ("N", "load|.+_design_load"),
     ("N/mm²", "(coating_)?young|.+_modulus|mean_pressure|hardness"),
@@ -33,22 +32,6 @@ _UNITS = (
     ),
     ("mm", "coating_thickness|surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
 )
-_OPTION_LABELS = {  # of options whose names are no words
-    "option_files": "option file",
-    "grid": "cells along x",
-    "hertz_rx": "relative radius Rx",
-    "hertz_ry": "relative radius Ry",
-    "young": "Young's moduli",
-    "poisson": "Poisson's ratios",
-    "poisson_ratio": "Poisson's ratio",
-    "coating_young": "Young's modulus of the coating",
-    "coating_poisson": "Poisson's ratio of the coating",
-    "coating_thickness": "thickness of the coating",
-    "surface_sigma": "standard deviation of heights",
-    "surface_hurst": "Hurst exponent",
-    "surface_rolloff": "roll-off wavelength",
-    "surface_cutoff": "cut-off wavelength",
-}
 _SOLVER = re.compile("(lcp|ksp|pc|mg|snes)_")  # its options keep their names
 _MIN_VARIATION = 1e-4  # relative; smaller differences may be errors of the solver
 _MAX_SERIES = 12
@@ -114,51 +97,36 @@ def _finite(texts):
 
 
 def _choose_columns(columns, varied, x):
-    """Return the columns to draw: those that vary and are not proportional.
+    """Return the columns to draw: those that vary.
 
-    A column that is proportional to a varied option or to another chosen column would show nothing new.
+    Prescribed columns are left out, and those that show the same as another.
     """
-    names = {name: f"result_{name}" if name in varied else name for name in (*_PHYSICS, *_WORK)}
-    chosen = {}
-    for name, column in names.items():
-        if column not in columns or column == x:
-            continue
-        finite, values = _finite(columns[column]), parse_numbers(columns[column])
-        same = [chosen.get(other, other) for other in (name, _SAME.get(name)) if other in (*varied, *chosen)]
-        varies = finite.size and np.ptp(finite) > _MIN_VARIATION * np.abs(finite).max()
-        if varies and not any(_proportional(values, parse_numbers(columns[other])) for other in same):
-            chosen[name] = column
-    if "contact_fraction" in chosen and "contact_area" in chosen:  # the patch varies, and these with it
-        chosen.pop("contact_fraction")
-        chosen.pop("mean_gap", None)
-    physics = [column for name, column in chosen.items() if name in _PHYSICS]
-    if "operator_applications" in chosen:
-        chosen.pop("work_units", None)
-    work = [column for name, column in chosen.items() if name in _WORK]
-    return (
-        physics + work
-        if not physics or any(name in ("option_files", "grid") or _SOLVER.match(name) for name in varied)
-        else physics
+    fraction = "contact_fraction" in columns and "domain" not in varied
+    same = {*varied, x, "contact_area" if fraction else "contact_fraction"}
+    same |= {"load"} if "mean_pressure" in varied else set()
+    same |= {"work_units"} if "operator_applications" in columns else set()
+    physics, work = (
+        [name for name in names if name in columns and name not in same and _varies(columns[name])]
+        for names in (_PHYSICS, _WORK)
     )
+    solver = any(name in ("option_files", "grid") or _SOLVER.match(name) for name in varied)
+    return physics + work if solver or not physics else physics
 
 
-def _proportional(values, other):
-    valid = np.isfinite(values)
-    values, other = values[valid], other[valid]
-    k = np.abs(values).argmax()
-    return np.allclose(values * other[k], other * values[k], rtol=1e-9, atol=0)
+def _varies(texts):
+    finite = _finite(texts)
+    return finite.size > 0 and np.ptp(finite) > _MIN_VARIATION * np.abs(finite).max()
 
 
 def _option_label(option, unit=None):
     """Return the axis label of an option; `unit` replaces the option's own."""
     if _SOLVER.match(option):
         return f"-{option}"
-    own = find_unit(option)
     if option in QUANTITIES:
-        label = axis_label(option)
-    else:
-        label = _OPTION_LABELS.get(option, option.replace("_", " ")) + (f"  [{own}]" if own else "")
-    return label.replace(f"[{own}]", f"[{unit}]") if unit else label
+        own = find_unit(option)
+        return axis_label(option).replace(f"[{own}]", f"[{unit or own}]")
+    unit = unit or find_unit(option)
+    return option.replace("_", " ") + (f"  [{unit}]" if unit else "")
 
 
 def _in_units(values, name, varied):
