@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.special import ellipe, ellipkm1
 
 from app import ContactProblem, FlatPunch, Grid, Material, Paraboloid, SelfAffineSurface
 from app.problems.random_surfaces import WavySurface
+from app.reference import CappedLineContact
 
 APPROACH = 0.1091  # of Hertz's problem
 COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: active set and CG iterations
@@ -58,3 +60,11 @@ def assert_counts_of_norm(n, solution):
     outer, inner = COUNTS[n]
     assert solution.iterations == outer
     assert solution.inner_iterations == pytest.approx(inner, rel=0.03, abs=3)
+
+
+def capped_line(radius, e_star, a, c):
+    """`CappedLineContact` with half-width a and plastic half-width c < a."""
+    rest = (a - c) * (a + c) / a**2
+    k, e = ellipkm1(rest), ellipe(1 - rest)
+    load = np.pi * e_star * a**2 / (2 * radius) * (e / k - rest / 2)
+    return CappedLineContact(radius, e_star, float(np.pi * e_star * a / (4 * radius * k)), float(load))

@@ -31,6 +31,11 @@ class AxisymmetricContact(NormalContact):
         """Stiffness d load / d approach [N/mm]."""
         return 2 * self.e_star * self.a
 
+    @property
+    def max_pressure(self):
+        """Largest pressure [N/mm2], infinite at an edge or tip; 0 without contact."""
+        return math.inf if self.a else 0.0
+
     def undeformed_distance(self, x, y):
         """Return the undeformed distance [mm]; NaN where contact is impossible."""
         return self._shape(np.hypot(x, y))
@@ -58,11 +63,6 @@ class Sphere(AxisymmetricContact):
     def a(self):
         """Radius of the contact area [mm]."""
         return math.sqrt(self.radius * self._depth)
-
-    @property
-    def load(self):
-        """Normal force [N]."""
-        return 4 / 3 * self.e_star * self.a * self._depth
 
     @property
     def max_pressure(self):
@@ -98,16 +98,6 @@ class FlatCircularPunch(AxisymmetricContact):
         """Radius of the contact area [mm]."""
         return self.radius if self.approach > 0 else 0.0
 
-    @property
-    def load(self):
-        """Normal force [N]."""
-        return 2 * self.e_star * self.a * self._depth
-
-    @property
-    def max_pressure(self):
-        """Infinite, at the punch's edge; 0 without contact."""
-        return math.inf if self.a else 0.0
-
     def pressure(self, x, y):
         """Return the contact pressure at points [N/mm2]."""
         s = self._radius2(x, y)
@@ -137,16 +127,6 @@ class Cone(AxisymmetricContact):
     def a(self):
         """Radius of the contact area [mm]."""
         return 2 * self._depth / (math.pi * self.slope)
-
-    @property
-    def load(self):
-        """Normal force [N]."""
-        return self.e_star * self.a * self._depth
-
-    @property
-    def max_pressure(self):
-        """Infinite, at the cone's tip; 0 without contact."""
-        return math.inf if self.a else 0.0
 
     def pressure(self, x, y):
         """Return the contact pressure at points [N/mm2]."""

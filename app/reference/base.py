@@ -27,16 +27,15 @@ def require_positive(**values):
 
 def require_hardness(hardness):
     """Raise InputError unless the hardness is positive; it may be infinite."""
-    require_numbers(hardness=hardness)
-    if not hardness > 0:
-        raise InputError(f"hardness {format_exact(hardness)}: must be positive")
+    if hardness != math.inf:
+        require_positive(hardness=hardness)
 
 
 class NormalContact(ABC):
     """Frictionless contact in an ellipse with its centre at the origin.
 
-    A subclass is a frozen dataclass of its geometry, `e_star` and `approach`, with properties `a`, `b`, `load`,
-    `max_pressure` and `stiffness`. Methods take arrays x and y [mm], which broadcast. Without contact (approach <= 0)
+    A subclass is a frozen dataclass of its geometry, `e_star` and `approach`, with properties `a`, `b`, `max_pressure`
+    and `stiffness`. Methods take arrays x and y [mm], which broadcast. Without contact (approach <= 0)
     pressure and displacement are zero.
 
     Attributes
@@ -102,6 +101,11 @@ class NormalContact(ABC):
     @property
     def _depth(self):
         return max(self.approach, 0.0)
+
+    @property
+    def load(self):
+        """Normal force [N]."""
+        return self.stiffness * self._depth / self.load_exponent
 
     @property
     def contact_area(self):

@@ -60,17 +60,6 @@ class CappedLineContact:
         require_positive(radius=self.radius, e_star=self.e_star, load=self.load)
         require_hardness(self.hardness)
 
-    @classmethod
-    def from_half_widths(cls, radius, e_star, a, c):
-        """Return the contact with half-width a and plastic half-width c < a."""
-        require_positive(radius=radius, e_star=e_star, a=a, c=c)
-        if c >= a:
-            raise InputError(f"c {format_exact(c)}: must be less than a {format_exact(a)}")
-        rest = (a - c) * (a + c) / a**2
-        k, e = ellipkm1(rest), ellipe(1 - rest)
-        load = math.pi * e_star * a**2 / (2 * radius) * (e / k - rest / 2)
-        return cls(radius, e_star, float(math.pi * e_star * a / (4 * radius * k)), float(load))
-
     @property
     def elastic_load(self):
         """Largest load without plastic contact [N/mm]."""

@@ -84,11 +84,6 @@ class EllipticHertz(NormalContact):
         return self._ratio * self.a
 
     @property
-    def load(self):
-        """Normal force [N]."""
-        return 2 * self._depth * self.stiffness / 3
-
-    @property
     def max_pressure(self):
         """Pressure at the origin [N/mm2]."""
         return self.e_star * self._depth / (self.b * self._rf) if self.a else 0.0

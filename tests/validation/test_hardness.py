@@ -9,11 +9,11 @@ from dataclasses import replace
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from cases import hertz, periodic_rough, punch, self_affine
+from cases import capped_line, hertz, periodic_rough, punch, self_affine
 from hypothesis import given
 
 from app import ContactProblem, ContactSolver, Grid, InputError, Material
-from app.reference import CappedLineContact, CappedSphere, CappedWestergaard
+from app.reference import CappedSphere, CappedWestergaard
 from app.verification.dense import DenseProblem
 from app.verification.solving import random_problem, solved
 
@@ -50,7 +50,7 @@ def line_contact(contact, a, cells):
 @pytest.mark.parametrize("cells", [64, 128, 256, 512, 1024])
 @pytest.mark.parametrize("k", [0.3, 0.7, 0.95])
 def test_line_contact_has_its_closed_form(k, cells):
-    contact = CappedLineContact.from_half_widths(RADIUS, E_STAR, 1.0, k)
+    contact = capped_line(RADIUS, E_STAR, 1.0, k)
     x, dx, found = line_contact(contact, 1.0, cells)
     p, exact, hardness = found.pressure[0], contact.pressure(x), contact.hardness
     assert found.converged and p.max() == hardness
