@@ -22,8 +22,6 @@ from app.problems.statistics import radial_spectrum
 from app.problems.surfaces.moments import Moments, add_polynomial
 
 _SMOOTH = "hertz", "sphere", "cylinder", "roller", "cone", "punch"  # problems without roughness of their own
-_SMOOTH_SHARE = 1e-3  # of a smooth body's power that shorter waves may have
-_LONG_WAVES = 8  # over the smallest wave number: waves below are long
 _BINS_PER_DECADE = 8  # of a logarithmic axis
 
 
@@ -93,17 +91,6 @@ def extract_roughness(result):
     return roughness if np.abs(roughness).max() > 1e-9 * np.ptp(h) else None
 
 
-def _is_smooth(surface, grid):
-    """Return whether heights consist of long waves only.
-
-    Such a body has no roughness.
-    """
-    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.doubly_periodic)
-    q, power = spectrum.wave_number, spectrum.wave_number * spectrum.density
-    short = q > min(_LONG_WAVES * q[0], q[-1] / 2)
-    return power[short].sum() < _SMOOTH_SHARE * power.sum()
-
-
 @with_style
 def spectrum_figure(result):
     """Draw the roughness spectrum, with roll-off and cut-off.
@@ -114,8 +101,6 @@ def spectrum_figure(result):
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
     surface = None if smooth else extract_roughness(result)
     if surface is None or np.ptp(surface) <= estimate_rounding(result):
-        return None
-    if not values.get("surfaces") and _is_smooth(surface, result.grid):  # a function, or a gap from a file
         return None
     figure = new_figure(7.4, 5.4, make_title(result))
     axes = figure.subplots()

@@ -5,13 +5,12 @@ no longer used. Sizes in the code are for the style "screen". In the style "pape
 figure stand below each other in one column.
 """
 
-import re
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import wraps
 from typing import NamedTuple
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -110,23 +109,13 @@ def interactive():
     return _set(_uses_pyplot, True)
 
 
-# Settings that the user's program may have changed, by a style or by rcParams, such as text.usetex. The others belong
-# to windows and notebooks, or would make matplotlib choose a backend.
-_OF_WINDOWS = re.compile(
-    r"backend|interactive|toolbar|timezone|date\.epoch|savefig\.directory|(webagg|tk|macosx|docstring)\."
-    r"|figure\.(dpi|raise_window|max_open_warning)"
-)
-_DEFAULTS = {name: value for name, value in matplotlib.rcParamsDefault.items() if not _OF_WINDOWS.match(name)}
-
-
 def with_style(draw):
     """Decorate a function to draw in the current style, whatever settings the user has changed."""
 
     @wraps(draw)
     def wrapper(*args, **kwargs):
-        with matplotlib.rc_context(), default_arithmetic():
-            dict.update(matplotlib.rcParams, _DEFAULTS)  # without a validation, which takes milliseconds
-            matplotlib.rcParams.update(_current.get().rc)
+        settings = _current.get().rc | {"figure.dpi": matplotlib.rcParams["figure.dpi"]}  # that of notebooks
+        with matplotlib.style.context(["default", settings]), default_arithmetic():
             return draw(*args, **kwargs)
 
     return wrapper

@@ -78,13 +78,3 @@ def test_only_bodies_with_a_surface_have_a_spectrum(result, problem):
         body = with_attributes(kink, problem=problem, periodic_symbol=periodic_symbol)
         assert curves.spectrum_figure(body) is None
         assert curves.spectrum_figure(with_attributes(body, surfaces=1)) is not None
-
-
-@pytest.mark.parametrize("periodic_symbol", ["", "spectral"])
-def test_smooth_functions_have_no_spectrum(periodic_symbol):
-    made = with_attributes(made_up_result(64, 48), problem="given", periodic_symbol=periodic_symbol)
-    x, y = made.x / made.x.max(), made.y[:, None] / made.y.max()
-    for smooth in (x**4 + y**2, np.cos(np.pi * x) * np.cos(np.pi * y)):
-        assert curves.spectrum_figure(replace(made, undeformed_distance=smooth)) is None
-    waves = np.cos(12 * np.pi * x) * np.cos(11 * np.pi * y)
-    assert curves.spectrum_figure(replace(made, undeformed_distance=x**4 + y**2 + 0.1 * waves)) is not None
