@@ -25,8 +25,8 @@ FULL, QUICK = Limits(), Limits(largest=64)
 class Item(NamedTuple):
     """A table or a figure.
 
-    ``plan(limits)`` maps cases (tuples of str) to their Run. ``evaluate(outcomes)`` takes the outcome of each case, and
-    returns data of JSON types, or a figure of matplotlib.
+    ``plan(limits)`` maps cases (tuples of str) to their Run, or to a function that returns their outcome.
+    ``evaluate(outcomes)`` takes the outcome of each case, and returns data of JSON types, or a figure of matplotlib.
     """
 
     name: str  # on the command line and of the files

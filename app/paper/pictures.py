@@ -11,14 +11,12 @@ from app.halfspace.influence import influence_quadrant
 from app.halfspace.material import Material
 from app.paper import smoother_analysis, trace
 from app.paper.item import CASES, Item
-from app.paper.tables import converged, traced
+from app.paper.tables import converged
+from app.paper.trace import HERTZ_DOMAIN, PUNCH_DOMAIN, make_surface
 from app.plots.maps import LENGTH_MAP
 from app.plots.style import BLUE, GREEN, GREY, ORANGE, new_figure, with_style
-from app.problems.random_surfaces import WavySurface
 from app.problems.statistics import normal_plot
 
-HERTZ_DOMAIN = (-10.0, 10.0, -6.0, 6.0)
-PUNCH_DOMAIN = (-6.0, 6.0, -5.0, 5.0)
 _MARKERS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", ":"))
 
 
@@ -158,7 +156,7 @@ _CONTACT_COLUMNS = (("norm", "first", "start: h ≤ 0"), ("fmg_v11", "first", "s
 def _plan_contact(problem, cases):
     def plan(limits):
         return {
-            (str(case), method): traced(
+            (str(case), method): trace.traced(
                 problem, method, 32, trace.collect_contact, **({"approach": approach} if approach else {})
             )
             for case, approach in cases.items()
@@ -199,11 +197,6 @@ def _contact_figure(cases, height, outcomes):
 # -- rough surfaces ------------------------------------------------------------------------------------------
 
 
-def _surface(decay=0.8):
-    x0, x1, y0, y1 = PUNCH_DOMAIN
-    return WavySurface((12, 10), decay, 0.1, 7, extent=(x1 - x0, y1 - y0), origin=(x0, y0))
-
-
 def _height_map(axes, n, surface):
     grid = Grid.from_domain(n, n, PUNCH_DOMAIN)
     height = surface.height(grid.x(), grid.y())
@@ -219,7 +212,7 @@ def _figure10(outcomes):
     figure = new_figure(10.0, 7.6)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, n in zip(panels.ravel(), (16, 32, 64, 128), strict=True):
-        _, image = _height_map(axes, n, _surface())
+        _, image = _height_map(axes, n, make_surface())
         axes.label_outer()
     figure.colorbar(image, ax=panels, shrink=0.8, extend="both").set_label("height z  [mm]")
     _letter(panels, {letter: f"{n} × {n} cells" for letter, n in zip("abcd", (16, 32, 64, 128), strict=True)})
@@ -232,7 +225,7 @@ def _figure12(outcomes):
     panels = figure.subplots(2, 2)
     heights = {}
     for axes, decay in zip(panels.ravel(), (0.5, 0.8, 0.95), strict=False):
-        heights[decay], image = _height_map(axes, 64, _surface(decay))
+        heights[decay], image = _height_map(axes, 64, make_surface(decay))
     figure.colorbar(image, ax=panels, shrink=0.8, extend="both").set_label("height z of a, b, c  [mm]")
     plot = normal_plot(heights[0.8])
     axes = panels[1, 1]

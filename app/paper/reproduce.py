@@ -5,7 +5,7 @@ Items: table1 .. table8, and the figures fig2, fig5, fig6, fig7, fig8, fig10, fi
 
 - ``tables.json``: this program's numbers of the tables;
 - ``report.md``: the paper's numbers and this program's, with the pictures ``fig8.png`` ...;
-- ``runs/table1.csv`` ...: every run with its options and how well it keeps the conditions of contact;
+- ``runs/table2.csv`` ...: every run with its options and how well it keeps the conditions of contact;
 - ``runs.jsonl``: finished runs, which a second call skips.
 
 Tables and report are of the items of the last call. Exit status: 0 all items done; 1 a run crashed or was refused, and
@@ -31,7 +31,7 @@ from app.paper.pictures import FIGURES
 from app.paper.tables import PAPER, TABLES
 from app.parameter_study.batch import run_all
 from app.parameter_study.journal import Journal
-from app.parameter_study.run import OUTCOME
+from app.parameter_study.run import OUTCOME, Run
 from app.plots.style import save_figure
 
 ITEMS = {item.name: item for item in (*TABLES, *FIGURES)}
@@ -59,15 +59,21 @@ def main(argv):
     started = time.perf_counter()
     try:
         plans = {item.name: item.plan(QUICK if arguments.quick else FULL) for item in items}
-        cases = [(name, case) for name, plan in plans.items() for case in plan]
-        runs = [plans[name][case] for name, case in cases]
-        outcomes, interrupted = run_all(runs, scratch, journal, jobs=arguments.jobs, description="reproduce")
+        runs = {
+            (name, case): run
+            for name, plan in plans.items()
+            for case, run in plan.items()
+            if isinstance(run, Run)
+        }
+        outcomes, interrupted = run_all(
+            [*runs.values()], scratch, journal, jobs=arguments.jobs, description="reproduce"
+        )
     finally:
         journal.close()
         shutil.rmtree(scratch, ignore_errors=True)
     found = {name: {} for name in plans}
     failures = {}
-    for (name, case), outcome in zip(cases, outcomes, strict=True):
+    for (name, case), outcome in zip(runs, outcomes, strict=True):
         found[name][case] = outcome
         if outcome and not _usable(outcome):
             failures.setdefault(name, f"{' '.join(case)}: {outcome['message']}")
@@ -97,8 +103,10 @@ def _write(folder, items, plans, found, quick, seconds):
     sections, tables = [], {"source": f"app.reproduce {__version__}, after {PAPER['source']}"}
     (folder / "runs").mkdir(exist_ok=True)
     for item in items:
-        outcomes = found[item.name]
-        result = item.evaluate(outcomes)
+        outcomes, plan = found[item.name], plans[item.name]
+        result = item.evaluate(
+            {case: outcomes[case] if case in outcomes else run() for case, run in plan.items()}
+        )
         if item.kind == "figure":
             picture = folder / f"{item.name}.png"
             save_figure(result, picture, dpi=130)
@@ -108,9 +116,12 @@ def _write(folder, items, plans, found, quick, seconds):
         tables[item.name] = {"what": item.title, **result}
         sections.append(report.table_section(item, result))
         streams.print_output(sections[-1].text())
-        runs = {case: " ".join(run.arguments()) for case, run in plans[item.name].items()}
-        rows = [{"case": " ".join(case), **outcomes[case], "arguments": runs[case]} for case in outcomes]
-        write_table(folder / "runs" / f"{item.name}.csv", rows, ["case", *OUTCOME, "arguments"])
+        rows = [
+            {"case": " ".join(case), **outcome, "arguments": " ".join(plan[case].arguments())}
+            for case, outcome in outcomes.items()
+        ]
+        if rows:
+            write_table(folder / "runs" / f"{item.name}.csv", rows, ["case", *OUTCOME, "arguments"])
     write_text(folder / "tables.json", json.dumps(tables, indent=1) + "\n")
     facts = f"version {__version__} · {datetime.date.today()}" + " · --quick: small grids only" * quick
     write_text(folder / "report.md", report.format_page(sections, facts))

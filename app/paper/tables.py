@@ -6,7 +6,6 @@ from pathlib import Path
 
 from app.paper import trace
 from app.paper.item import CASES, Item, nest, solver_run
-from app.parameter_study.run import Run
 
 PAPER = json.loads(Path(__file__).with_name("paper_tables.json").read_text(encoding="utf-8"))
 OMEGAS = ("0.8", "1.0", "1.1")
@@ -19,15 +18,6 @@ _FIRST = {
     "lcp_max_it": 1, "ksp_type": "richardson", "ksp_norm_type": "unpreconditioned", "ksp_rtol": 1e-6,
     "ksp_atol": 0, "ksp_max_it": 100, "pc_type": "mg",
 }  # fmt: skip
-
-
-def traced(problem, method, n, collect, **options):
-    """Return a run of `solver_run` that records every iteration.
-
-    The iterations are written to a trace file. The function ``collect(path)`` reads results from this file.
-    """
-    run = solver_run(problem, method, n, **options)
-    return Run(run.files, run.options, module=trace.__name__, collect=collect)
 
 
 def converged(outcome):
@@ -44,7 +34,7 @@ def counts(outcome, work="work_units"):
 
 def _plan_table1(limits):
     return {
-        (str(n), omega): traced(
+        (str(n), omega): trace.traced(
             "hertz", None, n, trace.collect_cycles, mg_levels_pc_sor_omega=omega, **_FIRST
         )
         for n in limits.sizes(64, 128)
@@ -88,7 +78,7 @@ def _plan_table4(limits):
     sizes = limits.sizes(8, 16, 32, 64, 128, 256)
     tolerances = {"errors": None, "discrete": 1e-10}
     return {
-        (str(n), what): traced("hertz", "fmg_v11", n, trace.collect_errors, lcp_rtol=rtol)
+        (str(n), what): trace.traced("hertz", "fmg_v11", n, trace.collect_errors, lcp_rtol=rtol)
         for n in sizes
         for what, rtol in tolerances.items()
     }

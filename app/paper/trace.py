@@ -1,30 +1,41 @@
-"""Solve and record every active set iteration.
+"""Solve and record every active set iteration, for Tables 1 and 4 and Figures 8 and 11."""
 
-Tables 1 and 4 and Figures 8 and 11 need these records.
-
-``python -m app.paper.trace [options of app.solve] -output TRACE.h5``, on one rank. The file:
-
-======================  ================  =====  ==================================================================
-dataset                 shape             unit   meaning
-======================  ================  =====  ==================================================================
-``pressure``            (k + 1, ny, nx)   N/mm2  p before iteration 1, and after each of the k iterations
-``contact``             (k + 1, ny, nx)   1      contact set C at the same times, uint8
-``linear_residuals``    (m + 1)           mm     norms of the defect in the KSP of the last system
-``exact_pressure``      (ny, nx)          N/mm2  analytic solution at the cell centres, if there is one
-``admissible``          (ny, nx)          1      where contact is possible, uint8
-``x``, ``y``            (nx), (ny)        mm     cell centres
-======================  ================  =====  ==================================================================
-"""
+import warnings
+from functools import partial
 
 import numpy as np
 
-from app.base import hdf5 as h5py
-from app.cli import session
 from app.contact.history import Listener
+from app.halfspace.grid import Grid
+from app.halfspace.material import Material
+from app.problems.contact_problem import ContactProblem
+from app.problems.random_surfaces import WavySurface
+from app.problems.shapes import FlatPunch, Paraboloid
+
+HERTZ_DOMAIN = (-10.0, 10.0, -6.0, 6.0)  # mm, Sec. 5.1
+PUNCH_DOMAIN = (-6.0, 6.0, -5.0, 5.0)  # mm, Sec. 5.2
+
+
+def make_surface(decay=0.8):
+    """Return the random surface of Sec. 5.2, with another decay if given."""
+    x0, x1, y0, y1 = PUNCH_DOMAIN
+    return WavySurface((12, 10), decay, 0.1, 7, extent=(x1 - x0, y1 - y0), origin=(x0, y0))
+
+
+def _make_problem(name, n):
+    if name == "hertz":
+        grid = Grid.from_domain(n, n, HERTZ_DOMAIN)
+        return ContactProblem(grid, Material.combined(82000.0, 0.28), Paraboloid(300.0, 163.0))
+    grid, steel = Grid.from_domain(n, n, PUNCH_DOMAIN), Material.combined(80000.0, 0.28)
+    return ContactProblem(grid, steel, FlatPunch(8.97), surfaces=[make_surface()])
 
 
 class Recorder(Listener):
-    """Recorder of iterations on the target grid, and of linear solves."""
+    """Recorder of iterations on the target grid, and of linear solves.
+
+    `pressure` [N/mm2] and `contact` are the states before the first iteration and after each; `linear_residuals` [mm]
+    are the norms of the defect in the KSP of the last system.
+    """
 
     def __init__(self):
         self.pressure, self.contact, self.linear_residuals = [], [], []
@@ -32,11 +43,12 @@ class Recorder(Listener):
     def start(self, state, level):
         """Delete the iterations of a coarser grid; store the initial state."""
         self.pressure, self.contact = [], []
-        self._keep(state)
+        self.iteration(None, state)
 
     def iteration(self, entry, state):
         """Store pressure and contact set after an iteration."""
-        self._keep(state)
+        self.pressure.append(state.p.copy())
+        self.contact.append(state.contact.astype(int))
 
     def monitor(self, ksp, iteration, norm):
         """Store the norm of the defect in an iteration of a KSP.
@@ -47,82 +59,54 @@ class Recorder(Listener):
             self.linear_residuals = []
         self.linear_residuals.append(norm)
 
-    def _keep(self, state):
-        self.pressure.append(state.p.copy())
-        self.contact.append(state.contact.astype(np.uint8))
+
+def traced(problem, method, n, collect, approach=0.1091, **options):
+    """Return a function that solves a problem on n x n cells, and returns its outcome.
+
+    `problem` is "hertz" or "punch", and `method` is the name of a method file, or None. Options that are None are left
+    out. ``collect(recorder, solution, exact)`` returns results from a `Recorder`; `exact` is the analytic solution, or
+    None if unknown.
+    """
+    options = {option: value for option, value in options.items() if value is not None}
+    return partial(_solve, problem, method, n, collect, float(approach), options)
 
 
-def main(given):
-    """Solve, write the trace file, return the exit status."""
-    # After the start of the session: importing PETSc starts it.
-    from app.api.solver import ContactSolver
-    from app.base.errors import InputError, call_collectively
-    from app.base.mpi import MPI
-    from app.cli.geometry import make_problem
-    from app.cli.problem_options import PROBLEM_OPTIONS, read_loading, resolve_alternatives
+def _solve(name, method, n, collect, approach, options):
+    from app.api.solver import ContactSolver  # importing PETSc starts it
 
-    comm, options = MPI.COMM_WORLD, resolve_alternatives(given)
-    if comm.size > 1 or not options["output"]:
-        raise InputError("a trace needs one rank and -output")
-    kind, value = read_loading(given, options)
-    problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
-    of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
-    method = {name: text for name, text in given.texts.items() if name not in of_problem}
-    recorder = Recorder()
-    with ContactSolver(problem, options=method, comm=comm, prefix="", listeners=[recorder]) as solver:
+    problem, recorder = _make_problem(name, n), Recorder()
+    with (
+        warnings.catch_warnings(action="ignore", category=RuntimeWarning),
+        ContactSolver(problem, method, options, listeners=[recorder]) as solver,
+    ):
         if solver.ksp is not None:
             # PETSc's own history stays empty if the PC iterates, as PCMG does.
             solver.ksp.setMonitor(recorder.monitor)
-        solution = solver.solve(**{kind: value})
-    write(options["output"], recorder, solution, problem.reference(solution.approach))
-    return 0 if solution.converged else 3
+        solution = solver.solve(approach=approach)
+    result = collect(recorder, solution, problem.reference(approach))
+    return {"exit_status": 0 if solution.converged else 3, **result}
 
 
-def write(path, recorder, solution, exact):
-    """Write the trace file.
-
-    `exact` is the analytic solution, or None if unknown.
-    """
-    from app.io.files import atomic_hdf5
-
-    with atomic_hdf5(path) as file:
-        file["pressure"] = np.stack(recorder.pressure)
-        file["contact"] = np.stack(recorder.contact)
-        file["linear_residuals"] = np.array(recorder.linear_residuals)
-        file["admissible"] = (~np.isnan(solution.undeformed_distance)).astype(np.uint8)
-        file["x"], file["y"] = solution.x, solution.y
-        if exact is not None:
-            file["exact_pressure"] = exact.pressure(solution.x, solution.y[:, None])
+def collect_cycles(recorder, solution, exact):
+    """Return the defect norms of the last linear system [mm]."""
+    return {"linear_residuals": recorder.linear_residuals}
 
 
-def collect_cycles(path):
-    """Return the defect norms of a trace's last linear system [mm]."""
-    with h5py.File(path) as file:
-        return {"linear_residuals": file["linear_residuals"][()].tolist()}
-
-
-def collect_errors(path):
-    """Return a trace's pressure errors for Table 4 [N/mm2].
+def collect_errors(recorder, solution, exact):
+    """Return the pressure errors for Table 4 [N/mm2].
 
     The errors are root mean squares over the last contact set, before iteration 1 and after each iteration.
     """
-    with h5py.File(path) as file:
-        p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))
-    inside = contact[-1] == 1
-    errors = np.sqrt(np.mean((p - exact)[:, inside] ** 2, axis=1))
-    return {"errors": errors.tolist()}
+    inside = recorder.contact[-1] == 1
+    errors = (np.stack(recorder.pressure) - exact.pressure(solution.x, solution.y[:, None]))[:, inside]
+    return {"errors": np.sqrt(np.mean(errors**2, axis=1)).tolist()}
 
 
-def collect_contact(path):
-    """Return contact sets, admissible cells and cell centres of a trace.
+def collect_contact(recorder, solution, exact):
+    """Return contact sets, admissible cells and cell centres.
 
     The contact sets are the first and the last one.
     """
-    with h5py.File(path) as file:
-        fields = {"first": file["contact"][0], "last": file["contact"][-1]}
-        fields |= {name: file[name][()] for name in ("admissible", "x", "y")}
-    return {name: values.tolist() for name, values in fields.items()}
-
-
-if __name__ == "__main__":
-    session.run(main)
+    admissible = (~np.isnan(solution.undeformed_distance)).astype(int)
+    fields = {"first": recorder.contact[0], "last": recorder.contact[-1], "admissible": admissible}
+    return fields | {"x": solution.x, "y": solution.y}

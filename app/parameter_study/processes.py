@@ -10,7 +10,7 @@ import time
 from contextlib import suppress
 
 from app.base.mpi import SINGLE_RANK
-from app.parameter_study.run import ROOT
+from app.parameter_study.run import ROOT, collect_result
 
 # Ranks of simultaneous runs must not be bound to the same cores.
 _OPEN_MPI = {
@@ -58,12 +58,12 @@ def run_command(command, timeout=None, stop=None):
 
 
 def perform(run, output, stop=None, ranks=1, timeout=None):
-    """Run the program of a `Run` and return its outcome, a dict.
+    """Run app.solve with the options of a `Run` and return its outcome, a dict.
 
-    The outcome has `exit_status`, `message` (warnings or error), and what ``run.collect(output)`` returns.
+    The outcome has `exit_status`, `message` (warnings or error), and what `collect_result` returns.
     """
     command = ["mpiexec", "-n", str(ranks)] if ranks > 1 else []
-    command += [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]
+    command += [sys.executable, "-P", "-m", "app.solve", *run.arguments(), "-output", str(output)]
     output.unlink(missing_ok=True)
     try:
         status, errors = run_command(command, timeout, stop)
@@ -78,7 +78,7 @@ def perform(run, output, stop=None, ranks=1, timeout=None):
         return {"exit_status": status, "message": errors[-1]}
     outcome = {"exit_status": status, "message": " | ".join(x for x in lines if x.startswith("warning: "))}
     try:
-        outcome |= run.collect(output)
+        outcome |= collect_result(output)
     except (ValueError, OSError) as error:
         outcome["message"] = str(error)
     if status == 3:

@@ -5,7 +5,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -71,13 +71,11 @@ def _list_steps(table):
 
 @dataclass(frozen=True)
 class Run:
-    """Call of a program: its options, option files and table labels."""
+    """Call of app.solve: its options, option files and table labels."""
 
     files: tuple[str, ...] = ()  # option files
     options: Mapping[str, str] = field(default_factory=dict)  # name -> text, empty without a value
     labels: Mapping[str, object] = field(default_factory=dict)  # columns that identify the run in a table
-    module: str = "app.solve"  # for ``python -m``; has an option -output
-    collect: Callable = collect_result  # path of the output -> mapping of JSON types
 
     def arguments(self):
         """Return the words of the command line, without ``-output``."""
@@ -103,8 +101,7 @@ class Run:
         The hash depends on options, contents of input files, program and number of ranks.
         """
         files = [_hash_if_file(file) for file in self.inputs()]
-        program = [self.module, self.collect.__qualname__, _hash_program()]
-        facts = [program, self.arguments(), files, ranks, _petsc_variables()]
+        facts = [_hash_program(), self.arguments(), files, ranks, _petsc_variables()]
         return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
 
 

@@ -93,10 +93,10 @@ def test_second_call_repeats_no_run(folder, capsys, monkeypatch):
 def test_failed_run_leaves_its_item_out(tmp_path, capsys, monkeypatch):
     failed = {"exit_status": 1, "message": "ValueError: broken"}
     monkeypatch.setattr(batch, "perform", lambda *arguments: failed)
-    assert reproduce.main(["table1", "fig10", "-o", str(tmp_path / "out"), "--quick"]) == 1
-    assert "table1: left out, because a run failed: 64 0.8: ValueError: broken" in capsys.readouterr().err
+    assert reproduce.main(["table2", "fig10", "-o", str(tmp_path / "out"), "--quick"]) == 1
+    assert "table2: left out, because a run failed: 32 V11: ValueError: broken" in capsys.readouterr().err
     assert json.loads((tmp_path / "out/tables.json").read_text()).keys() == {"source"}
-    assert not (tmp_path / "out/runs/table1.csv").exists()
+    assert not (tmp_path / "out/runs/table2.csv").exists()
     assert (tmp_path / "out/fig10.png").is_file() and (tmp_path / "out/report.md").is_file()
 
 

@@ -30,8 +30,8 @@ def test_simultaneous_serial_runs_share_no_session_folder(tmp_path, monkeypatch)
 def test_hanging_and_crashing_runs_have_an_outcome(tmp_path):
     slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", timeout=0.1)
     assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
-    crashed = perform(Run(module="app.absent"), tmp_path / "a.h5")
-    assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
+    refused = perform(Run(options={"absent": "1"}), tmp_path / "a.h5")
+    assert refused["exit_status"] == 2 and "-absent" in refused["message"]
     status, errors = run_command([sys.executable, "-c", "import os; os.abort()"])
     assert (status, errors) == (-signal.SIGABRT, "")
     for number, name in ((signal.SIGABRT, "SIGABRT"), (signal.SIGRTMIN + 6, f"signal {signal.SIGRTMIN + 6}")):
