@@ -220,17 +220,15 @@ def stress_section(result, poisson_ratio=None, body=None):
     stresses = survey(below)
     texts = subsurface.summary(stresses.hottest, stresses.sheared, result, below)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
-    panels = _draw_panels(subsurface.draw(result, stresses))
-    return Section("stress", "Below the surface", texts, pictures={"stress": panels})
+    pictures = {"stress": _encode(subsurface.draw(result, stresses))}
+    return Section("stress", "Below the surface", texts, pictures=pictures)
 
 
-def _draw_panels(figure):
-    panels = []
-    for box in style.panel_boxes(figure):
-        image = io.BytesIO()
-        style.write_figure(figure, image, "png", _DPI, box)
-        panels.append((image.getvalue(), round(_SHOWN * _DPI * box.width)))
-    return panels
+def _encode(figure):
+    """Return a figure as PNG, and its width on the page [pixels]."""
+    image = io.BytesIO()
+    style.write_figure(figure, image, "png", _DPI)
+    return image.getvalue(), round(_SHOWN * _DPI * figure.get_figwidth())
 
 
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
@@ -242,12 +240,12 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []
     names = [name for name in PICTURES if name not in (*_IN_SUMMARY, "summary")]
-    pictures = {name: _draw_panels(figure) for name, figure in pictures_of(result, names)}
+    pictures = {name: _encode(figure) for name, figure in pictures_of(result, names)}
     # The section on stresses has the largest stress, to all digits.
     summary = figures.summary_figure(result, analytic_reference(result), with_stress=not with_stress)
     path_picture = {name: pictures.pop(name) for name in ("path",) if name in pictures}
     sections = [numbers_section(result), proof_section(values)]
-    sections[0].pictures = {"summary": _draw_panels(summary)}
+    sections[0].pictures = {"summary": _encode(summary)}
     if values.get("notes"):
         sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
     if result.path:

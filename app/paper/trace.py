@@ -76,7 +76,7 @@ def _solve(name, method, n, collect, approach, options):
 
     problem, recorder = _make_problem(name, n), Recorder()
     with (
-        warnings.catch_warnings(action="ignore", category=RuntimeWarning),
+        warnings.catch_warnings(action="ignore"),
         ContactSolver(problem, method, options, listeners=[recorder]) as solver,
     ):
         if solver.ksp is not None:

@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
-from matplotlib.transforms import Bbox
 
 from app.base.arithmetic import default_arithmetic
 from app.io.files import atomic_file
@@ -229,20 +228,6 @@ def annotate_empty(axes, reason):
     axes.set(xticks=[], yticks=[])
 
 
-def panel_boxes(figure):
-    """Return each panel's box with its labels [inch], column by column.
-
-    Axes at the same place, such as twins, are one panel.
-    """
-    with_style(figure.draw_without_rendering)()
-    renderer, boxes = figure.canvas.get_renderer(), {}
-    for axes in figure.axes:
-        boxes.setdefault(axes.get_subplotspec(), []).append(axes.get_tightbbox(renderer))
-    scale = figure.dpi_scale_trans.inverted()
-    places = sorted(boxes, key=lambda place: (place.colspan.start, place.rowspan.start))
-    return [Bbox.union(boxes[place]).transformed(scale).padded(_PAD) for place in places]
-
-
 def save_figure(figure, path, dpi=200):
     """Write a figure atomically, in the suffix's format."""
     with atomic_file(path) as temporary:
@@ -250,11 +235,9 @@ def save_figure(figure, path, dpi=200):
 
 
 @with_style
-def write_figure(figure, target, kind, dpi, box=None):
-    """Write a figure, or a box of it [inch], to a file."""
-    if box is not None:
-        tight = {"bbox_inches": box, "pad_inches": 0}
-    elif column_width():  # keep the width; the second layout uses the ticks of the first
+def write_figure(figure, target, kind, dpi):
+    """Write a figure to a file."""
+    if column_width():  # keep the width; the second layout uses the ticks of the first
         figure.draw_without_rendering()
         tight = {}
     else:

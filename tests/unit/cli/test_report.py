@@ -38,7 +38,7 @@ def read_back(solution):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures are not drawn; that takes longest."""
-    monkeypatch.setattr(report, "_draw_panels", lambda figure: [(b"no picture", 300)])
+    monkeypatch.setattr(report, "_encode", lambda figure: (b"no picture", 300))
 
 
 def test_report_has_path_and_missing_knowledge(made, undrawn):

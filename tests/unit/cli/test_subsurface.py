@@ -130,7 +130,7 @@ def test_pictures_of_a_coated_body_have_a_line_at_the_interface(made, periodic):
 
 
 def test_report_of_a_layer_on_a_rigid_base_ends_at_the_base(made, monkeypatch):
-    monkeypatch.setattr(report, "_draw_panels", lambda figure: [(b"no picture", 300)])
+    monkeypatch.setattr(report, "_encode", lambda figure: (b"no picture", 300))
     result = coated(made, "one", np.inf)
     text = " ".join(report.web_page(result).split())
     assert "Largest von Mises stress" in text and "shear stress on the interface" in text

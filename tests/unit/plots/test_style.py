@@ -5,7 +5,6 @@ import pytest
 from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 
 from app.plots import figures, style
 
@@ -57,14 +56,6 @@ def test_paper_style_fits_a_column(result, tmp_path, draw):
         assert box.x0 <= drawn.x0 and drawn.x1 <= box.x1
         lefts.append(axes.get_position().x0)
     assert max(lefts) - min(lefts) < 0.1  # panels below each other
-
-
-def test_boxes_of_panels_are_apart(result):
-    figure = figures.summary_figure(result)
-    boxes = style.panel_boxes(figure)
-    assert len(boxes) == 4
-    for k, one in enumerate(boxes):
-        assert all(Bbox.intersection(one.padded(-0.1), other.padded(-0.1)) is None for other in boxes[:k])
 
 
 @pytest.mark.parametrize(
