@@ -9,23 +9,13 @@ from app.parameter_study.run import Run
 CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], Sec. 5.2
 
 
-class Limits(NamedTuple):
-    """Largest grid of a reproduction."""
-
-    largest: int = 256  # number of cells per side
-
-    def sizes(self, *sizes):
-        """Return the given sizes that are at most `largest`."""
-        return [n for n in sizes if n <= self.largest]
-
-
-FULL, QUICK = Limits(), Limits(largest=64)
+FULL, QUICK = 256, 64  # cells per side of the largest grids
 
 
 class Item(NamedTuple):
     """A table or a figure.
 
-    ``plan(limits)`` maps cases (tuples of str) to their Run, or to a function that returns their outcome.
+    ``plan(largest)`` maps cases (tuples of str) to their Run, or to a function that returns their outcome.
     ``evaluate(outcomes)`` takes the outcome of each case, and returns data of JSON types, or a figure of matplotlib.
     """
 
@@ -35,6 +25,12 @@ class Item(NamedTuple):
     plan: Callable
     evaluate: Callable
     note: str = ""  # remark for the reader
+
+
+def plan_grids(largest, sizes, columns, plan):
+    """Return ``plan(n, value)`` for each n of `sizes` up to `largest`, and each of the `columns`, by name."""
+    sizes = [n for n in sizes if n <= largest]
+    return {(str(n), name): plan(n, value) for n in sizes for name, value in columns.items()}
 
 
 def solver_run(problem, method, n, **options):

@@ -20,7 +20,7 @@ from app.problems.statistics import normal_plot
 _MARKERS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", ":"))
 
 
-def _nothing(limits):
+def _nothing(largest):
     return {}
 
 
@@ -154,7 +154,7 @@ _CONTACT_COLUMNS = (("norm", "first", "start: h ≤ 0"), ("fmg_v11", "first", "s
 
 
 def _plan_contact(problem, cases):
-    def plan(limits):
+    def plan(largest):
         return {
             (str(case), method): trace.traced(
                 problem, method, 32, trace.collect_contact, **({"approach": approach} if approach else {})

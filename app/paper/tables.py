@@ -5,9 +5,10 @@ from functools import partial
 from pathlib import Path
 
 from app.paper import trace
-from app.paper.item import CASES, Item, nest, solver_run
+from app.paper.item import CASES, Item, nest, plan_grids, solver_run
 
 PAPER = json.loads(Path(__file__).with_name("paper_tables.json").read_text(encoding="utf-8"))
+SIZES = (32, 64, 128, 256)
 OMEGAS = ("0.8", "1.0", "1.1")
 CG_ITERATIONS = (20, 15, 10, 5, 4)
 CYCLES = ("V11", "V10", "V01")
@@ -32,14 +33,11 @@ def counts(outcome, work="work_units"):
     return [outcome["active_set_iterations"], round(outcome[work], 1)]
 
 
-def _plan_table1(limits):
-    return {
-        (str(n), omega): trace.traced(
-            "hertz", None, n, trace.collect_cycles, mg_levels_pc_sor_omega=omega, **_FIRST
-        )
-        for n in limits.sizes(64, 128)
-        for omega in OMEGAS
-    }
+def _plan_table1(largest):
+    def first(n, omega):
+        return trace.traced("hertz", None, n, trace.collect_cycles, mg_levels_pc_sor_omega=omega, **_FIRST)
+
+    return plan_grids(largest, (64, 128), {omega: omega for omega in OMEGAS}, first)
 
 
 def _cycles(outcome):
@@ -50,17 +48,13 @@ def _cycles(outcome):
     return [m, round((residuals[-1] / residuals[0]) ** (1 / m), 3)]
 
 
-def plan_methods(problem, prefix, norm, limits, **options):
+def plan_methods(problem, prefix, norm, largest, **options):
     """Return runs of a problem with the three cycles, on several grids.
 
     The name of a method file is `prefix` and the cycle, such as v11. If `norm` is true, NORM runs, too.
     """
     methods = {cycle: f"{prefix}_{cycle.lower()}" for cycle in CYCLES} | ({"norm_cg": "norm"} if norm else {})
-    return {
-        (str(n), name): solver_run(problem, method, n, **options)
-        for n in limits.sizes(32, 64, 128, 256)
-        for name, method in methods.items()
-    }
+    return plan_grids(largest, SIZES, methods, lambda n, method: solver_run(problem, method, n, **options))
 
 
 def evaluate_methods(outcomes):
@@ -74,14 +68,11 @@ def evaluate_methods(outcomes):
     })  # fmt: skip
 
 
-def _plan_table4(limits):
-    sizes = limits.sizes(8, 16, 32, 64, 128, 256)
-    tolerances = {"errors": None, "discrete": 1e-10}
-    return {
-        (str(n), what): trace.traced("hertz", "fmg_v11", n, trace.collect_errors, lcp_rtol=rtol)
-        for n in sizes
-        for what, rtol in tolerances.items()
-    }
+def _plan_table4(largest):
+    def errors(n, rtol):
+        return trace.traced("hertz", "fmg_v11", n, trace.collect_errors, lcp_rtol=rtol)
+
+    return plan_grids(largest, (8, 16, *SIZES), {"errors": None, "discrete": 1e-10}, errors)
 
 
 def _evaluate_table4(outcomes):
@@ -93,12 +84,11 @@ def _evaluate_table4(outcomes):
     return nest(data)
 
 
-def _plan_table8(limits):
-    return {
-        (str(n), str(k)): solver_run("punch", "norm", n, approach=CASES[3], ksp_max_it=k)
-        for n in limits.sizes(32, 64, 128, 256)
-        for k in CG_ITERATIONS
-    }
+def _plan_table8(largest):
+    def inexact(n, k):
+        return solver_run("punch", "norm", n, approach=CASES[3], ksp_max_it=k)
+
+    return plan_grids(largest, SIZES, {str(k): k for k in CG_ITERATIONS}, inexact)
 
 
 def inexact_counts(outcome, k):

@@ -285,37 +285,36 @@ def is_table(path):
     if suffix not in (".txt", ".md"):
         return False
     with path.open("rb") as file:
-        lines = file.read(1 << 16).splitlines()
-    if suffix == ".md":
-        lines = [line.replace(b"|", b" ") for line in lines if line.startswith(b"|")]
+        lines = file.read(1 << 16).decode(errors="replace").splitlines()
     # Texts of heights may have the same form, but other names.
-    names, rule = (*lines, b"", b"")[:2]
-    is_ruled = b"--" in rule and set(b"-: ") >= set(rule)
-    return is_ruled and not {b"exit_status", b"load"}.isdisjoint(names.split())
+    names, rule = (*_split_rows(lines, suffix), [], [])[:2]
+    return set("-:") == {"-", *"".join(rule), ":"} and not {"exit_status", "load"}.isdisjoint(names)
+
+
+def _split_rows(lines, suffix):
+    """Return the cells of a table in Markdown or text; the second row is a rule."""
+    if suffix == ".md":
+        rows = [re.split(r"(?<!\\)\|", line.strip()[1:-1]) for line in lines if line.startswith("|")]
+        return [[cell.replace(r"\|", "|").strip() for cell in row] for row in rows]
+    widths = [match.span() for match in re.finditer("-+", (*lines, "", "")[1])]
+    return [[line[start:stop].strip() for start, stop in widths] for line in lines]
 
 
 def _read_rows(path):
-    """Return the rows of a table as mappings of texts."""
-    if path.suffix.lower() in (".h5", ".hdf5"):
+    """Return the rows of a table as lists of texts; the first one has the names."""
+    suffix = path.suffix.lower()
+    if suffix in (".h5", ".hdf5"):
         import h5py
 
         with h5py.File(path) as file:
-            columns = {name: file[name] for name in file.attrs.get("columns", file)}
-            texts = {name: data.dtype.kind == "O" for name, data in columns.items()}
-            columns = {name: (data.asstr() if texts[name] else data)[...] for name, data in columns.items()}
-        return [dict(zip(columns, map(str, row), strict=True)) for row in zip(*columns.values(), strict=True)]
+            names = list(file.attrs.get("columns", file))
+            columns = [file[name].asstr() if file[name].dtype.kind == "O" else file[name] for name in names]
+            return [names, *([*map(str, row)] for row in zip(*columns, strict=True))]
     with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte order mark
-        if path.suffix.lower() == ".csv":
-            return list(csv.DictReader(file, strict=True))
-        lines = file.read().splitlines()
-    if path.suffix.lower() == ".md":
-        rows = [re.split(r"(?<!\\)\|", line.strip()[1:-1]) for line in lines if line.startswith("|")]
-        rows = [[cell.replace(r"\|", "|") for cell in row] for row in rows]
-    else:
-        widths = [match.span() for match in re.finditer("-+", lines[1])]
-        rows = [[line[start:stop] for start, stop in widths] for line in lines]
-    names, _, *rows = ([cell.strip() for cell in row] for row in rows)
-    return [dict(zip(names, row, strict=True)) for row in rows]
+        if suffix == ".csv":
+            return [row for row in csv.reader(file, strict=True) if row]
+        names, _, *rows = _split_rows(file.read().splitlines(), suffix)
+    return [names, *rows]
 
 
 def read_columns(path):
@@ -324,12 +323,12 @@ def read_columns(path):
     The table was written by app.sweep, or for a load path.
     """
     try:
-        rows = _read_rows(path)
-    except (OSError, ValueError, IndexError, csv.Error) as error:
+        names, *rows = _read_rows(path)
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"table {path}: cannot be read: {error}") from None
-    if not rows or None in rows[0] or any(None in row.values() for row in rows):
+    if not rows or any(len(row) != len(names) for row in rows):
         raise InputError(f"table {path}: must have a line of names and lines of as many values")
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    columns = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
     if "exit_status" not in columns:
         if not {"load", "approach"} <= columns.keys():
             raise InputError(f"table {path}: neither a table of app.sweep nor a load path")

@@ -134,4 +134,4 @@ def test_plans_cover_the_whole_table_of_the_paper(name):
     assert item.plan(FULL).keys() == expected
     quick = item.plan(QUICK)
     assert quick and quick.keys() < expected
-    assert all(int(size) <= QUICK.largest for size, _ in quick)
+    assert all(int(size) <= QUICK for size, _ in quick)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from results import made_up_result, with_attributes, write
+from results import made_up_result, write
 
 from app.api.subsurface import stress, survey
 from app.cli import convert, report, subsurface, xdmf
@@ -153,14 +153,12 @@ def test_columns_are_chosen_for_tables_only(path, tmp_path, capsys):
     assert (out / "path.png").is_file()
 
 
-def test_errors_are_found_before_anything_is_drawn(path, result, tmp_path, capsys):
-    good, bad, lacking, out = (tmp_path / name for name in ("good.csv", "bad.csv", "lacking.h5", "out"))
+def test_errors_are_found_before_anything_is_drawn(path, tmp_path, capsys):
+    good, bad, out = (tmp_path / name for name in ("good.csv", "bad.csv", "out"))
     good.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
     bad.write_text("grid,exit_status\n32,0\n")
-    write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
     for last, only, message in (
         (bad, [], "bad.csv: nothing to draw"),
-        (lacking, [], "attribute hertz_rx is missing"),
         (path, ["--only", "path"], "has nothing to draw for it"),
     ):
         assert main([str(good), str(last), "-o", str(out), *only]) == 2

@@ -1,11 +1,11 @@
 """Tables and figures of the reproduction, and their runs."""
 
-from app.paper.item import FULL, QUICK, nest, solver_run
+from app.paper.item import nest, plan_grids, solver_run
 
 
 def test_sizes_end_at_the_largest_grid():
-    assert QUICK.sizes(32, 64, 128) == [32, 64]
-    assert FULL.sizes(256, 512) == [256]
+    plan = plan_grids(64, (32, 64, 128), {"a": 2}, lambda n, value: value * n)
+    assert plan == {("32", "a"): 64, ("64", "a"): 128}
 
 
 def test_a_run_has_both_files_and_the_options_that_are_not_none():
