@@ -12,8 +12,6 @@ from functools import cache
 from math import nan
 from pathlib import Path
 
-import numpy as np
-
 from app.io.contact_fields import ATTRIBUTE_NAMES
 from app.io.files import hash_file
 from app.io.result import read_result
@@ -41,21 +39,17 @@ OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 def collect_result(path):
     """Return the numbers of a result file for a table's row.
 
-    The numbers are listed in `OUTCOME`; `reason` is added; a load path has its rows in `steps`. Three numbers are
-    computed from the fields: `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`. The last is
-    max |p e| / (max p max |h|), with pressure p, gap e and undeformed distance h.
+    The numbers are listed in `OUTCOME`; `reason` is added; a load path has its rows in `steps`.
     """
     result = read_result(path)
-    admissible = ~np.isnan(result.undeformed_distance)
-    p, e, h = (field[admissible] for field in (result.pressure, result.gap, result.undeformed_distance))
-    scale = p.max(initial=0.0) * np.abs(h).max(initial=0.0)
-    product = np.abs(p * e).max(initial=0.0)
+    values = result.attributes
     return {
-        **{name: result.attributes[name] for name in (*_ANSWER, *_WORK, "reason")},
-        **{name: value for name in WHERE_KNOWN if (value := result.attributes.get(name, nan)) == value},
-        "largest_penetration": float(-e.min(initial=0.0)),
-        "smallest_pressure": float(result.pressure.min(initial=0.0)),
-        "complementarity": float(product / scale) if scale != 0 else 0.0,
+        **{name: values[name] for name in (*_ANSWER, *_WORK, "reason")},
+        **{
+            name: values[name]
+            for name in (*WHERE_KNOWN, *CHECKS)
+            if values.get(name, nan) == values.get(name)
+        },
         **({"steps": _list_steps(result.path)} if result.path else {}),
     }
 
