@@ -20,6 +20,7 @@ from app.cli.arguments import (
     length_unit,
     picture_kinds,
 )
+from app.cli.problem_options import UNITS
 from app.io.files import report_write_errors
 from app.io.result import has_heights, read_result
 from app.options.option_table import integer
@@ -83,7 +84,7 @@ def _pictures(file, data, arguments):
         if figure is None:
             raise InputError(f"--only {', '.join(only)}: result file {file} has nothing to draw for it")
     elif is_sweep or columns:
-        figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
+        figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y, UNITS)
         if figure is None:
             raise InputError(f"table {file}: nothing to draw: no option varies, or nothing measured does")
         yield "sweep" if is_sweep else "path", figure

@@ -24,6 +24,7 @@ from app.options.option_table import (
     word,
 )
 
+_UNIT = re.compile(r"\[([^\]:]+)\]")  # in the meaning of an option
 # Names that only PETSc can check.
 _SOLVER_OPTION = re.compile("(^|_)(lcp|ksp|pc|mg|sub|snes|mat|vec)_")
 
@@ -46,6 +47,11 @@ PROBLEM_OPTIONS = [
     Option("output", word, None, "result file (HDF5)"),
     Option("title", word, None, "output: heading of pictures and report"),
 ]  # fmt: skip
+UNITS = {
+    option.name: unit[1].replace("2", "²")
+    for option in PROBLEM_OPTIONS
+    if (unit := _UNIT.search(option.meaning))
+}
 LOADING = (
     "approach",
     "load",

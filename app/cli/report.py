@@ -22,9 +22,10 @@ from app.base.quantities import ESTIMATED, QUANTITIES, label_of, unit_of
 from app.base.units import choose_length_unit, format_quantity
 from app.cli import streams, subsurface
 from app.cli.arguments import Parser, command
+from app.cli.problem_options import UNITS
 from app.io.files import check_output_path, report_write_errors, write_text
 from app.io.result import read_result
-from app.plots import figures, style, sweeps
+from app.plots import figures, style
 from app.plots.pictures import PICTURES, analytic_reference, pictures_of
 
 _QUANTITIES = (
@@ -180,7 +181,7 @@ def request_section(result):
     }
     for name, value in values.items():
         if name.startswith(_REQUESTED):
-            unit = "" if isinstance(value, str) else sweeps.find_unit(name) or ""
+            unit = "" if isinstance(value, str) else UNITS.get(name, "")
             facts[name] = f"{format_attribute(value)} {unit}".rstrip()
     if values.get("command_line"):
         facts["command line"] = values["command_line"]

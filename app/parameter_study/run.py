@@ -45,11 +45,7 @@ def collect_result(path):
     values = result.attributes
     return {
         **{name: values[name] for name in (*_ANSWER, *_WORK, "reason")},
-        **{
-            name: values[name]
-            for name in (*WHERE_KNOWN, *CHECKS)
-            if values.get(name, nan) == values.get(name)
-        },
+        **{name: value for name in (*WHERE_KNOWN, *CHECKS) if (value := values.get(name, nan)) == value},
         **({"steps": _list_steps(result.path)} if result.path else {}),
     }
 

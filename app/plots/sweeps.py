@@ -18,20 +18,6 @@ _WORK = {  # columns of the solver's work and accuracy, with their labels
     "solve_seconds": "time of the solve  [s]",
     "error_bound": "proved bound of the error",
 }
-_UNITS = (
-    ("N", "load|.+_design_load"),
-    ("N/mm²", "(coating_)?young|.+_modulus|mean_pressure|hardness"),
-    ("N/mm", "line_load"),
-    ("degrees", ".+_angle"),
-    ("rad", "roller_tilt"),
-    ("ohm m", "resistivity"),
-    ("W/(m K)", "thermal_conductivity"),
-    (
-        "mm",
-        "domain|roller_(end_chamfer|crown_drop)|approach|mean_gap|hertz_r.|.+_radi(us|i)|.+_length|.+_diameter",
-    ),
-    ("mm", "coating_thickness|surface_(sigma|rolloff|cutoff|rms_height|._filter)"),
-)
 _SOLVER = re.compile("(lcp|ksp|pc|mg|snes)_")  # its options keep their names
 _MIN_VARIATION = 1e-4  # relative; smaller differences may be errors of the solver
 _MAX_SERIES = 12
@@ -39,17 +25,13 @@ _MAX_TICKS = 6
 _MAX_TICK_LABEL = 24  # characters
 
 
-def find_unit(option):
-    """Return the unit of an option's numbers, or None."""
-    return next((unit for unit, names in _UNITS if re.fullmatch(names, option)), None)
-
-
 @with_style
-def sweep_figure(columns, heading="", x=None, y=()):
+def sweep_figure(columns, heading="", x=None, y=(), units=None):
     """Draw columns `y` of a table against `x`.
 
-    `columns` are from `read_columns`. For load paths, `x` is by default the load. For other tables `x` is the option
-    with the most different numbers, or, if all options are names, with the most names. Names become ticks; points above
+    `columns` are from `read_columns`; `units` are the units of options, by name. For load paths, `x` is by default the
+    load. For other tables `x` is the option with the most different numbers, or, if all options are names, with the
+    most names. Names become ticks; points above
     names are not connected. `y` are by default the physical quantities that vary and are not prescribed, and the work
     of the solver if its options vary. Return None if nothing varies. Raises InputError if a column has no numbers.
     """
@@ -73,7 +55,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
     others = [name for name in varied if name != (x if x in varied else default)]
     others += ["step"] if "step" in names and x in varied else []
     ticks = list(dict.fromkeys(columns[x])) if x in named else []
-    positions, x_label = _in_units(parse_numbers(columns[x]), x, varied)
+    positions, x_label = _in_units(parse_numbers(columns[x]), x, varied, units or {})
     positions = np.array([float(ticks.index(value)) for value in columns[x]]) if ticks else positions
     groups = {}
     for row in range(len(positions)):
@@ -81,11 +63,11 @@ def sweep_figure(columns, heading="", x=None, y=()):
     across = next((n for n, panels in ((1, 1), (2, 4), (3, 6)) if len(y) <= panels), 4)
     figure, panels = new_panels([(6.0, 4.4)] * len(y), across, heading)
     for axes, name in zip(panels, y, strict=True):
-        values, label = _in_units(parse_numbers(columns[name]), name, varied)
+        values, label = _in_units(parse_numbers(columns[name]), name, varied, units or {})
         _draw(axes, positions, values, {_label(others, key): rows for key, rows in groups.items()}, ticks)
         axes.set(xlabel=x_label, ylabel=label)
     if others:
-        title = [_option_label(others[0])] if len(others) == 1 else []
+        title = [_option_label(others[0], (units or {}).get(others[0]))] if len(others) == 1 else []
         title += [f"{_MAX_SERIES} of {len(groups)}"] if len(groups) > _MAX_SERIES else []
         add_legend(panels[0 if column_width() else across - 1], title=": ".join(title) or None)
     return figure
@@ -118,21 +100,18 @@ def _varies(texts):
     return finite.size > 0 and np.ptp(finite) > _MIN_VARIATION * np.abs(finite).max()
 
 
-def _option_label(option, unit=None):
-    """Return the axis label of an option; `unit` replaces the option's own."""
+def _option_label(option, unit):
+    """Return the axis label of an option."""
     if _SOLVER.match(option):
         return f"-{option}"
-    if option in QUANTITIES:
-        own = find_unit(option)
-        return axis_label(option).replace(f"[{own}]", f"[{unit or own}]")
-    unit = unit or find_unit(option)
-    return option.replace("_", " ") + (f"  [{unit}]" if unit else "")
+    label = axis_label(option).partition("  [")[0] if option in QUANTITIES else option.replace("_", " ")
+    return f"{label}  [{unit}]" if unit else label
 
 
-def _in_units(values, name, varied):
+def _in_units(values, name, varied, units):
     largest = np.nanmax(np.abs(values), initial=0.0)
     if name in varied:
-        factor, unit = choose_unit(largest, find_unit(name))
+        factor, unit = choose_unit(largest, units.get(name))
         return values * factor, _option_label(name, unit)
     name = name.removeprefix("result_")
     factor, label = scale_for_axis(largest, name)

@@ -1,13 +1,17 @@
 """Figures of parameter studies."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from app.base.errors import InputError
-from app.cli.problem_options import PROBLEM_OPTIONS
-from app.plots import sweeps
+from app.cli.problem_options import UNITS
+from app.plots.sweeps import sweep_figure as draw
 
 from .drawn import panel_names
+
+sweep_figure = partial(draw, units=UNITS)
 
 
 def test_lines_against_an_option_have_one_load_step():
@@ -15,9 +19,9 @@ def test_lines_against_an_option_have_one_load_step():
     seeds, steps = ["1", "1", "2", "2", "3", "3"], ["1", "2"] * 3
     columns = {"seed": seeds, "exit_status": ["0"] * 6, "step": steps, "load": ["5", "50"] * 3}
     columns |= {"max_pressure": ["20", "60", "30", "70", "40", "80"]}
-    (axes,) = sweeps.sweep_figure(columns, x="seed", y=["max_pressure"]).axes
+    (axes,) = sweep_figure(columns, x="seed", y=["max_pressure"]).axes
     assert [line.get_ydata().tolist() for line in axes.lines] == [[20, 30, 40], [60, 70, 80]]
-    (axes,) = sweeps.sweep_figure(columns, y=["max_pressure"]).axes
+    (axes,) = sweep_figure(columns, y=["max_pressure"]).axes
     assert [line.get_ydata().tolist() for line in axes.lines] == [[20, 60], [30, 70], [40, 80]]
 
 
@@ -29,11 +33,11 @@ def test_default_abscissa_is_the_option_with_most_values():
         "work_units": ["10", "11", "12", "20", "22", ""],
         "solve_seconds": [""] * 6,
     }
-    figure = sweeps.sweep_figure(columns)
+    figure = sweep_figure(columns)
     (axes,) = figure.axes
     assert axes.get_xlabel() == "grid" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
-    assert sweeps.sweep_figure(columns | {"grid": ["32"] * 6, "method": ["a"] * 6}) is None
+    assert sweep_figure(columns | {"grid": ["32"] * 6, "method": ["a"] * 6}) is None
 
 
 def test_names_have_unconnected_points():
@@ -41,12 +45,12 @@ def test_names_have_unconnected_points():
     columns = {"lcp_type": ["fast"] * 3 + ["active_set_that_is_called_" + "x" * 80] * 3} | columns
     for figure, label, said, drawn in (
         (
-            sweeps.sweep_figure(columns),
+            sweep_figure(columns),
             "young  [N/mm²]",
             ["210e3,inf", "210e3,70e3", "left out"],
             [0, 1, 2],
         ),
-        (sweeps.sweep_figure(columns, x="lcp_type"), "-lcp_type", ["fast", "…" + "x" * 23], [0, 1]),
+        (sweep_figure(columns, x="lcp_type"), "-lcp_type", ["fast", "…" + "x" * 23], [0, 1]),
     ):
         assert panel_names(figure)[-2:] == ["operator applications", "time of the solve"]
         axes = figure.axes[0]
@@ -56,7 +60,7 @@ def test_names_have_unconnected_points():
         ] * (5 - len(drawn))
         assert len(axes.get_legend_handles_labels()[1]) == 5 - len(drawn)
     alone = {name: column[::3] for name, column in columns.items()}
-    axes = sweeps.sweep_figure(alone).axes[0]
+    axes = sweep_figure(alone).axes[0]
     assert axes.get_xlabel() == "-lcp_type" and axes.get_legend() is None and len(axes.lines) == 1
 
 
@@ -76,21 +80,21 @@ def loads_of_a_sweep(**more):
 
 
 def test_loads_are_drawn_with_each_physical_quantity_once():
-    figure = sweeps.sweep_figure(loads_of_a_sweep())
+    figure = sweep_figure(loads_of_a_sweep())
     assert panel_names(figure) == ["approach δ", "contact fraction", "maximum pressure"]
     assert {axes.get_xlabel() for axes in figure.axes} == {"load F  [N]"}
     approach = figure.axes[0]
     assert approach.get_ylabel().endswith("[µm]") and approach.lines[0].get_ydata()[0] == pytest.approx(1.0)
     patches = {"domain": ["0,1,0,1", "0,2,0,1"] * 3} | loads_of_a_sweep()
-    assert "contact area" in panel_names(sweeps.sweep_figure(patches))
+    assert "contact area" in panel_names(sweep_figure(patches))
 
 
 def test_solver_options_are_drawn_with_work():
     rows = {"option_files": ["fast"] * 3 + ["norm"] * 3}
-    names = panel_names(sweeps.sweep_figure(rows | loads_of_a_sweep()))
+    names = panel_names(sweep_figure(rows | loads_of_a_sweep()))
     assert names[3:] == ["operator applications", "time of the solve"]
     nearly = [repr(1 + 1e-6 * k) for k in range(6)]  # to what a solve is accurate
-    assert panel_names(sweeps.sweep_figure(rows | loads_of_a_sweep(approach=nearly)))[0] == "contact fraction"
+    assert panel_names(sweep_figure(rows | loads_of_a_sweep(approach=nearly)))[0] == "contact fraction"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +109,7 @@ def test_prescribed_quantities_are_not_drawn(option, drawn):
         "load": [repr(step / 4 if option == "mean_pressure" else step**1.5) for step in steps],
         "result_approach" if option == "approach" else "approach": list(map(repr, steps)),
     }
-    figure = sweeps.sweep_figure(columns)
+    figure = sweep_figure(columns)
     assert ", ".join(panel_names(figure)) == drawn
     labels = {"approach": "approach δ  [mm]", "mean_pressure": "mean pressure  [N/mm²]"}
     assert figure.axes[0].get_xlabel() == labels.get(option, "sphere radius  [mm]")
@@ -113,26 +117,26 @@ def test_prescribed_quantities_are_not_drawn(option, drawn):
 
 def test_large_loads_are_drawn_in_kilonewtons():
     columns = {"roller_design_load": ["5e3", "2e4"], "exit_status": ["0"] * 2, "load": ["6000", "12000"]}
-    axes = sweeps.sweep_figure(columns).axes[0]
+    axes = sweep_figure(columns).axes[0]
     assert axes.get_xlabel() == "roller design load  [kN]" and axes.get_ylabel() == "load F  [kN]"
     assert axes.lines[0].get_xydata() == pytest.approx(np.array([[5, 6], [20, 12]]))
 
 
 def test_requested_columns_are_drawn():
-    figure = sweeps.sweep_figure(loads_of_a_sweep(), x="approach", y=["result_load", "work_units"])
+    figure = sweep_figure(loads_of_a_sweep(), x="approach", y=["result_load", "work_units"])
     assert (
         panel_names(figure) == ["load F", "work units"] and figure.axes[0].get_xlabel() == "approach δ  [µm]"
     )
     assert [len(line.get_xdata()) for line in figure.axes[0].lines] == [3, 3]  # through the loads
     against_nothing = loads_of_a_sweep(load=["1"] * 6, young=["a"] * 6)
-    assert sweeps.sweep_figure(against_nothing, y=["work_units"]) is None
+    assert sweep_figure(against_nothing, y=["work_units"]) is None
     for name in ("approach_", "young_", "exit"):
         with pytest.raises(InputError, match=f"{name}: not a column with numbers; there are load, "):
-            sweeps.sweep_figure(loads_of_a_sweep(), y=[name])
+            sweep_figure(loads_of_a_sweep(), y=[name])
 
 
 def test_legend_names_the_options_that_differ():
-    one = sweeps.sweep_figure(loads_of_a_sweep()).axes[1].get_legend()
+    one = sweep_figure(loads_of_a_sweep()).axes[1].get_legend()
     assert one.get_title().get_text() == "young  [N/mm²]"
     assert [text.get_text() for text in one.get_texts()] == ["70e3,inf", "210e3,inf"]
     files = {
@@ -140,18 +144,7 @@ def test_legend_names_the_options_that_differ():
         "poisson": ["0.3,0"] * 6,
         "seed": [""] * 3 + ["7"] * 3,
     }
-    several = sweeps.sweep_figure(files | loads_of_a_sweep()).axes[2].get_legend()
+    several = sweep_figure(files | loads_of_a_sweep()).axes[2].get_legend()
     assert [text.get_text() for text in several.get_texts()] == [
         "fast; young 70e3,inf", "norm; seed 7; young 210e3,inf"
     ]  # fmt: skip
-
-
-def test_axes_have_the_units_of_options():
-    for option in PROBLEM_OPTIONS:
-        said = [
-            unit
-            for unit in ("mm", "N", "N/mm", "N/mm2", "degrees", "rad", "ohm m", "W/(m K)")
-            if f"[{unit}]" in option.meaning
-        ]
-        if not option.name.endswith("_path"):
-            assert (sweeps.find_unit(option.name) or "").replace("²", "2") == "".join(said), option.name
