@@ -104,13 +104,14 @@ def _option_label(option, unit):
     """Return the axis label of an option."""
     if _SOLVER.match(option):
         return f"-{option}"
-    label = axis_label(option).partition("  [")[0] if option in QUANTITIES else option.replace("_", " ")
-    return f"{label}  [{unit}]" if unit else label
+    if option in QUANTITIES:
+        return axis_label(option)
+    return option.replace("_", " ") + (f"  [{unit}]" if unit else "")
 
 
 def _in_units(values, name, varied, units):
     largest = np.nanmax(np.abs(values), initial=0.0)
-    if name in varied:
+    if name in varied and name not in QUANTITIES:
         factor, unit = choose_unit(largest, units.get(name))
         return values * factor, _option_label(name, unit)
     name = name.removeprefix("result_")
