@@ -267,6 +267,8 @@ def _read_number(of, solution):
         if of == "approach":
             return None, "load"
         raise InputError(f"sensitivity: of {of!r}: must be 'load', 'approach' or an array dJ/dp")
+    if solution.prescribed not in ("load", "approach", "mean_gap"):
+        raise InputError(f"sensitivity: of an array: not at a prescribed {solution.prescribed}")
     g = real_numbers("sensitivity: of", of, "an array of real numbers, 'load' or 'approach'")
     if g.shape == solution.grid.shape:
         g = g[solution.slabs.rows]

@@ -54,7 +54,7 @@ class LoadPath:
     ----------
     solver : ContactSolver
     kind : str
-        Prescribed quantity: load, mean_pressure, approach or mean_gap.
+        Prescribed quantity, a name in `app.contact.loading_input.LOADINGS`.
     numbers : sequence of float
         Prescribed values, one for each step, in any order. With a hardness, smaller loads (or approaches, or larger
         mean gaps) than an earlier one unload the indented bodies.
@@ -172,7 +172,7 @@ class LoadPath:
             # Without a solution, an earlier run has solved for the largest load.
             history.indent(history.solution or self._solve_counted(history.largest))
         with self._solver.replaced(history.indented):
-            return self._solve_counted(number + history.mean_gap)
+            return self._solve_counted(LOADINGS[self._kind].after_indentation(number, history.mean_depth))
 
     def _solve_counted(self, number):
         """Solve for one prescribed number; count the work. Collective."""
@@ -269,26 +269,26 @@ class _LoadHistory:
     Attributes
     ----------
     largest : float or None
-        Prescribed number of the step with the largest load. If mean gaps are prescribed, it is the smallest one.
+        Prescribed number of the step with the largest load.
     solution : Solution or None
         Solution for the largest load, until the bodies unload.
     indented : ContactProblem or None
         Problem of the indented bodies, once they unload.
-    mean_gap : float
-        Number to add to a prescribed mean gap for the indented bodies [mm]; 0 for other quantities.
+    mean_depth : float
+        Mean depth of the indentation [mm].
     """
 
     def __init__(self, problem, kind):
-        self._problem, self._by_gap = problem, kind == "mean_gap"
+        self._problem, self._falls = problem, LOADINGS[kind].falls
         self._capped = check_hardness(problem.hardness, problem.grid) is not None
         self.largest = self.solution = self.indented = None
-        self.mean_gap = 0.0
+        self.mean_depth = 0.0
 
     def unloads(self, number):
         """Return whether a step unloads indented bodies."""
         if not self._capped or self.largest is None:
             return False
-        return number > self.largest if self._by_gap else number < self.largest
+        return number > self.largest if self._falls else number < self.largest
 
     def add(self, number, solution=None):
         """Record a solved step if the load is the path's largest."""
@@ -313,8 +313,7 @@ class _LoadHistory:
             hardness=problem.hardness,
             background_pressure=problem.background_pressure,
         )
-        # The displacements of a periodic patch have no mean: the mean gap follows from the mean shape.
-        self.mean_gap = float(surface.depth.mean()) if self._by_gap else 0.0
+        self.mean_depth = float(surface.depth.mean())
 
 
 def numbers_of(solution):
@@ -337,15 +336,14 @@ def _as_rows(rows, kind, numbers):
     are_numbers = all(isinstance(value, Number | np.bool_) for row in rows for value in row.values())
     if not are_numbers or not all(row.keys() >= {"step", "converged", kind} for row in rows):
         raise InputError("path: rows: must be the `rows` of an earlier path")
-    rounding = 1e-12 * max(map(abs, numbers))
+    rounding, loading = 1e-12 * max(map(abs, numbers)), LOADINGS[kind]
     for step, (row, number) in enumerate(zip(rows, numbers, strict=False), 1):
-        # Plastic cells overlap, so the mean gap is larger than the prescribed one.
-        value = row[kind] - (row.get("mean_plastic_depth", 0.0) if kind == "mean_gap" else 0.0)
+        value = loading.number_in(row)
         # A step that has not converged may have missed its load.
-        if row["converged"] and not np.isclose(value, number, 1e-9, rounding):
+        if row["converged"] and not np.isclose(value, number, loading.result_rtol, rounding):
             raise InputError(
                 f"path: rows: step {step} has {kind} {format_exact(value)}, this path {format_exact(number)} "
-                f"{LOADINGS[kind]}; they must be rows of the same path, from its first step on"
+                f"{loading.unit}; they must be rows of the same path, from its first step on"
             )
     return rows
 
@@ -356,7 +354,7 @@ def _as_numbers(kind, numbers):
     except TypeError:
         values = []
     if not values:
-        raise InputError(f"path: {kind}: must be a list of one number or more [{LOADINGS[kind]}]")
+        raise InputError(f"path: {kind}: must be a list of one number or more [{LOADINGS[kind].unit}]")
     return [validate_number(kind, number) for number in values]
 
 

@@ -33,7 +33,7 @@ from app.base.petsc import mpi_comm
 from app.base.progress_bar import progress_bar
 from app.base.usage import usage
 from app.base.user_folder import existing_folder
-from app.contact.loading_input import LOADINGS, single_loading, validate_number
+from app.contact.loading_input import LOADINGS, USAGE, single_loading, validate_number
 from app.io.field_stack import check_fields, open_field_stack
 from app.parallel import mpi_abort
 from app.problems.contact_problem import ContactProblem
@@ -55,10 +55,10 @@ class _Job(NamedTuple):
     loads: list
 
 
-@usage("solve_many(problems, loads, processes=2), or approach=, mean_pressure=, mean_gap= in place of loads")
+@usage(f"solve_many(problems, {USAGE}")
 def solve_many(
-    problems, loads=None, processes=1, *, approach=None, mean_pressure=None, mean_gap=None, grid=None, material=None,
-    method=None, options=None, comm=None, output=None, fields=("pressure", "gap"), progress=False,
+    problems, loads=None, processes=1, *, grid=None, material=None, method=None, options=None, comm=None,
+    output=None, fields=("pressure", "gap"), progress=False, **loading,
 ):  # fmt: skip
     """Solve many problems, each for one load or several.
 
@@ -77,8 +77,8 @@ def solve_many(
     processes : int
         If above 1, a program must call this function below ``if __name__ == "__main__":``, and functions in problems
         must be defined in a module.
-    approach, mean_pressure, mean_gap : optional
-        Other prescribed quantities, instead of `loads` and in the same forms; see `solve`.
+    **loading : optional
+        Another prescribed quantity of `app.solve`, instead of `loads` and in the same forms.
     grid : Grid, optional
     material : Material, optional
     method, options, comm
@@ -114,7 +114,8 @@ def solve_many(
     (array([0, 0, 1, 1, 2, 2]), array([ 10., 100.,  10., 100.,  10., 100.]), True)
     """
     comm = mpi_abort.abort_on_exception(mpi_comm(comm))
-    loading = {"load": loads, "approach": approach, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
+    if loads is not None:
+        loading["loads" if "load" in loading else "load"] = loads  # both are refused
     kind, jobs = call_collectively(comm, _make_jobs, problems, loading, grid, material)
     call_collectively(comm, _check_processes, processes, jobs)
     requests = kind, [job.loads for job in jobs], processes, output is None
@@ -127,7 +128,7 @@ def solve_many(
     rows = [None] * sum(len(job.loads) for job in jobs)
     jobs_by_solver = _sort_by_solver(jobs)
     with ExitStack() as stack:
-        solver = stack.enter_context(closing(_ReusedSolver(kind, fields, method, options, comm)))
+        solver = stack.enter_context(closing(_ReusedSolver(LOADINGS[kind], fields, method, options, comm)))
         solver.set_up(jobs_by_solver[0].problem)  # raises for invalid options
         file_stack, files = stack.enter_context(ExitStack()), []
         if fields:
@@ -144,7 +145,7 @@ def solve_many(
             results = map(solver.solve, jobs_by_solver)
         else:
             solver.close()
-            arguments = kind, fields, method, options
+            arguments = LOADINGS[kind], fields, method, options  # the class: its module is imported
             results = stack.enter_context(_on_processes(jobs_by_solver, min(processes, len(jobs)), arguments))
         for first_row, found in results:
             rows[first_row : first_row + len(found)] = [row for row, _ in found]
@@ -168,8 +169,7 @@ def _make_jobs(problems, loading, grid, material):
     for number, (problem, values) in enumerate(
         zip(problems, _as_loads(kind, numbers, len(problems)), strict=True)
     ):
-        if kind == "mean_gap" and not problem.grid.doubly_periodic:
-            raise InputError(f"problems[{number}]: mean_gap: needs a periodic patch; use approach= or loads")
+        LOADINGS[kind].check_grid(problem.grid)
         jobs.append(_Job(number, first_row, problem, values))
         first_row += len(values)
     return kind, jobs
@@ -230,7 +230,7 @@ def _as_loads(kind, numbers, count):
     if len(lists) != count:
         raise InputError(
             f"{kind}: {len(entries)} for {count} problems; must be a number, one for each problem, a list for each "
-            f"problem, or one list for all, [[...]] [{LOADINGS[kind]}]"
+            f"problem, or one list for all, [[...]] [{LOADINGS[kind].unit}]"
         )
     return lists
 
@@ -269,8 +269,8 @@ def _sort_by_solver(jobs):
 class _ReusedSolver:
     """Solver that is set up again only for another grid or material."""
 
-    def __init__(self, kind, fields, method=None, options=None, comm=None):
-        self._kind, self._fields = kind, fields
+    def __init__(self, loading, fields, method=None, options=None, comm=None):
+        self._kind, self._fields = loading.name, fields
         self._arguments = method, options, comm
         self._solver = None
 

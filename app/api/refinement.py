@@ -24,6 +24,7 @@ from app.base.progress_bar import progress_bar
 from app.base.quantities import ESTIMATED
 from app.base.usage import usage
 from app.contact.grid_errors import GridErrors, GridNumbers, estimate_errors
+from app.contact.loading_input import LOADINGS
 from app.io.frames import to_dataframe
 from app.multigrid.hierarchy import check_memory
 from app.options.option_table import to_texts
@@ -145,9 +146,8 @@ def refine(
             values = solution.load, solution.approach, solution.max_pressure, solution.contact_area
             numbers.append(GridNumbers(*values))
             if len(numbers) >= MIN_GRIDS or np.isnan(errors.largest):
-                [prescribed] = (kind for kind, number in loading.items() if number is not None)
                 change = solution.discretisation_error
-                errors = estimate_errors(numbers, solver.touching, prescribed, change)
+                errors = estimate_errors(numbers, solver.touching, _exact(loading), change)
                 errors = errors.add_contact_edge(solution, change, problem)
             solution = replace(solution, **errors._asdict())
             rows.append(_row(solution, errors))
@@ -195,9 +195,7 @@ def check(problem, until, most_cells, quantities, loading):
         raise InputError(f"refine most_cells {most_cells!r}: must be a positive number")
     if isinstance(quantities, str) or not quantities or not set(quantities) <= set(ESTIMATED):
         raise InputError(f"quantities= (-refine_for) {quantities!r}: must be among {', '.join(ESTIMATED)}")
-    exact = {"mean_pressure": "load"}
-    prescribed = {exact.get(kind, kind) for kind, number in loading.items() if number is not None}
-    if set(quantities) <= prescribed:
+    if set(quantities) <= _exact(loading):
         raise InputError(f"quantities= (-refine_for) {', '.join(quantities)}: prescribed, so it has no error")
     if np.ndim(problem.hardness):
         raise InputError(f"problem {problem.name}: a hardness known on its grid only; must be a number")
@@ -206,6 +204,11 @@ def check(problem, until, most_cells, quantities, loading):
             f"problem {problem.name}: its undeformed distance is known on one grid only; "
             "refining needs a function, a generated surface or a measured one that is resampled() (-surface_resample)"
         )
+
+
+def _exact(loading):
+    """Return the quantities that a loading fixes."""
+    return {name for kind in LOADINGS if loading.get(kind) is not None for name in LOADINGS[kind].exact}
 
 
 def _row(solution, errors):

@@ -134,7 +134,7 @@ class BackgroundPressure(ShiftedProblem):
         number, least = validate_number(kind, values[kind]), self.load / to_load
         most = least + largest_load / to_load
         if not least * (1 - LOAD_ROUNDING) <= number <= most * (1 + LOAD_ROUNDING):
-            unit = LOADINGS[kind]
+            unit = LOADINGS[kind].unit
             limits = f"at least {format_exact(least)} {unit}, which the background pressure carries"
             if number > least:
                 limits = f"at most {format_exact(most)} {unit}, which all cells carry at their hardness"

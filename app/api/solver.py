@@ -38,7 +38,7 @@ from app.contact.certificate import certify
 from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
-from app.contact.loading_input import make_loading, single_loading
+from app.contact.loading_input import USAGE, make_loading, single_loading
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
@@ -48,7 +48,7 @@ from app.parallel.communicator import Communicator
 from app.parallel.reductions import minimum_over
 
 
-@usage("solve(problem, load=700), or approach=, mean_pressure=, mean_gap=")
+@usage(f"solve(problem, {USAGE}")
 def solve(problem, *, method=None, options=None, comm=None, start=None, **loading):
     """Solve a contact problem. Collective; raises the errors of `ContactSolver` and its `solve`.
 
@@ -225,16 +225,16 @@ class ContactSolver(Derivatives, Histories, Friction):
         """Linear solver (KSP) on the target grid, or None."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
-    @usage("solver.solve(load=700), or approach=, mean_pressure=, mean_gap=")
+    @usage(f"solver.solve({USAGE}")
     @synchronized
     def solve(self, *, start=None, **loading):
-        """Solve for approach, load, mean pressure or mean gap.
+        """Solve for a prescribed quantity.
 
         Parameters
         ----------
         start : Solution, optional
             Solution of the same grid and communicator and of a similar loading, from which the iteration starts.
-        approach, load, mean_pressure, mean_gap : float
+        **loading : float
             Prescribed quantity, see `app.solve`. Give exactly one.
 
         Returns
@@ -279,19 +279,15 @@ class ContactSolver(Derivatives, Histories, Friction):
             self.hierarchy.collect_garbage()
             self._measure_shapes()
             self._was_interrupted = False
-        loading, approach, uniform = (
-            self._make_loading(values),
-            values.get("approach"),
-            self._uniform_compliance,
-        )
+        loading, uniform = self._make_loading(values), self._uniform_compliance
         if start is not None:
             self._strategy.check(start)
             start = self._shift.net(start) if self._shift else start
-        if not uniform or approach is None or loading.misses_contact(self._distances[-1]):
+        if not uniform or loading.kind != "approach" or loading.misses_contact(self._distances[-1]):
             solution = self._solve_loading(loading, start)
         else:
             solve = partial(self._solve_loading, start=start)
-            approach -= self._shift.uniform if self._shift else 0.0
+            approach = loading.approach - (self._shift.uniform if self._shift else 0.0)
             solution = search_approach(solve, self.problem, self._distances[-1], approach, self.settings)
         solution = self._shift.add_to(solution, values) if self._shift else solution
         return add_uniform_displacement(solution, uniform) if uniform else solution
@@ -323,7 +319,7 @@ class ContactSolver(Derivatives, Histories, Friction):
         progress : bool
             Show a progress bar (tqdm) on rank 0.
         **loadings : sequence of float
-            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`.
+            Prescribed quantity, see `app.solve`. Give exactly one.
 
         Returns
         -------

@@ -209,7 +209,8 @@ class ActiveSet(Strategy):
     def _solve(self, loading, history, start):
         if start is not None:
             state = self._started_from(start, loading)
-            return state, active_set_or_search(state, self.solver, loading, self._stop(), history)
+            solve = partial(active_set_or_search, state, self.solver, stop=self._stop(), history=history)
+            return state, loading.next_solve(state, solve)
         settings = self._settings
         return full_multigrid(
             self._hierarchy, self._distances, loading, self._stop(), history, settings.nested, settings.beta,
@@ -224,7 +225,7 @@ class Film(ActiveSet):
         settings, hierarchy = self._settings, self._hierarchy
         iterate = partial(solve_film, hierarchy)
         capped = start is not None and start.plastic is not None
-        if capped and not (loading.approach_is_known or hierarchy.target.grid.doubly_periodic):
+        if capped and loading.load is not None and not hierarchy.target.grid.doubly_periodic:
             # Pressures at the hardness cannot be scaled to a very different load.
             low, high = sorted((start.load, loading.load))
             start = start if high <= MAX_LOAD_RATIO * low else None

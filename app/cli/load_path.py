@@ -10,22 +10,16 @@ from app.api.summary import format_count
 from app.base.errors import InputError, call_collectively
 from app.base.quantities import unit_of
 from app.cli.session import note, print_output, warn
+from app.contact.loading_input import LOADINGS
 from app.io.files import check_output_path, hash_file, remove
 from app.options.option_table import Option, flag, format_options, lengths, series, word
 from app.parameter_study.journal import Journal
 
-KINDS = {
-    "load": "[N]",
-    "mean_pressure": "[N/mm2]",
-    "approach": "[mm]",
-    "mean_gap": "[mm], periodic patches only",
-}
-_LENGTHS = "approach", "mean_gap"
 OPTIONS = [
     *(
-        Option(f"{kind}_path", lengths(series) if kind in _LENGTHS else series, None,
-            f"first:last:n[:log], numbers, or several of both, a,b,c {unit}")
-        for kind, unit in KINDS.items()
+        Option(f"{name}_path", lengths(series) if loading.unit == "mm" else series, None,
+            f"first:last:n[:log], numbers, or several of both, a,b,c [{loading.unit}]")
+        for name, loading in LOADINGS.items()
     ),
     Option("path_csv", word, None, "path: table of the steps (default: next to -output)"),
     Option("path_fields", flag, False, "path: a result file for every step, next to -output"),

@@ -7,6 +7,7 @@ from app.base.errors import InputError, call_collectively, check_equal_on_ranks
 from app.base.quantities import ESTIMATED
 from app.cli import load_path
 from app.cli.geometry_options import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS
+from app.contact.loading_input import LOADINGS
 from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC
 from app.options.option_table import FILES as OPTION_FILES
 from app.options.option_table import (
@@ -34,11 +35,11 @@ _ERRORS = (*ESTIMATED, "area")
 PROBLEM_OPTIONS = [
     *GEOMETRY_OPTIONS,
     *MATERIAL_OPTIONS,
-    Option("approach", lengths(real()), None, "approach of the bodies [mm]"),
-    Option("load", real(), None, "total normal force [N]"),
+    *(
+        Option(name, lengths(real()) if loading.unit == "mm" else real(), None, f"{loading.meaning} [{loading.unit}]")
+        for name, loading in LOADINGS.items()
+    ),
     Option("line_load", from_zero, None, "load per length of a roller, cylinder, or patch periodic in x or y [N/mm]"),
-    Option("mean_pressure", real(), None, "load over the area of the patch, holes and all [N/mm2]"),
-    Option("mean_gap", lengths(real()), None, "mean gap of a periodic patch without holes [mm]"),
     *load_path.OPTIONS,
     Option("stiffness", flag, False, "compute dF/d(approach) and conductance, by one more linear solve"),
     Option("refine_until", share, None, "double the cells in x and y until estimated errors are below this"),
@@ -52,14 +53,8 @@ UNITS = {
     for option in PROBLEM_OPTIONS
     if (unit := _UNIT.search(option.meaning))
 }
-LOADING = (
-    "approach",
-    "load",
-    "line_load",
-    "mean_pressure",
-    "mean_gap",
-    *(f"{kind}_path" for kind in load_path.KINDS),
-)
+_PRESCRIBED = {name: loading.unit for name, loading in LOADINGS.items()} | {"line_load": "N/mm"}
+LOADING = (*_PRESCRIBED, *(f"{name}_path" for name in LOADINGS))
 
 
 class Request:
@@ -168,8 +163,8 @@ def read_loading(parsed, options):
 
     `options` is the reader from `resolve_alternatives`. Raises InputError if the loading is missing or not allowed.
     """
-    needed = "-approach [mm], -load [N], -line_load [N/mm], -mean_pressure [N/mm2] nor -mean_gap [mm]"
-    kind = parsed.select_alternative(LOADING, needed)
+    *others, last = (f"-{name} [{unit}]" for name, unit in _PRESCRIBED.items())
+    kind = parsed.select_alternative(LOADING, f"{', '.join(others)} nor {last}")
     if kind == "line_load":
         from app.cli.geometry import find_load  # -help does without MPI
 

@@ -67,7 +67,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
                 elif coarse is None:
                     outcome = loading.first_solve(state, solve)  # Sec. 4.3, 1
                 else:
-                    outcome = solve(loading)  # Sec. 4.3, (3.b)
+                    outcome = loading.next_solve(state, solve)  # Sec. 4.3, (3.b)
             grids.record(outcome, state.depth)
             cache.release_solver(level)
         grids.broadcast_to_next(level)

@@ -109,7 +109,7 @@ def compute_grid_numbers(state, comm):
     return GridNumbers(load, state.depth, -float(lowest), area)
 
 
-def estimate_errors(grids, touching, prescribed, pressure_change=0.0):
+def estimate_errors(grids, touching, exact, pressure_change=0.0):
     """Return the GridErrors of the finest grid, without those of the contact edge.
 
     Parameters
@@ -120,20 +120,21 @@ def estimate_errors(grids, touching, prescribed, pressure_change=0.0):
     touching : float
         Depth of first touch on the finest grid [mm]. If `grids` have approaches instead of depths, the approach of
         first touch.
-    prescribed : str
-        Name of the prescribed number in `LOADINGS`. With "mean_gap", load and approach both have errors.
+    exact : sequence of str
+        Quantities that the loading fixes, see `Loading.exact`. They have no error.
     pressure_change : float
         `pressure_difference` of the two finest grids; NaN if unknown.
     """
     if len(grids) < 2:
         return UNKNOWN
     load, depth, pressure, area = map(np.array, zip(*grids[::-1], strict=True))
-    return GridErrors(
-        load_error=0.0 if prescribed in ("load", "mean_pressure") else _error(load, LOWEST_ORDER_OF_LOAD),
-        approach_error=0.0 if prescribed == "approach" else _error(depth - touching, LOWEST_ORDER_OF_LOAD),
+    errors = GridErrors(
+        load_error=_error(load, LOWEST_ORDER_OF_LOAD),
+        approach_error=_error(depth - touching, LOWEST_ORDER_OF_LOAD),
         max_pressure_error=_pressure_error(pressure, pressure_change),
         contact_area_error=_area_error(area),
     )
+    return errors._replace(**{f"{name}_error": 0.0 for name in exact})
 
 
 def _steps(values):

@@ -76,7 +76,7 @@ class GridSequence:
         errors = UNKNOWN
         if self.grid_numbers:
             numbers = [*self.grid_numbers, compute_grid_numbers(state, self.hierarchy.comm)]
-            errors = estimate_errors(numbers, state.first_touch(), self._loading.kind, difference)
+            errors = estimate_errors(numbers, state.first_touch(), self._loading.exact, difference)
         known = difference if difference >= least else float("nan")
         return self.outcome._replace(discretisation_error=known, grid_errors=errors)
 

@@ -1,8 +1,10 @@
 """Loadings: the base class, a prescribed approach and a prescribed mean gap.
 
-A loading is a prescribed quantity. The solvers call these methods of a loading:
+A loading is a prescribed quantity. `app.contact.loading_input.LOADINGS` has its class, by name; everything that a user
+can prescribe is read from there. The solvers call these methods of a loading:
 
-- `first_solve` solves on the first grid; if an earlier solution is given instead, `resume` chooses the approach;
+- `first_solve` solves on the first grid, and `next_solve` on the finer ones; if an earlier solution is given instead,
+  `resume` chooses the approach;
 - `begin` prepares the iteration on a grid;
 - `update` moves the approach in each active set iteration, after u = A p and before cells enter C;
 - `settle` meets the prescribed number exactly, on the target grid, when the stopping test (5.1) holds;
@@ -10,13 +12,16 @@ A loading is a prescribed quantity. The solvers call these methods of a loading:
 
 Ranks that join on the next grid receive `shared_state`. If the iteration fails, `solve_by_search` is called. The
 periodic method, whose unknown is the gap, calls `scale_pressure` and `set_depth` instead of `update` and `settle`.
-
-A new loading is a subclass of `Loading`, and a line of `app.contact.loading_input`, which makes it from a number.
 """
 
 from math import ulp
 
 import numpy as np
+
+from app.base.errors import InputError, format_exact
+
+_FULL_CONTACT_ROUNDING = 1e-12  # relative rounding error of the approach of full contact
+_ROUNDING_ULPS = 4  # rounding error of numbers that users compute, in units in the last place
 
 
 class Loading:
@@ -24,8 +29,18 @@ class Loading:
 
     Attributes
     ----------
+    name : str
+        Name of the prescribed number in `LOADINGS`, which is the name of a number of solutions, too.
     kind : str
-        Name of the prescribed number in `LOADINGS`.
+        What solutions report as prescribed.
+    unit, meaning : str
+        Unit and meaning of the number, for messages and the help.
+    exact : tuple of str
+        Quantities of `app.base.quantities.ESTIMATED` that the number fixes, so that they have no grid error.
+    falls : bool
+        True if the number falls when the load grows.
+    result_rtol : float
+        Relative accuracy with which solutions have the number.
     load : float or None
         Prescribed total force [N]; None if another number is prescribed.
     approach_is_known : bool
@@ -36,7 +51,32 @@ class Loading:
         Results of coarser grids, for the ranks that join on a finer one.
     """
 
-    kind, load, approach_is_known, allows_no_contact, shared_state = "", None, True, True, None
+    name = kind = unit = meaning = ""
+    exact, falls, result_rtol = (), False, 1e-9
+    load, approach_is_known, allows_no_contact, shared_state = None, True, True, None
+
+    @classmethod
+    def create(cls, value, grid, distance, uniform_compliance=0.0):
+        """Return the loading for a number that `check_number` has accepted; see `make_loading`."""
+        raise NotImplementedError
+
+    @classmethod
+    def check_number(cls, value):
+        """Raise InputError for a number that is not allowed on any patch."""
+
+    @classmethod
+    def check_grid(cls, grid):
+        """Raise InputError for a patch on which the number cannot be prescribed."""
+
+    @classmethod
+    def number_in(cls, row):
+        """Return the prescribed number of a row of results."""
+        return row[cls.name]
+
+    @classmethod
+    def after_indentation(cls, number, depth):
+        """Return the number for bodies with a permanent indentation of mean `depth` [mm]."""
+        return number
 
     def depth_on(self, distance):
         """Return the prescribed depth, given a grid's `distance` [mm]; infinite if unknown."""
@@ -70,8 +110,12 @@ class Loading:
         """Solve on the first grid by ``solve(loading)``; return the Outcome. Collective."""
         raise NotImplementedError
 
+    def next_solve(self, state, solve):
+        """Solve from the coarser grid's solution by ``solve(loading)``; return the Outcome. Collective."""
+        return solve(self)
+
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
-        """Solve by a root search if the load is prescribed. Collective.
+        """Solve by a root search if the approach is unknown. Collective.
 
         The function ``solve(loading, stop)`` solves at a prescribed approach and returns the Outcome. `tighter` is a
         factor on the tolerance of these solves. `rtol` is the tolerance of the search, `step` the estimated error of
@@ -124,10 +168,40 @@ class PrescribedApproach(Loading):
         Approach beyond the reference [mm]. Give it if it is known without the rounding of `approach`.
     """
 
-    kind = "approach"
+    name = kind = "approach"
+    unit, meaning, exact = "mm", "approach of the bodies", ("approach",)
 
     def __init__(self, approach, depth=None):
         self.approach, self._depth = float(approach), depth
+
+    @classmethod
+    def create(cls, value, grid, distance, uniform_compliance=0.0):
+        """Return the loading; see `Loading.create`.
+
+        If the bodies have a `uniform_compliance`, approaches beyond full contact are allowed.
+        """
+        if uniform_compliance and distance.bounds.capped:
+            what, advice = f"approach {format_exact(value)}", "use load, mean_pressure or mean_gap"
+            raise InputError(f"{what}: not for a layer on a rigid base with a hardness; {advice}")
+        if not grid.doubly_periodic or uniform_compliance:
+            return cls(value)
+        mean, reference, has_holes = (
+            distance.statistics.mean,
+            distance.reference,
+            _count_holes(grid, distance) > 0,
+        )
+        full, rounding = _full_contact(distance)
+        size = max(abs(value), abs(reference))
+        if distance.max_depth == np.inf and not has_holes and value - full > _ROUNDING_ULPS * ulp(size):
+            if not distance.depth_rounding(value - reference):
+                return cls(value)
+            return cls(value, _without_rounding(value - reference, size, distance, np.inf))
+        if value - full > rounding and not has_holes:
+            limit = f"it must be at most {full!r} mm, full contact"
+            what = f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative"
+            raise InputError(f"{what}; {limit}")
+        value, mean = (value, np.inf) if has_holes else (min(value, full), mean)
+        return cls(value, _without_rounding(value - reference, size, distance, mean))
 
     def depth_on(self, distance):
         """Return the depth of the prescribed approach; see `Loading.depth_on`."""
@@ -172,11 +246,55 @@ class PrescribedMeanGap(PrescribedApproach):
         Mean gap as the user gave it [mm]; negative only with a hardness.
     """
 
-    kind = "mean_gap"
+    name = kind = "mean_gap"
+    meaning, exact, falls = "mean gap of a periodic patch without holes", (), True
 
     def __init__(self, distance, depth, mean_gap):
         super().__init__(distance.approach_at(depth), depth)
         self._mean, self._mean_gap = distance.statistics.mean, max(mean_gap, 0.0)
+
+    @classmethod
+    def create(cls, value, grid, distance, uniform_compliance=0.0):
+        """Return the loading; see `Loading.create`.
+
+        On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach. The mean gap
+        must not be negative unless a hardness lets plastic cells overlap.
+        """
+        cls.check_grid(grid)
+        text, (full, rounding) = f"mean_gap {format_exact(value)}", _full_contact(distance)
+        if holes := _count_holes(grid, distance):
+            doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown"
+            raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")
+        if value < -rounding and distance.max_depth < np.inf:
+            limit = "it must be at least 0 mm without a hardness"
+            raise InputError(f"{text}: the bodies do not penetrate each other; {limit}")
+        # Plastic cells overlap: the mean of e is negative by more than the rounding of the approach.
+        size, mean = max(abs(full), abs(distance.reference)), distance.statistics.mean
+        overlaps = distance.max_depth == np.inf and -value > _ROUNDING_ULPS * ulp(size)
+        value = value if overlaps else max(value, 0.0)
+        # Without the reference, which would cost digits.
+        depth = (mean - value) + distance.statistics.mean_rest
+        return cls(distance, _without_rounding(depth, mean, distance, np.inf), value)
+
+    @classmethod
+    def check_grid(cls, grid):
+        """Raise InputError unless the patch is periodic in x and y; see `Loading.check_grid`."""
+        if not grid.doubly_periodic:
+            doubt = "only on a periodic patch, in x and y, does it determine the approach"
+            raise InputError(f"mean_gap: {doubt}; use approach, load or mean_pressure")
+
+    @classmethod
+    def number_in(cls, row):
+        """Return the mean of the gap e, which is negative where plastic cells overlap."""
+        return row[cls.name] - row.get("mean_plastic_depth", 0.0)
+
+    @classmethod
+    def after_indentation(cls, number, depth):
+        """Add the mean depth; see `Loading.after_indentation`.
+
+        The displacements of a periodic patch have no mean: the mean gap follows from the mean shape.
+        """
+        return number + depth
 
     def restore_prescribed(self, measures):
         """Restore the mean gap, at least 0; see `Loading.restore_prescribed`.
@@ -197,3 +315,29 @@ class PrescribedMeanGap(PrescribedApproach):
         """Set the depth, whose rounding error is an error of the mean gap; see `Loading.set_depth`."""
         super().set_depth(state)
         state.neglected_gap = ulp(state.depth)
+
+
+def _count_holes(grid, distance):
+    """Return the number of cells where contact is impossible."""
+    return grid.n - distance.statistics.cells
+
+
+def _full_contact(distance):
+    """Return the approach of full contact and its rounding error [mm]."""
+    full = distance.approach_at(distance.statistics.mean)
+    return full, _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
+
+
+def _without_rounding(depth, size, distance, full):
+    """Round a depth to first touch, full contact or full plasticity if close.
+
+    `full` is the depth of full contact, infinite if plastic cells may overlap. A depth is close to these depths if it
+    differs only by the rounding of numbers as large as `size`, from which it was computed. Then pressures or gaps would
+    have no correct digits.
+    """
+    rounding, touching = _ROUNDING_ULPS * ulp(size), distance.touching
+    if full - depth <= rounding:
+        return full
+    if 0 < distance.plastic_depth - depth <= rounding:
+        return distance.plastic_depth
+    return touching if 0 < depth - touching <= rounding else depth

@@ -1,20 +1,20 @@
-"""A prescribed load, and the search for its approach.
+"""A prescribed load or mean pressure.
 
 The load F(delta) = dx dy sum(p) of the solved problem increases with the approach delta. The slope of the load is S =
 dx dy sum(q), where q is the pressure on C with ``A q = 1`` there. On the first grid a bracketing root search meets the
 load and gives a secant slope. On all other grids, every active set iteration changes the approach by the missing load
 divided by the slope (Newton's method), if the load error exceeds what the residual can explain. `settle` makes the load
-exact. If this iteration does not converge, a root search is used, which solves problems of prescribed approach. The
-root search converges, because F is monotone.
+exact. If this iteration does not converge, the root search is used.
 """
 
-from itertools import pairwise
 from math import isclose, sqrt
 
 import numpy as np
 
-from app.contact.history import Outcome
-from app.contact.loading import Loading, PrescribedApproach
+from app.base.errors import InputError, format_exact
+from app.contact import full_plasticity
+from app.contact.approach_search import SearchedLoading
+from app.contact.loading import PrescribedApproach
 from app.contact.plastic_load import step_to_load
 from app.contact.stopping import BELOW_ROUNDING
 
@@ -30,14 +30,9 @@ MODEL_FACTORS = 0.4, 1.5  # range of the factor on steps of the model
 LOAD_ROUNDING = 1e-12  # relative difference of a load that has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # error of the approach that the residual explains, over the rms residual
 _MAX_PLATEAUS = 100  # number of plateaus of the load that are left after a search, each by one product
-_MAX_SECANTS = 2  # number of secants before scipy.optimize is imported, which takes as long as a small solve
 
 
-class _SearchOver(Exception):
-    """Raised to end a root search, after success or a failed solve."""
-
-
-class PrescribedLoad(Loading):
+class PrescribedLoad(SearchedLoading):
     """Prescribed total force.
 
     Parameters
@@ -48,14 +43,43 @@ class PrescribedLoad(Loading):
         Load divided by the area of the patch, as results report it [N/mm2].
     """
 
-    kind, approach_is_known, allows_no_contact = "load", False, False
+    name = kind = "load"
+    unit, meaning, exact = "N", "total normal force", ("load",)
+    exponent = 2 / 3  # load^(2/3) is nearly linear in depth
+    result_rtol = 1e-9
 
     def __init__(self, load, mean_pressure=np.nan):
-        self.load, self._mean_pressure = float(load), mean_pressure
-        self.slope = 0.0  # S [N/mm]
+        super().__init__(load)
+        self.load, self._mean_pressure = self.target, mean_pressure
         self._missing, self._model_factor = None, 1.0  # missing load [N] and depth [mm] before the last step
         self._before = None  # depth [mm] and expected load [N] before the last move of the approach
-        self._depths = []  # final depths of the grids solved so far [mm]
+
+    @classmethod
+    def create(cls, value, grid, distance, uniform_compliance=0.0):
+        """Return the loading; see `Loading.create`. Without load it is the approach of first touch."""
+        if not value:  # the approach is not unique
+            return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
+        to_load, largest = cls._load_per_number(grid), distance.bounds.largest_load
+        if value * to_load > (1 + full_plasticity.LOAD_ROUNDING) * largest:
+            limit = f"{format_exact(largest / to_load)} {cls.unit}, which all cells carry at their hardness"
+            raise InputError(f"{cls.name} {format_exact(value)}: must be at most {limit}")
+        mean_pressure = value / grid.area if cls is PrescribedLoad else value
+        return PrescribedLoad(value * to_load, mean_pressure)
+
+    @classmethod
+    def check_number(cls, value):
+        """Raise InputError for a tensile load; see `Loading.check_number`."""
+        if value < 0:
+            limit = f"it must be at least 0 {cls.unit}"
+            raise InputError(f"{cls.name} {format_exact(value)}: the bodies do not stick together; {limit}")
+
+    @staticmethod
+    def _load_per_number(grid):
+        return 1.0
+
+    def measure(self, state):
+        """Return the load of a solved state [N]; see `SearchedLoading.measure`."""
+        return state.load
 
     def mean_pressure_on(self, grid):
         """Return the load divided by patch area; see `Loading`."""
@@ -81,6 +105,10 @@ class PrescribedLoad(Loading):
         """Find the approach by root search; see `Loading.first_solve`."""
         outcome = self.search(state, solve, rtol=0.02)
         return solve(self).after(outcome) if outcome.converged else outcome
+
+    def next_solve(self, state, solve):
+        """Solve from the coarser grid's approach, which `update` changes; see `Loading.next_solve`."""
+        return solve(self)
 
     def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
         """Find the approach that gives the load; see `Loading.solve_by_search`.
@@ -108,67 +136,15 @@ class PrescribedLoad(Loading):
                 break
             state.approach_next_cell() if load < self.load else state.retreat_to_cell()
 
-    def search(self, state, solve, rtol, step=None):
-        """Find the approach that gives the load, by bracketing.
+    def usual_slope(self, state):
+        """Return the stiffness of a punch; see `SearchedLoading.usual_slope`."""
+        return stiffness_of_patch(state)
 
-        Collective. The search solves problems of prescribed approach. It converges for every problem that `solve` can
-        solve, because the load is monotone in the approach.
+    def estimate_depth(self, state, touching):
+        """Estimate the depth for the load; see `SearchedLoading.estimate_depth`.
 
-        The function ``solve(loading)`` solves from the contact set and pressure of `state`. `rtol` is relative to the
-        load, or to the depth beyond first touch. `step` is the estimated error of the depth of `state` [mm]; if it is
-        None, the search estimates a depth first. Return the Outcome of all solves, converged if all are.
-        """
-        touching = state.first_touch()
-        loads = {touching: 0.0}  # by depth
-        outcome = Outcome(True, "")
-
-        def relative_error(depth):
-            """Return the relative error of load^(2/3), which is nearly linear in depth."""
-            nonlocal outcome
-            if depth not in loads:
-                state.depth = depth
-                outcome = solve(PrescribedApproach(state.approach, state.depth)).after(outcome)
-                if not (outcome.converged or outcome.to_rounding):
-                    raise _SearchOver
-                loads[depth] = state.load
-                if abs(loads[depth] - self.load) <= rtol * self.load:
-                    raise _SearchOver
-            return (max(loads[depth], 0.0) / self.load) ** (2 / 3) - 1
-
-        max_depth = state.distance.max_searched_depth
-        try:
-            if not step:
-                low, high = touching, touching + 1.1 * self._estimate_depth(state, touching)
-            else:
-                low, high = max(touching, state.depth - step), max(touching, state.depth) + step
-            least = 4 * np.spacing(max(abs(low), abs(high)))  # step above rounding
-            high = min(max(high, low + least), max_depth)
-            while (short := -relative_error(high)) > 0 and high < max_depth:
-                # This step is enough if the load is proportional to the depth, or grows faster.
-                growth = max((1 if state.plastic_cells() else 2 * short) * (high - touching), least)
-                low, high = high, min(high + growth, max_depth)
-            while relative_error(low) > 0:
-                low, high = max(touching, low - max(2 * (high - low), least)), low
-            # A periodic patch may reach full contact before it carries the load; `high` is the end then.
-            root = high
-            if relative_error(high) >= 0:
-                root = _root(relative_error, low, high, rtol * (high - touching))
-            if state.depth != root:  # not the depth of the last solve
-                loads.pop(root, None)
-                relative_error(root)
-        except _SearchOver:
-            pass
-        points = loads or {touching: 0.0}  # first touch and full contact may be one
-        nearest = sorted(points.items(), key=lambda point: abs(point[1] - self.load))[:2]
-        (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same point if the first solve failed
-        self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
-        return outcome
-
-    def _estimate_depth(self, state, touching):
-        """Set the state's depth to an estimate for the load. Collective.
-
-        Return this depth beyond first touch [mm]. The estimate treats the overlap of the undeformed bodies as a flat
-        punch with the same area and mean depth. The estimate is right for flat punches, and 4% too small for a sphere.
+        The estimate treats the overlap of the undeformed bodies as a flat punch with the same area and mean depth. The
+        estimate is right for flat punches, and 4% too small for a sphere.
         """
         stiffness = stiffness_of_patch(state)
         beyond = self.load / stiffness
@@ -191,32 +167,13 @@ class PrescribedLoad(Loading):
         assumed to grow with the power 3/2 of the depth beyond first touch, as for a sphere (a punch has the power 1, a
         cone 2).
         """
-        state.depth = touching = state.first_touch()
-        beyond = state.on_contact().mean
+        beyond, touching = super().resume(state, load), state.first_touch()
+        state.depth = touching
         if load > 0 and beyond > 0:
             self.slope = 1.5 * load / beyond
             state.depth = touching + beyond * (self.load / load) ** (2 / 3)
         else:
             self.slope = stiffness_of_patch(state)
-
-    def record(self, depth):
-        """Store the final depth on a grid, for `predict`; see `Loading.record`."""
-        self._depths.append(depth)
-
-    @property
-    def shared_state(self):
-        """Slope of the load, and final depths of the grids so far."""
-        return self.slope, self._depths
-
-    @shared_state.setter
-    def shared_state(self, shared_state):
-        self.slope, self._depths = shared_state
-
-    def predict(self, depth):
-        """Extrapolate the depths as a geometric series; see `Loading.predict`."""
-        last = [finer - coarser for coarser, finer in pairwise(self._depths[-3:])]
-        ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
-        return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
         """Forget the last step, and ensure contact; see `Loading.begin`."""
@@ -318,15 +275,14 @@ class PrescribedLoad(Loading):
         state.depth = state.on_contact().mean
 
 
-def _root(function, low, high, xtol):
-    """Find the zero of an increasing function between `low` and `high`."""
-    for _ in range(_MAX_SECANTS):
-        a, b = function(low), function(high)
-        middle = low - a * (high - low) / (b - a)
-        low, high = (low, middle) if function(middle) > 0 else (middle, high)
-    from scipy.optimize import brentq
+class PrescribedMeanPressure(PrescribedLoad):
+    """Prescribed load over the area of the patch; `create` returns a `PrescribedLoad`."""
 
-    return brentq(function, low, high, xtol=xtol)
+    name, unit, meaning = "mean_pressure", "N/mm2", "load over the area of the patch, holes and all"
+
+    @staticmethod
+    def _load_per_number(grid):
+        return grid.area
 
 
 def least_stiffness(state):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from app.base.quantities import label_of, unit_of
 from app.base.units import choose_length_unit, choose_unit, round_to_cell
 from app.halfspace.grid import plan_grids
 from app.plots.maps import MAX_TICKS, Canvas, cell_edges, finite_pressure, format_number
@@ -38,12 +39,7 @@ PROBLEMS = {
 MIN_RATIO = 1.0001  # of two values that are shown as different
 _HIGH_SHARE = 0.9  # of the highest pressure, in cells of the sections
 _MAX_RESIDUAL = 1e200  # axes overflow beyond
-_PRESCRIBED = {
-    "load": ("loads", "N"),
-    "mean_pressure": ("mean pressures", "N/mm²"),
-    "approach": ("approaches", "mm"),
-    "mean_gap": ("mean gaps", "mm"),
-}
+_PATH_OPTION = re.compile(r"-(\w+)_path\b")
 
 
 def make_title(result, path=False):
@@ -58,10 +54,10 @@ def make_title(result, path=False):
         return f"{values['title']}{state}"
     problem = values.get("problem", "contact problem")
     command = str(values.get("command_line", ""))
-    kind = max(_PRESCRIBED, key=lambda name: command.rfind(f"-{name}_path"))  # load by default
+    [*_, kind] = ["load", *(name for name in _PATH_OPTION.findall(command) if name in result.path)]
     if path and len(steps := result.path[kind]) > 1:
-        what, unit = _PRESCRIBED[kind]
-        load = f"{len(steps)} {what} from {_format_range(min(steps), max(steps), unit)}"
+        unit = unit_of(kind).replace("2", "²")
+        load = f"{len(steps)} steps, {label_of(kind)} from {_format_range(min(steps), max(steps), unit)}"
     else:
         load = f"load {_format_range(values['load'], values['load'], 'N')}"
     measured = [values[name] for name in ("surface_file", "surface_file2") if values.get(name)]

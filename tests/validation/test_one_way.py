@@ -264,7 +264,7 @@ def test_stress_is_that_of_many_copies(direction):
 
 def test_what_needs_both_directions_is_refused():
     problem = cylinder(8, 4)
-    with pytest.raises(InputError, match="mean_gap 1: only on a periodic patch, in x and y"):
+    with pytest.raises(InputError, match="mean_gap: only on a periodic patch, in x and y"):
         ContactSolver(problem).solve(mean_gap=1.0)
     with pytest.raises(InputError, match="-lcp_type primal: works on patches periodic in x and y"):
         ContactSolver(problem, "primal")

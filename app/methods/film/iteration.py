@@ -33,8 +33,8 @@ def solve_film(hierarchy, number, state, solver, loading, stop, history, first=F
     def solve(loading):
         return ConstrainedIteration(state, solver, loading, stop).run(history)
 
-    if first and loading.approach_is_known:
-        outcome = loading.first_solve(state, solve)
+    if loading.load is None:
+        outcome = (loading.first_solve if first else loading.next_solve)(state, solve)
     else:
         if first:
             state.depth = state.distance.statistics.mean
@@ -60,7 +60,7 @@ class ConstrainedIteration(ActiveSetIteration):
 
     def solve(self, k):
         """Solve for the contact set and, under a load, for the approach; see `ActiveSetIteration.solve`."""
-        state, solver, by_load = self.state, self.solver, not self.loading.approach_is_known
+        state, solver, by_load = self.state, self.solver, self.loading.load is not None
         self._constrained = by_load and bool(_constrained_cg(solver)) and state.cells_in_contact() > 0
         if not self._constrained:  # with the constraint A is regular in full contact, too
             state.before_iteration(k)

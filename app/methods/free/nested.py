@@ -94,7 +94,7 @@ def solve_level(hierarchy, number, state, loading, stop, history, first, cache):
     else:
         solve = partial(inexact_active_set, state, cache.solver(number, operator), stop=stop, history=history)
     try:
-        return loading.first_solve(state, solve) if first else solve(loading)
+        return (loading.first_solve if first else loading.next_solve)(state, solve)
     except NeedsSafeguard as stagnation:
         outcome = stagnation.outcome
     finally:

@@ -60,7 +60,7 @@ class CappedPrimalState(PrimalState):
         before = coarse.bounds.plastic(coarse.p) & ~coarse.contact
         transfer.copy(before.astype(float), copied)
         self.plastic = bounds.admissible & (copied > 0) & np.isfinite(bounds.upper)
-        if not self.loading.approach_is_known and coarse.loading is not self.loading:  # the load was reduced
+        if not self.keeps_mean and coarse.loading is not self.loading:  # the load was reduced
             self.add_mean_pressure(mean - self.mean_pressure)
 
     def start(self, solver):

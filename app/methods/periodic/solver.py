@@ -84,7 +84,7 @@ class PrimalSolver(LinearSolver):
             multilevel_share = 0.0
         kind = self.inverse.dtype if multilevel_share else np.dtype(float)
         self.carried = primal.u.reshape(-1).view(kind)[: primal.u.size].reshape(primal.u.shape)
-        self._constrained, self._multilevel_share = primal.loading.approach_is_known, multilevel_share
+        self._constrained, self._multilevel_share = primal.keeps_mean, multilevel_share
         self._set()
 
     def _set(self):

@@ -67,6 +67,11 @@ class PrimalState(Pressed):
         """
         return self.loading.depth_on(self.distance)
 
+    @property
+    def keeps_mean(self):
+        """True if the mean displacement w is prescribed."""
+        return self.prescribed_depth < np.inf
+
     def mean(self, field):
         """Return the mean of a field over the patch."""
         return float(self.sum([field.sum()])[0]) / self.cells
@@ -151,7 +156,7 @@ class PrimalState(Pressed):
 
         The correction is zero in contact cells, and is also added to each field of `changes`.
         """
-        if self.loading.approach_is_known:
+        if self.keeps_mean:
             missing = -self.cells * (self.prescribed_depth + self.mean(self.w))
             solver.preconditioner.shift(missing, self.w, *changes)
 
@@ -163,7 +168,7 @@ class PrimalState(Pressed):
         """
         change = solver.direction
         loops.touch(self.w, self.distance.b, self._touchable(), self.contact, change)
-        if self.loading.approach_is_known:
+        if self.keeps_mean:
             self.w -= self.prescribed_depth + self.mean(self.w)
         if not self._has_pressure:
             return self.refresh()
@@ -188,7 +193,7 @@ class PrimalState(Pressed):
         """Start from a Solution on this grid."""
         np.subtract(solution.displacement, solution.approach - self.distance.reference, out=self.w)
         np.copyto(self.w, self.distance.b, where=solution.contact & self._touchable())
-        if self.loading.approach_is_known:
+        if self.keeps_mean:
             self.mean_pressure = solution.mean_pressure
 
     def guess(self, solver, exact=False):

@@ -13,6 +13,7 @@ from cases import hertz, periodic_rough, punch
 
 from app import ContactProblem, Grid, InputError, Material, Plane, read_result, solve, solve_many
 from app.api import many
+from app.contact.loading_input import LOADINGS
 
 GRID = Grid.from_domain(24, 16, (0.0, 1.0, 0.0, 1.0))
 STEEL, POLYMER = Material.combined(80000.0, 0.3), Material.combined(1000.0, 0.3)
@@ -174,7 +175,7 @@ def test_each_kind_of_notes_is_issued_once():
         ([punch(16)], {"loads": [1, "2"]}, "load: is str"),
         ([punch(16)] * 2, {"loads": [1, 2, 3]}, "load: 3 for 2 problems"),
         ([punch(16)] * 2, {"loads": [1, [2]]}, "numbers and lists"),
-        ([punch(16)], {"mean_gap": 1}, r"problems\[0\]: mean_gap: needs a periodic patch"),
+        ([punch(16)], {"mean_gap": 1}, "mean_gap: only on a periodic patch"),
         ([punch(16)], {"loads": 1, "processes": 0}, "processes 0: must be at least 1"),
         (
             [ContactProblem(GRID, STEEL, lambda x, y: x + y)],
@@ -195,8 +196,10 @@ def test_wrong_input_is_refused_before_any_work(problems, arguments, message, mo
 
 
 def test_wrong_calls_show_a_right_one():
-    with pytest.raises(TypeError, match=r"write solve_many\(problems, loads, processes=2\)"):
-        solve_many([punch(16)], load=10)
+    with pytest.raises(TypeError, match=r"write solve_many\(problems, load=700\)"):
+        solve_many(load=10)
+    with pytest.raises(TypeError, match="unexpected argument 'loads'"):
+        solve_many([punch(16)], 10, load=10)
 
 
 class OfAnotherProgram:
@@ -217,7 +220,7 @@ def test_an_error_in_a_process_is_raised_by_the_parent(monkeypatch):
     monkeypatch.setattr(signal, "signal", lambda *args: None)  # a thread may not
     jobs = [many._Job(0, 0, ContactProblem(GRID, STEEL, Failing()), [1.0])]
     with (
-        worker(("load", ())) as connection,
+        worker((LOADINGS["load"], ())) as connection,
         pytest.raises(ZeroDivisionError, match="no such heights") as caught,
     ):
         list(many._results([connection], iter([jobs])))
@@ -227,7 +230,7 @@ def test_an_error_in_a_process_is_raised_by_the_parent(monkeypatch):
 def test_functions_that_a_process_cannot_find_are_wrong_input(monkeypatch):
     monkeypatch.setattr(signal, "signal", lambda *args: None)
     with (
-        worker(("load", ())) as connection,
+        worker((LOADINGS["load"], ())) as connection,
         pytest.raises(InputError, match="roughness_of_mine.*in a module"),
     ):
         list(many._results([connection], iter([[OfAnotherProgram()]])))

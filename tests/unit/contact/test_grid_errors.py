@@ -99,7 +99,7 @@ def grids_of(*pressures):
 
 
 def pressure_error(*pressures, change=0.0):
-    return estimate_errors(grids_of(*pressures), 0.0, "approach", change).max_pressure_error
+    return estimate_errors(grids_of(*pressures), 0.0, ["approach"], change).max_pressure_error
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
@@ -129,10 +129,10 @@ def test_the_error_of_a_divergent_number_is_one(growth):
 
 def test_only_a_maximum_pressure_may_not_converge():
     grids = [GridNumbers(1.0, 10.0**-k, 1.0, 10.0**-k) for k in range(4)]
-    errors = estimate_errors(grids, 0.0, "load")
+    errors = estimate_errors(grids, 0.0, ["load"])
     assert errors.approach_error == errors.contact_area_error == 0.99
 
 
 def test_errors_without_a_coarser_grid_are_unknown():
     assert np.isnan(GridErrors().largest)
-    assert np.isnan(estimate_errors(grids_of(1.0), 0.0, "load").load_error)
+    assert np.isnan(estimate_errors(grids_of(1.0), 0.0, ["load"]).load_error)

@@ -58,7 +58,7 @@ def test_mean_pressure_is_load_over_area(solvers, name):
 @pytest.mark.parametrize("name", ["free", "periodic", "holed"])
 @pytest.mark.parametrize("kind", LOADINGS)
 def test_prescribed_numbers_are_reported_exactly(solvers, name, kind):
-    numbers = (np.array([0.013, 0.13, 1.7, 2.3]) * (1e-3 if LOADINGS[kind] == "mm" else 1)).tolist()
+    numbers = (np.array([0.013, 0.13, 1.7, 2.3]) * (1e-3 if LOADINGS[kind].unit == "mm" else 1)).tolist()
     if kind == "approach":
         numbers = [GAP.min() + number for number in numbers[:2]]
     if kind == "mean_gap" and name != "periodic":
@@ -138,7 +138,7 @@ REFUSED = {
     "two": ("periodic", {"load": 1, "mean_gap": 0}, "exactly one"),
     "no number": ("free", {"mean_pressure": "much"}, "mean_pressure: is str; must be a number"),
     "tension": ("free", {"mean_pressure": -1}, "mean_pressure -1: the bodies do not stick .* at least 0 N/mm2"),
-    "mean gap of a free patch": ("free", {"mean_gap": 0.1}, "mean_gap 0.1: only on a periodic patch"),
+    "mean gap of a free patch": ("free", {"mean_gap": 0.1}, "mean_gap: only on a periodic patch"),
     "mean gap with holes": ("holed", {"mean_gap": 0.1}, "mean_gap 0.1: contact is impossible in 12 cells"),
     "negative mean gap": ("periodic", {"mean_gap": -0.1}, "mean_gap -0.1: .* must be at least 0 mm"),
     "mean gap above the undeformed": ("periodic", {"approach": MEAN + 1e-6}, "negative; it must be at most 5.00"),

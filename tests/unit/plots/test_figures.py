@@ -88,7 +88,7 @@ def test_titles_and_labels_have_problem_grid_load_and_units(result):
     assert "NOT CONVERGED" in figures.make_title(with_attributes(result, converged=False))
     steps = {"load": np.array([1.0, 2.0]), "mean_pressure": np.array([10.0, 20.0])}
     words = "-load_path 1,2 -mean_pressure_path 10,20"
-    ends = {"": "2 loads from 1 to 2 N", words: "2 mean pressures from 10 to 20 N/mm²"}
+    ends = {"": "2 steps, load from 1 to 2 N", words: "2 steps, mean pressure from 10 to 20 N/mm²"}
     for words, said in ends.items():
         path = replace(with_attributes(result, command_line=words), path=steps)
         assert said in figures.make_title(path, path=True)
