@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from processes import OPTIONS, TESTS, run
 
+from app.contact.loading_input import LOADINGS
+
 HERE = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 EXAMPLES = sorted(path for path in HERE.glob("*.*") if not path.name.startswith(("test_", "__", "conftest")))
@@ -25,7 +27,10 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     for name in MODULES:
         monkeypatch.delitem(sys.modules, name, raising=False)
+    loadings = dict(LOADINGS)
     yield tmp_path
+    LOADINGS.clear()
+    LOADINGS.update(loadings)
     for name in MODULES:
         sys.modules.pop(name, None)
 
