@@ -27,7 +27,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.api.solution import Solution
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks
+from app.base.mpi import MPI
 from app.base.petsc import synchronized
 from app.contact.periodic_state import contact_state
 from app.multigrid.linear_solver import LinearSolver
@@ -225,9 +227,13 @@ class Derivatives:
         operator.exact_inverse.apply(y, y)
         return -y - mean / uniform if fixed == "approach" else -y
 
-    def _check_solution(self, solution):
+    def _check_solution(self, solution, name="solution"):
+        """Raise InputError unless a Solution is on the target grid. Collective."""
         self._check_open()
-        self._strategy.check(solution, "solution")
+        fits = isinstance(solution, Solution) and solution.grid == self.hierarchy.target.grid
+        fits = fits and solution.slabs.rows == self.hierarchy.slabs.rows
+        if not self.comm.allreduce(fits, MPI.LAND):
+            raise InputError(f"{name}: must be a Solution on the same grid and as many ranks")
 
     @contextmanager
     def _system(self, cells, rtol):

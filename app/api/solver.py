@@ -28,7 +28,6 @@ from app.api.notes import NoteWarnings, notes_on
 from app.api.shifted_problem import BackgroundPressure
 from app.api.slip import Friction
 from app.api.solution import Solution, fingerprint
-from app.api.strategy import STRATEGIES, check_single, make_strategy
 from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.numba_cache import clock, report_compilation
 from app.base.petsc import Resources, mpi_comm, synchronized
@@ -39,6 +38,7 @@ from app.contact.contact_moments import measure_moments
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Monitor
 from app.contact.loading_input import USAGE, make_loading, single_loading
+from app.methods.strategy import STRATEGIES, check_single, make_strategy
 from app.multigrid.hierarchy import Hierarchy, check_memory
 from app.options.method import drop_unused
 from app.options.option_table import describe_unknown_options, format_options
@@ -281,7 +281,7 @@ class ContactSolver(Derivatives, Histories, Friction):
             self._was_interrupted = False
         loading, uniform = self._make_loading(values), self._uniform_compliance
         if start is not None:
-            self._strategy.check(start)
+            self._check_solution(start, "start")
             start = self._shift.net(start) if self._shift else start
         if not uniform or loading.kind != "approach" or loading.misses_contact(self._distances[-1]):
             solution = self._solve_loading(loading, start)

@@ -5,7 +5,7 @@ from cases import APPROACH, hertz
 from running import solve
 
 from app import ContactProblem, Material
-from app.api import strategy
+from app.methods import strategy
 from app.methods.free.lift import lift
 
 

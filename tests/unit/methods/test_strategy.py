@@ -9,7 +9,7 @@ from running import assert_proved_equal, assert_solves_lcp
 from app import ContactProblem, ContactSolver, Grid, Material, solve
 from app.base.errors import InputError
 
-from .solvers import punch_on, solver_of
+from ..api.solvers import punch_on, solver_of
 
 
 @pytest.mark.parametrize("method", ["fast", "norm", "mg", "fmg"])

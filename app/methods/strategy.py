@@ -9,9 +9,7 @@ from functools import partial
 import numpy as np
 from petsc4py import PETSc
 
-from app.api.solution import Solution
 from app.base.errors import InputError, call_collectively
-from app.base.mpi import MPI
 from app.base.petsc import error_message, to_input_error
 from app.contact.active_set import active_set_or_search
 from app.contact.full_contact import FullContact
@@ -166,14 +164,6 @@ class Strategy:
         self._cache.destroy()
         if self.solver is not None:
             self.solver.destroy()
-
-    def check(self, start, name="start"):
-        """Raise InputError unless the Solution `start` is on the target grid."""
-        slabs = self._hierarchy.slabs
-        fits = isinstance(start, Solution) and start.grid == self._hierarchy.target.grid
-        fits = fits and start.slabs.rows == slabs.rows
-        if not self._hierarchy.comm.allreduce(fits, MPI.LAND):
-            raise InputError(f"{name}: must be a Solution on the same grid and as many ranks")
 
     def check_loading(self, loading, largest):
         """Raise InputError for a loading that the method cannot solve for.
