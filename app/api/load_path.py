@@ -172,7 +172,7 @@ class LoadPath:
             # Without a solution, an earlier run has solved for the largest load.
             history.indent(history.solution or self._solve_counted(history.largest))
         with self._solver.replaced(history.indented):
-            return self._solve_counted(LOADINGS[self._kind].after_indentation(number, history.mean_depth))
+            return self._solve_counted(number + history.added)
 
     def _solve_counted(self, number):
         """Solve for one prescribed number; count the work. Collective."""
@@ -274,21 +274,21 @@ class _LoadHistory:
         Solution for the largest load, until the bodies unload.
     indented : ContactProblem or None
         Problem of the indented bodies, once they unload.
-    mean_depth : float
-        Mean depth of the indentation [mm].
+    added : float
+        What the indentation adds to a prescribed number.
     """
 
     def __init__(self, problem, kind):
-        self._problem, self._falls = problem, LOADINGS[kind].falls
+        self._problem, self._loading = problem, LOADINGS[kind]
         self._capped = check_hardness(problem.hardness, problem.grid) is not None
         self.largest = self.solution = self.indented = None
-        self.mean_depth = 0.0
+        self.added = 0.0
 
     def unloads(self, number):
         """Return whether a step unloads indented bodies."""
         if not self._capped or self.largest is None:
             return False
-        return number > self.largest if self._falls else number < self.largest
+        return number > self.largest if self._loading.falls else number < self.largest
 
     def add(self, number, solution=None):
         """Record a solved step if the load is the path's largest."""
@@ -313,7 +313,7 @@ class _LoadHistory:
             hardness=problem.hardness,
             background_pressure=problem.background_pressure,
         )
-        self.mean_depth = float(surface.depth.mean())
+        self.added = self._loading.part_of_indentation(float(surface.depth.mean()))
 
 
 def numbers_of(solution):
@@ -338,7 +338,7 @@ def _as_rows(rows, kind, numbers):
         raise InputError("path: rows: must be the `rows` of an earlier path")
     rounding, loading = 1e-12 * max(map(abs, numbers)), LOADINGS[kind]
     for step, (row, number) in enumerate(zip(rows, numbers, strict=False), 1):
-        value = loading.number_in(row)
+        value = row[kind] - loading.part_of_indentation(row.get("mean_plastic_depth", 0.0))
         # A step that has not converged may have missed its load.
         if row["converged"] and not np.isclose(value, number, loading.result_rtol, rounding):
             raise InputError(

@@ -37,6 +37,8 @@ class Loading:
         Unit and meaning of the number, for messages and the help.
     exact : tuple of str
         Quantities of `app.base.quantities.ESTIMATED` that the number fixes, so that they have no grid error.
+    least : float
+        Least number on any patch.
     falls : bool
         True if the number falls when the load grows.
     result_rtol : float
@@ -52,31 +54,22 @@ class Loading:
     """
 
     name = kind = unit = meaning = ""
-    exact, falls, result_rtol = (), False, 1e-9
+    exact, least, falls, result_rtol = (), -np.inf, False, 1e-9
     load, approach_is_known, allows_no_contact, shared_state = None, True, True, None
 
     @classmethod
     def create(cls, value, grid, distance, uniform_compliance=0.0):
-        """Return the loading for a number that `check_number` has accepted; see `make_loading`."""
+        """Return the loading for a number of at least `least`; see `make_loading`."""
         raise NotImplementedError
-
-    @classmethod
-    def check_number(cls, value):
-        """Raise InputError for a number that is not allowed on any patch."""
 
     @classmethod
     def check_grid(cls, grid):
         """Raise InputError for a patch on which the number cannot be prescribed."""
 
-    @classmethod
-    def number_in(cls, row):
-        """Return the prescribed number of a row of results."""
-        return row[cls.name]
-
-    @classmethod
-    def after_indentation(cls, number, depth):
-        """Return the number for bodies with a permanent indentation of mean `depth` [mm]."""
-        return number
+    @staticmethod
+    def part_of_indentation(depth):
+        """Return what a permanent indentation of mean `depth` [mm] adds to the number."""
+        return 0.0
 
     def depth_on(self, distance):
         """Return the prescribed depth, given a grid's `distance` [mm]; infinite if unknown."""
@@ -185,12 +178,8 @@ class PrescribedApproach(Loading):
             raise InputError(f"{what}: not for a layer on a rigid base with a hardness; {advice}")
         if not grid.doubly_periodic or uniform_compliance:
             return cls(value)
-        mean, reference, has_holes = (
-            distance.statistics.mean,
-            distance.reference,
-            _count_holes(grid, distance) > 0,
-        )
-        full, rounding = _full_contact(distance)
+        (cells, mean, *_), reference = distance.statistics, distance.reference
+        has_holes, (full, rounding) = cells < grid.n, _full_contact(distance)
         size = max(abs(value), abs(reference))
         if distance.max_depth == np.inf and not has_holes and value - full > _ROUNDING_ULPS * ulp(size):
             if not distance.depth_rounding(value - reference):
@@ -262,7 +251,7 @@ class PrescribedMeanGap(PrescribedApproach):
         """
         cls.check_grid(grid)
         text, (full, rounding) = f"mean_gap {format_exact(value)}", _full_contact(distance)
-        if holes := _count_holes(grid, distance):
+        if holes := grid.n - distance.statistics.cells:
             doubt = f"contact is impossible in {holes} cells (NaN), whose gap is unknown"
             raise InputError(f"{text}: {doubt}; use approach, load or mean_pressure")
         if value < -rounding and distance.max_depth < np.inf:
@@ -283,18 +272,13 @@ class PrescribedMeanGap(PrescribedApproach):
             doubt = "only on a periodic patch, in x and y, does it determine the approach"
             raise InputError(f"mean_gap: {doubt}; use approach, load or mean_pressure")
 
-    @classmethod
-    def number_in(cls, row):
-        """Return the mean of the gap e, which is negative where plastic cells overlap."""
-        return row[cls.name] - row.get("mean_plastic_depth", 0.0)
-
-    @classmethod
-    def after_indentation(cls, number, depth):
-        """Add the mean depth; see `Loading.after_indentation`.
+    @staticmethod
+    def part_of_indentation(depth):
+        """Return the mean depth; see `Loading.part_of_indentation`.
 
         The displacements of a periodic patch have no mean: the mean gap follows from the mean shape.
         """
-        return number + depth
+        return depth
 
     def restore_prescribed(self, measures):
         """Restore the mean gap, at least 0; see `Loading.restore_prescribed`.
@@ -315,11 +299,6 @@ class PrescribedMeanGap(PrescribedApproach):
         """Set the depth, whose rounding error is an error of the mean gap; see `Loading.set_depth`."""
         super().set_depth(state)
         state.neglected_gap = ulp(state.depth)
-
-
-def _count_holes(grid, distance):
-    """Return the number of cells where contact is impossible."""
-    return grid.n - distance.statistics.cells
 
 
 def _full_contact(distance):

@@ -62,5 +62,6 @@ def validate_number(name, number):
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
         allowed = f"must be a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
         raise InputError(f"{name} {format_exact(value)}: {allowed}")
-    loading.check_number(value)
+    if value < loading.least:
+        raise InputError(f"{name} {format_exact(value)}: must be at least {loading.least:g} {loading.unit}")
     return value

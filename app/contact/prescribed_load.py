@@ -46,7 +46,7 @@ class PrescribedLoad(SearchedLoading):
     name = kind = "load"
     unit, meaning, exact = "N", "total normal force", ("load",)
     exponent = 2 / 3  # load^(2/3) is nearly linear in depth
-    result_rtol = 1e-9
+    result_rtol, least = 1e-9, 0.0  # the bodies do not stick together
 
     def __init__(self, load, mean_pressure=np.nan):
         super().__init__(load)
@@ -65,13 +65,6 @@ class PrescribedLoad(SearchedLoading):
             raise InputError(f"{cls.name} {format_exact(value)}: must be at most {limit}")
         mean_pressure = value / grid.area if cls is PrescribedLoad else value
         return PrescribedLoad(value * to_load, mean_pressure)
-
-    @classmethod
-    def check_number(cls, value):
-        """Raise InputError for a tensile load; see `Loading.check_number`."""
-        if value < 0:
-            limit = f"it must be at least 0 {cls.unit}"
-            raise InputError(f"{cls.name} {format_exact(value)}: the bodies do not stick together; {limit}")
 
     @staticmethod
     def _load_per_number(grid):

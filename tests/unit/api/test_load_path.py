@@ -184,7 +184,7 @@ REFUSED = {
     "empty": ({"load": []}, r"one number or more \[N\]"),
     "no numbers": ({"load": ["many"]}, r"load: is str; must be a number \[N\]"),
     "a number": ({"load": 5}, "one number or more"),
-    "negative": ({"load": [1, -1]}, "load -1: the bodies do not stick together"),
+    "negative": ({"load": [1, -1]}, "load -1: must be at least 0 N"),
     "mean gap": ({"mean_gap": [1]}, "only on a periodic patch"),
 }
 

@@ -137,7 +137,7 @@ REFUSED = {
     "none": ("free", {}, "exactly one of approach .mm., load .N., mean_pressure .N/mm2. and mean_gap .mm. is needed"),
     "two": ("periodic", {"load": 1, "mean_gap": 0}, "exactly one"),
     "no number": ("free", {"mean_pressure": "much"}, "mean_pressure: is str; must be a number"),
-    "tension": ("free", {"mean_pressure": -1}, "mean_pressure -1: the bodies do not stick .* at least 0 N/mm2"),
+    "tension": ("free", {"mean_pressure": -1}, "mean_pressure -1: must be at least 0 N/mm2"),
     "mean gap of a free patch": ("free", {"mean_gap": 0.1}, "mean_gap: only on a periodic patch"),
     "mean gap with holes": ("holed", {"mean_gap": 0.1}, "mean_gap 0.1: contact is impossible in 12 cells"),
     "negative mean gap": ("periodic", {"mean_gap": -0.1}, "mean_gap -0.1: .* must be at least 0 mm"),
