@@ -60,7 +60,7 @@ def solve(problem, *, method=None, options=None, comm=None, start=None, **loadin
     start : Solution, optional
         Solution of a similar loading, from which the iteration starts.
     approach : float, optional
-        Approach of the bodies [mm]. Give exactly one of the four loadings.
+        Approach of the bodies [mm]. Give exactly one of the loadings, `app.contact.loading_input.LOADINGS`.
     load : float, optional
         Total force [N], at least 0.
     mean_pressure : float, optional

@@ -273,17 +273,14 @@ class Fast(Inexact):
         multilevel_operators.prepare(self._hierarchy.target.grid, self._hierarchy.kernel)
 
     def _solve(self, loading, history, start):
-        settings, hierarchy, stop = self._settings, self._hierarchy, InexactStop.of(self._settings)
+        hierarchy, stop, cache = self._hierarchy, InexactStop.of(self._settings), self._cache
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            return state, solve_level(
-                hierarchy, last, state, loading, stop, history, first=False, cache=self._cache
-            )
+            return state, solve_level(hierarchy, last, state, loading, stop, history, False, cache)
         try:
             return nested_iteration(
-                hierarchy, self._distances, loading, stop, history, settings.nested, settings.beta,
-                settings.prolongation == "lift", self._coarse_minimum, self._cache,
-            )  # fmt: skip
+                hierarchy, self._distances, loading, stop, history, self._coarse_minimum, cache
+            )
         except BaseException:
             self._cache.reset_windows()
             raise
@@ -300,10 +297,8 @@ class Primal(Inexact):
         return SolverCache(PrimalSolver, self._hierarchy, self.solver)
 
     def _solve(self, loading, history, start):
-        nested, stop = self._settings.nested, InexactStop.of(self._settings)
-        return primal_iteration(
-            self._hierarchy, self._distances, loading, stop, history, nested, self._cache, start=start
-        )
+        stop = InexactStop.of(self._settings)
+        return primal_iteration(self._hierarchy, self._distances, loading, stop, history, self._cache, start)
 
 
 class Reference(Strategy):

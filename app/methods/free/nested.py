@@ -18,9 +18,7 @@ from app.parallel.communicator import propagate_errors
 MAX_COARSE_ERROR = 0.02  # of coarser grids, over the difference of pressures that estimates the grid error
 
 
-def nested_iteration(
-    hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, cache
-):
+def nested_iteration(hierarchy, distances, loading, stop, history, coarse_minimum, cache):
     """Solve on all grids, from coarsest to target.
 
     Collective. Only the ranks that own rows of a grid or window solve on it. They broadcast the results to the ranks
@@ -28,10 +26,8 @@ def nested_iteration(
 
     Parameters
     ----------
-    hierarchy, distances, loading, stop, history, nested, beta
-        See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
-    lifted : bool
-        True to transfer pressures to finer grids by `lift`; otherwise they are copied.
+    hierarchy, distances, loading, stop, history
+        See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop, with the settings.
     coarse_minimum : ndarray or None
         Smallest undeformed distance within each cell of the finest grid that is solved without a window, over the cells
         of the target grid (`Hierarchy.coarse_minimum`).
@@ -43,8 +39,9 @@ def nested_iteration(
     ContactState, Outcome
         Solution on the target grid, and how the solve ended.
     """
-    grids, comm = GridSequence(hierarchy, distances, loading, nested), hierarchy.comm
-    coarse = boxes = None
+    settings, comm, coarse, boxes = stop.settings, hierarchy.comm, None, None
+    nested, prolong = settings.nested, lift if settings.prolongation == "lift" else None
+    grids = GridSequence(hierarchy, distances, loading, nested)
     difference = float("nan")
     for number in grids:
         level = WindowedLevel(hierarchy, cache, number, distances[number], coarse if nested else None, boxes)
@@ -52,7 +49,7 @@ def nested_iteration(
         if not first:
             state.depth = loading.predict(grids.depth)
             if nested:
-                prolongate(level.transfer, level.coarse, state, beta, lift if lifted else None)
+                prolongate(level.transfer, level.coarse, state, settings.beta, prolong)
                 coarse_pressure, level.coarse = level.coarse.p, None
             else:
                 state.start_from_interpenetration()
@@ -79,7 +76,7 @@ def nested_iteration(
             if not complete:
                 rest = solve_level(hierarchy, number, state, loading, stop, history, False, cache)
                 grids.outcome = rest.after(grids.outcome)
-    return state, grids.result(state, difference, stop.settings.coarse_rtol / MAX_COARSE_ERROR)
+    return state, grids.result(state, difference, settings.coarse_rtol / MAX_COARSE_ERROR)
 
 
 def solve_level(hierarchy, number, state, loading, stop, history, first, cache):

@@ -24,7 +24,7 @@ _SAFEGUARD = {
 }
 
 
-def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache, start=None):
+def primal_iteration(hierarchy, distances, loading, stop, history, cache, start=None):
     """Solve on all periodic grids, from the coarsest to the target.
 
     Collective. Parameters and result are as in `app.methods.free.nested.nested_iteration`, but the cache contains
@@ -38,6 +38,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, cache
         history.start(state, cache.solver(last, hierarchy.target))
         state.start_from_interpenetration()
         return state, Outcome(True, NO_CONTACT)
+    nested = stop.settings.nested
     grids = GridSequence(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
     coarse, coarse_pressure, difference = None, None, float("nan")
     for number in grids:
