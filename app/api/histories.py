@@ -29,7 +29,7 @@ class Histories:
         stiffness, progress : bool
             See `ContactSolver.path`.
         **loadings : float or sequence of float
-            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`: one number, or one for each time.
+            Exactly one of the loadings, see `solve`: one number, or one for each time.
 
         Returns
         -------
@@ -68,7 +68,7 @@ class Histories:
         stiffness, progress : bool
             See `ContactSolver.path`.
         **loadings : float or sequence of float
-            Exactly one of load, approach, mean_pressure and mean_gap, see `solve`: one number, or one for each step.
+            Exactly one of the loadings, see `solve`: one number, or one for each step.
 
         Returns
         -------

@@ -26,7 +26,7 @@ from app.contact.loading_input import LOADINGS, validate_number
 from app.contact.measures import measure_roughness
 from app.parallel.reductions import minimum_over, sum_over
 
-_PER_LOAD = "load", "mean_pressure"  # loadings that are sums of the pressure
+_PER_LOAD = [kind for kind, loading in LOADINGS.items() if "load" in loading.exact]
 
 
 class ShiftedProblem:
@@ -130,7 +130,7 @@ class BackgroundPressure(ShiftedProblem):
         kinds = [kind for kind in _PER_LOAD if values.get(kind) is not None]
         if len(kinds) != 1:
             return values
-        kind, to_load = kinds[0], 1.0 if kinds[0] == "load" else self.grid.area
+        kind, to_load = kinds[0], LOADINGS[kinds[0]].load_per_number(self.grid)
         number, least = validate_number(kind, values[kind]), self.load / to_load
         most = least + largest_load / to_load
         if not least * (1 - LOAD_ROUNDING) <= number <= most * (1 + LOAD_ROUNDING):

@@ -59,7 +59,7 @@ class PrescribedLoad(SearchedLoading):
         """Return the loading; see `Loading.create`. Without load it is the approach of first touch."""
         if not value:  # the approach is not unique
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
-        to_load, largest = cls._load_per_number(grid), distance.bounds.largest_load
+        to_load, largest = cls.load_per_number(grid), distance.bounds.largest_load
         if value * to_load > (1 + full_plasticity.LOAD_ROUNDING) * largest:
             limit = f"{format_exact(largest / to_load)} {cls.unit}, which all cells carry at their hardness"
             raise InputError(f"{cls.name} {format_exact(value)}: must be at most {limit}")
@@ -67,7 +67,8 @@ class PrescribedLoad(SearchedLoading):
         return PrescribedLoad(value * to_load, mean_pressure)
 
     @staticmethod
-    def _load_per_number(grid):
+    def load_per_number(grid):
+        """Return the load over the prescribed number."""
         return 1.0
 
     def measure(self, state):
@@ -274,7 +275,8 @@ class PrescribedMeanPressure(PrescribedLoad):
     name, unit, meaning = "mean_pressure", "N/mm2", "load over the area of the patch, holes and all"
 
     @staticmethod
-    def _load_per_number(grid):
+    def load_per_number(grid):
+        """Return the area of the patch [mm2]."""
         return grid.area
 
 
