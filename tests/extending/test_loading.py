@@ -7,7 +7,17 @@ import pytest
 from processes import run
 from recorded import RUBBER, STEEL, ball, forced_safeguard, rough
 
-from app import ContactProblem, ContactSolver, FlatPunch, Grid, InputError, refine, solve, solve_many
+from app import (
+    ContactProblem,
+    ContactSolver,
+    FlatPunch,
+    Grid,
+    InputError,
+    Material,
+    refine,
+    solve,
+    solve_many,
+)
 
 COMMAND = "contact_area.py -problem sphere -sphere_radius 10 -contact_modulus 1e5 -domain -1,1,-1,1 -grid 32".split()
 
@@ -77,6 +87,16 @@ def test_processes_import_the_loading():
     assert table.converged
     alone = [solve(problem, contact_area=area).load for problem, area in zip(problems, areas, strict=True)]
     assert table["load"] == pytest.approx(alone, rel=1e-9)
+
+
+def test_area_under_a_background_pressure_and_over_time():
+    gas = ball(32, background_pressure=20.0)
+    solution = solve(gas, contact_area=0.2)
+    assert solution.converged and solve(gas, load=solution.load).contact_area == solution.contact_area
+    rubber = Material.pair((10, np.inf), (0.5, 0.3)).viscoelastic(times=(0.1, 10), moduli=(0.3, 0.4))
+    with ContactSolver(ball(32, rubber)) as solver:
+        loads = [step.load for step in solver.creep([0, 1e6], contact_area=0.2)]
+    assert loads[1] == pytest.approx(0.3 * loads[0], rel=0.05)  # at the same contact, by the relaxed modulus
 
 
 @pytest.mark.ranks(2)
