@@ -9,7 +9,7 @@ from app.api.creep import CreepPath
 from app.api.wear import WearPath
 from app.base.errors import InputError, call_collectively, is_number, plain_number
 from app.base.usage import usage
-from app.contact.loading_input import single_loading
+from app.contact.loading_input import USAGE, single_loading
 
 
 class Histories:
@@ -17,7 +17,7 @@ class Histories:
 
     _step = _measured_step = None  # ShiftedProblem of the next solve, and that of the present distances
 
-    @usage("solver.creep(times=[0, 1, 10], load=700), or approach=, mean_pressure=, mean_gap=")
+    @usage(f"solver.creep(times=[0, 1, 10], {USAGE}")
     def creep(self, times, *, stiffness=False, progress=False, **loadings):
         """Solve for viscoelastic bodies at several times.
 
@@ -53,7 +53,7 @@ class Histories:
         kind, numbers = call_collectively(self.comm, single_loading, loadings, "creep: ")
         return CreepPath(self, times, kind, numbers, stiffness, progress)
 
-    @usage("solver.wear(coefficient=1e-9, distance=4000, steps=80, load=700), or approach=, mean_pressure=")
+    @usage(f"solver.wear(coefficient=1e-9, distance=4000, steps=80, {USAGE}")
     def wear(self, coefficient, distance, steps, *, stiffness=False, progress=False, **loadings):
         """Solve for bodies that wear by Archard's law, in implicit steps.
 
