@@ -36,6 +36,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "creep": None,
         "slip": None,
         "wear": None,
+        "flow": None,
         "sensitivities": None,
         "methods": None,
         "operator": "The operator as a Mat",

@@ -58,8 +58,8 @@ class LoadPath:
     numbers : sequence of float
         Prescribed values, one for each step, in any order. With a hardness, smaller loads (or approaches, or larger
         mean gaps) than an earlier one unload the indented bodies.
-    stiffness : bool
-        Solve for the exact stiffness and the conductance of every step, too.
+    stiffness, flow : bool
+        Solve for the exact stiffness and the conductance of every step, and for the flow through the gap, too.
     rows : sequence of dict, optional
         Rows of finished steps of the same path, from the first step on. These steps are not solved again, except the
         last one of the path.
@@ -90,13 +90,13 @@ class LoadPath:
     ([0.1, 0.1, 0.2], array([200., 400., 800.]))
     """
 
-    def __init__(self, solver, kind, numbers, stiffness=False, rows=(), progress=False):
-        self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
+    def __init__(self, solver, kind, numbers, stiffness=False, rows=(), progress=False, flow=False):
+        self._solver, self._kind, self._with_stiffness, self._with_flow = solver, kind, stiffness, flow
         self._progress = progress
         self._problem = solver.problem
         self._rank = solver.comm.rank  # the table may be saved after the solver is closed
         self.numbers = call_collectively(solver.comm, _as_numbers, kind, numbers)
-        check_equal_on_ranks(solver.comm, (self.numbers, stiffness), "path")
+        check_equal_on_ranks(solver.comm, (self.numbers, stiffness, flow), "path")
         for number in self.numbers:
             solver.check(**{kind: number})
         self.resume_after(rows)
@@ -179,6 +179,8 @@ class LoadPath:
         solution = self._solver.solve(**{self._kind: number})
         if self._with_stiffness:
             solution = self._solver.with_stiffness(solution)
+        if self._with_flow:
+            solution.flow()
         self.operator_applications += solution.operator_applications
         self.solve_seconds += solution.solve_seconds
         return solution
@@ -187,7 +189,7 @@ class LoadPath:
         return {
             "step": step + 1,
             **numbers_of(solution),
-            **solution.stiffness_numbers,
+            **solution.requested_numbers,
             "converged": solution.converged,
         }
 

@@ -311,7 +311,7 @@ class _ReusedSolver:
         row = {
             "problem": job.number,
             **numbers_of(solution),
-            **solution.stiffness_numbers,
+            **solution.requested_numbers,
             "operator_applications": solution.operator_applications,
             "solve_seconds": solution.solve_seconds,
             "converged": solution.converged,

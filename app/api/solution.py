@@ -1,6 +1,7 @@
 """Solutions: fields, numbers and history, on all ranks."""
 
 from dataclasses import dataclass, field, fields, make_dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from app.contact.certificate import Certificate
 from app.contact.contact_moments import ContactMoments
 from app.contact.grid_errors import GridErrors
 from app.contact.measures import PLASTIC_NUMBERS, ContactMeasures
+from app.flow.results import FLOW_NUMBERS
 from app.halfspace.grid import Grid
 from app.io.contact_fields import ATTRIBUTE_NAMES, STIFFNESS_NUMBERS, ContactFields
 from app.parallel.communicator import Traffic
@@ -117,7 +119,10 @@ class Solution(_Numbers, ContactFields):
         Depth of the residual surfaces of the problem [mm]; None without one or without a hardness.
     extra : dict of str to ndarray
         More fields by their names in a result file, also attributes of the solution: ``hardness`` and
-        ``background_pressure`` of the cells if they differ [N/mm2], ``worn_depth`` of `ContactSolver.wear` [mm].
+        ``background_pressure`` of the cells if they differ [N/mm2], ``worn_depth`` of `ContactSolver.wear` [mm], and
+        those of `flow`.
+    computed : dict
+        Results that methods have computed: that of `flow`.
     """
 
     pressure: np.ndarray
@@ -158,6 +163,7 @@ class Solution(_Numbers, ContactFields):
     plastic: np.ndarray | None = None
     indentation_before: np.ndarray | None = None
     extra: dict = field(default_factory=dict)
+    computed: dict = field(default_factory=dict)
 
     def __getstate__(self):
         """Return the state without communicator; TypeError on several ranks."""
@@ -217,10 +223,11 @@ class Solution(_Numbers, ContactFields):
         return self.grid.y(self.slabs.rows)
 
     @property
-    def stiffness_numbers(self):
-        """Stiffness and conductance by name, if they were requested."""
+    def requested_numbers(self):
+        """Stiffness, conductance and flow by name, if they were requested."""
         values = {name: getattr(self, name) for name in STIFFNESS_NUMBERS}
-        return {name: value for name, value in values.items() if value is not None}
+        flow = self.computed["flow"].select(FLOW_NUMBERS) if self.computed else {}
+        return {name: value for name, value in values.items() if value is not None} | flow
 
     @property
     def attributes(self):
@@ -233,7 +240,7 @@ class Solution(_Numbers, ContactFields):
         return {
             **self.problem,
             **{ATTRIBUTE_NAMES.get(name, name): getattr(self, name) for name in numbers},
-            **self.stiffness_numbers,
+            **self.requested_numbers,
             **vars(self.certificate),
             **vars(self.traffic),
             "cell_size": [self.grid.dx, self.grid.dy],
@@ -258,14 +265,14 @@ class Solution(_Numbers, ContactFields):
         names = "pressure", "displacement", "contact", "undeformed_distance"
         names += "plastic", "indentation_before"
         fields = {name: field for name in names if (field := getattr(self, name)) is not None}
-        whole = {name: self._all_rows(field, root) for name, field in fields.items()}
-        extra = {name: self._all_rows(field, root) for name, field in self.extra.items()}
+        gather = partial(self._all_rows, root=root)
+        whole = {name: gather(field) for name, field in fields.items()}
+        whole["extra"] = {name: gather(field) for name, field in self.extra.items()}
+        whole["computed"] = {name: result.map_fields(gather) for name, result in self.computed.items()}
         if self.comm.rank != root:
             return None
         h = whole.pop("undeformed_distance")
-        return replace(
-            self, **whole, extra=extra, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF
-        )
+        return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
     def _all_rows(self, local, root=None):
         """Return a field's rows of all ranks. Collective.

@@ -307,13 +307,13 @@ class ContactSolver(Derivatives, Histories, Friction):
             finally:
                 state.destroy()
 
-    def path(self, stiffness=False, rows=(), progress=False, **loadings):
+    def path(self, stiffness=False, rows=(), progress=False, flow=False, **loadings):
         """Solve for many loads, one after the other.
 
         Parameters
         ----------
-        stiffness : bool
-            Solve for the exact stiffness and the conductance of every step, too.
+        stiffness, flow : bool
+            Solve for the exact stiffness and the conductance, and for the flow through the gap of every step, too.
         rows : sequence of dict, optional
             Rows of finished steps, which are not solved again; see `app.api.load_path.LoadPath`.
         progress : bool
@@ -333,7 +333,7 @@ class ContactSolver(Derivatives, Histories, Friction):
         """
         self._check_open()
         kind, numbers = call_collectively(self.comm, single_loading, loadings, "path: ")
-        return LoadPath(self, kind, numbers, stiffness, rows, progress)
+        return LoadPath(self, kind, numbers, stiffness, rows, progress, flow)
 
     @synchronized
     def check(self, **loading):

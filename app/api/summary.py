@@ -8,7 +8,7 @@ from app.api.analytic_values import ANALYTIC
 from app.api.contact_shape import contact_shape
 from app.base.errors import format_exact
 from app.base.quantities import ESTIMATED, label_of, unit_of
-from app.base.units import round_to_cell
+from app.base.units import format_quantity, round_to_cell
 from app.io.table import format_text
 
 NOT_CONVERGING = "does not converge with the grid"
@@ -149,6 +149,8 @@ def _describe_pressure(facts, grid):
         lines.append(_describe_plastic(facts))
     if "stiffness" in facts:
         lines += _describe_stiffness(facts, grid)
+    if "flow_error" in facts:
+        lines.append(_describe_flow(facts))
     return lines
 
 
@@ -193,6 +195,16 @@ def _describe_stiffness(facts, grid):
         # The patch is the nominal area of contact if it is periodic.
         text += f" ({1e6 * thermal / area:.6g} W/(m2 K))" if facts.get("periodic") == 1 else ""
     return [*lines, text]
+
+
+def _describe_flow(facts):
+    """Return a line on the flow through the gap."""
+    parts = {}
+    for along in "xy":
+        aperture = format_quantity(facts[f"hydraulic_aperture_{along}"], "mm", 6)
+        text = f"transmissivity {facts[f'transmissivity_{along}']:.6g} mm3, hydraulic aperture {aperture}"
+        parts[along] = text if facts[f"percolates_{along}"] else "sealed"
+    return f"flow in x: {parts['x']}; in y: {parts['y']}; proved relative error {facts['flow_error']:.2g}"
 
 
 def _describe_accuracy(facts):

@@ -35,6 +35,7 @@ def as_result(solution):
         **{name: getattr(solution, name) for name in names},
         attributes=solution.attributes | solution.count_patches(),
         history={name: np.asarray(column) for name, column in solution.history.items()},
+        extra=solution.extra,
     )
 
 

@@ -61,6 +61,11 @@ QUANTITIES = {
         "S", "electrical conductance", "without films; resistance = 1/conductance"
     ),
     "thermal_conductance": Quantity("W/K", "thermal conductance", "without gas in the gap and radiation"),
+    "transmissivity_x": Quantity("mm3", "transmissivity in x", "of a uniform gap g: g³/12"),
+    "transmissivity_y": Quantity("mm3", "transmissivity in y"),
+    "hydraulic_aperture_x": Quantity("mm", "hydraulic aperture in x", "uniform gap of this flow"),
+    "hydraulic_aperture_y": Quantity("mm", "hydraulic aperture in y"),
+    "flow_error": Quantity("1", "error of the transmissivities", "proved, relative"),
     "stiffness_by_differences": Quantity("N/mm", "stiffness by differences"),
     "seconds": Quantity("s"),
     "contact_cells": Quantity("1", "cells in contact"),

@@ -3,6 +3,7 @@
 import hashlib
 import re
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 from app import __version__
@@ -67,16 +68,19 @@ class PathRequest:
         return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
 
 
-def run_path(request, solver, stiffness, save):
+def run_path(request, solver, save, stiffness, flow):
     """Solve all steps of a load path. Collective.
 
-    The function ``save(solution, file)`` writes the result of a step. Return the LoadPath, the merged `notes` of all
+    The function ``save(solution, file)`` writes the result of a step. `stiffness` and `flow` are arguments of
+    `ContactSolver.path`. Return the LoadPath, the merged `notes` of all
     steps, the last Solution, and a context manager. The caller writes the last result inside a ``with`` block of the
     context manager, which removes the checkpoint at its end.
     """
     from tqdm import tqdm
 
-    path = solver.path(stiffness=stiffness, **{request.kind: request.numbers})  # checks the numbers
+    path = solver.path(
+        stiffness=stiffness, flow=flow, **{request.kind: request.numbers}
+    )  # checks the numbers
     checkpoint = call_collectively(solver.comm, _Checkpoint, request, solver)
     rows, notes = solver.comm.bcast((checkpoint.rows, checkpoint.notes))
     path.resume_after(rows)
@@ -228,14 +232,23 @@ def format_steps(steps, count):
 
 
 def load_path_summary(path, request):
-    """Return a line that summarises a load path.
+    """Return a text that summarises a load path.
 
     The line has the numbers of steps and failures, the work, and the name of the table.
     """
     failed = [row["step"] for row in path.rows if not row["converged"]]
     state = f"{format_steps(failed, len(path))} NOT CONVERGED" if failed else "all solved"
     table = f"; table in {request.csv}" if request.csv else ""
-    return (
+    lines = [
         f"path of {format_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "
         f"{path.solve_seconds:.3g} s{table}"
-    )
+    ]
+    kind = request.kind
+    for name in ("percolates_x", "percolates_y"):
+        for one, other in pairwise(path.rows):
+            if one.get(name) != other.get(name):
+                change = (
+                    f"{'closes' if one[name] else 'opens'} in {name[-1]} between {kind.replace('_', ' ')}"
+                )
+                lines.append(f"the gap {change} {one[kind]:.6g} and {other[kind]:.6g} {unit_of(kind)}")
+    return "\n".join(lines)

@@ -42,6 +42,7 @@ PROBLEM_OPTIONS = [
     Option("line_load", from_zero, None, "load per length of a roller, cylinder, or patch periodic in x or y [N/mm]"),
     *load_path.OPTIONS,
     Option("stiffness", flag, False, "compute dF/d(approach) and conductance, by one more linear solve"),
+    Option("flow", flag, False, "solve for the flow of a fluid through the gap; -flow_ksp_*, -flow_pc_*: its solver"),
     Option("refine_until", share, None, "double the cells in x and y until estimated errors are below this"),
     Option("refine_for", subset(*_ERRORS), ESTIMATED, "refine_until: quantities whose errors must be small"),
     Option("refine_max", count, 4096**2, "refine_until: largest number of cells"),
@@ -69,7 +70,7 @@ class Request:
     refine_until, refine_max : number or None
     quantities : tuple of str
         Numbers whose errors must be below `refine_until`.
-    stiffness : bool
+    stiffness, flow : bool
     method : dict of str to dict
         Option file -> its options for the solver, which checks them.
     options : dict of str to str
@@ -81,6 +82,7 @@ class Request:
 
     def __init__(self, parsed, comm):
         from app.cli.geometry import make_problem  # -help does without MPI
+        from app.flow.gap_flow import PREFIX, set_options
         from app.io.files import check_output_path, check_shared_folder, hash_samples
 
         texts, options, inputs = parsed.texts, resolve_alternatives(parsed), list_input_files(parsed.texts)
@@ -109,13 +111,17 @@ class Request:
             self.quantities = tuple(names.get(name, name) for name in options["refine_for"])
             self.refine_max = options["refine_max"]
         self.title = options["title"] if self.output else None
-        self.stiffness = options["stiffness"]
+        self.stiffness, self.flow = options["stiffness"], options["flow"]
+        flow_options = {name for name in texts if name.startswith(PREFIX)}
+        if not self.flow and (names := flow_options & parsed.explicit_names()):
+            raise InputError(f"-{min(names)}: needs -flow")
+        call_collectively(comm, set_options, {name: texts[name] for name in flow_options})
         if names := set(options.unused()) - own.asked:
             unused = [option for option in PROBLEM_OPTIONS if option.name in names]
             one = f"has no effect here; it is: {unused[0].meaning}"
             effect = one if len(unused) == 1 else "have no effect here"
             raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in unused))}: {effect}")
-        problem_names = {option.name for option in PROBLEM_OPTIONS} | own.asked
+        problem_names = {option.name for option in PROBLEM_OPTIONS} | own.asked | flow_options
         self.method, self.options = parsed.split_by_source(texts.keys() - problem_names)
         known, unknown = _split_unknown(parsed.explicit_names(), own.names)
         if misspelt := [name for name in unknown if find_similar_name(name, known)]:

@@ -35,7 +35,8 @@ _QUANTITIES = (
     "half_width", "mean_half_width", "pressure_centre_x", "pressure_centre_y", "plastic_area", "plastic_fraction",
     "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume", "mean_plastic_depth", "hardness",
     "largest_load", "mean_gap", "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance",
-    "thermal_conductance", "contact_modulus", "rms_height", "rms_slope",
+    "thermal_conductance", "transmissivity_x", "hydraulic_aperture_x", "transmissivity_y", "hydraulic_aperture_y",
+    "flow_error", "contact_modulus", "rms_height", "rms_slope",
 )  # fmt: skip
 _ORIGIN = {
     "version": "version",

@@ -70,7 +70,9 @@ def main(parsed):
             text = refinement_table(refined, request.refine_until, request.quantities)
         elif request.path:
             with solver:
-                path, solution, finished = run_path(request.path, solver, request.stiffness, save)
+                path, solution, finished = run_path(
+                    request.path, solver, save, request.stiffness, request.flow
+                )
             steps, notes, status = path.table, path.notes, 0 if path.converged else 3
             facts |= {
                 "notes": "\n".join(notes),
@@ -84,6 +86,8 @@ def main(parsed):
                 if request.stiffness:
                     solution = solver.with_stiffness(solution)
             notes = solution.notes
+        if request.flow:
+            solution.flow()
     options = (refined if request.refine_until else solver).options
     options.insert_for_good(request.texts)
     with PETSc.Log.Stage("Output"):

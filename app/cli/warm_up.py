@@ -72,6 +72,7 @@ def _run(case):
     precision = {"lcp_precision": case.precision} if case.method is None and case.bodies != "film" else {}
     solution = solve(problem, method=case.method, options=precision, **loading).gather()
     if case.stress and solution:
+        solution.flow()
         stress(solution, poisson_ratio=None if case.bodies == "coated" else 0.3).maximum()
 
 

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from app.base import views
-from app.base.errors import InputError, call_collectively, check_equal_on_ranks
+from app.base.errors import InputError, call_collectively, check_equal_on_ranks, warn_caller
 from app.base.quantities import QUANTITIES
 from app.base.units import format_quantity
+from app.flow.results import FLOW_FIELDS, FLOW_NUMBERS
 from app.io.frames import to_dataframe, to_xarray
 from app.options.option_table import USUAL_NAMES, find_similar_name
 from app.problems.residual_surface import ResidualSurface
@@ -28,6 +29,7 @@ _USUAL_WORDS = {"resistance": "conductance", "peak": "max", "maximum": "max", "a
 _SHOWN = {"converged", "notes", "error_bound", "iterations", "message"}
 _HIDDEN = {
     "comm",
+    "computed",
     "slabs",
     "traffic",
     "distance",
@@ -144,7 +146,7 @@ class ContactFields:
         ----------
         name : str, optional
             summary (the default), contact, pressure, deformation, sections, distributions, spectrum, history; or a
-            single panel: displacement, gap, plastic_depth, section_x, section_y, residual.
+            single panel: displacement, gap, plastic_depth, section_x, section_y, residual. After `flow` also flow.
         ax : matplotlib axes, optional
             Axes for a single panel: contact, pressure (the default), or one of the single panels above.
 
@@ -179,6 +181,8 @@ class ContactFields:
         hint = f"did you mean {similar}{inverse}?" if similar else "what it has: .attributes"
         if name in STIFFNESS_NUMBERS:
             hint = "it is computed by -stiffness, or by ContactSolver.with_stiffness"
+        elif name in FLOW_NUMBERS:
+            hint = "it is computed by -flow, or by the method flow"
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
@@ -188,6 +192,33 @@ class ContactFields:
         """
         known = {name for name in self.attributes if name.removeprefix("analytic_") in QUANTITIES}
         return {*super().__dir__(), *known} - (self.attributes.keys() - known) - _HIDDEN | _SHOWN
+
+    def flow(self):
+        """Solve for the flow of a fluid through the gap. Collective.
+
+        No fluid flows through cells in contact, and through cells where contact is impossible. The flow is computed
+        once for each solution. After that `attributes` have its numbers, and `save` writes its fields, too. Options of
+        the linear solver are in PETSc's database, with the prefix ``flow_``.
+
+        Returns
+        -------
+        Flow
+            A RuntimeWarning is issued if its proved error is above 1e-4.
+
+        Raises
+        ------
+        InputError
+            If PETSc refuses an option.
+        """
+        from app.flow.gap_flow import MAX_ERROR, solve_flow
+
+        computed = self.__dict__.setdefault("computed", {})
+        if "flow" not in computed:
+            computed["flow"] = flow = solve_flow(self.gap, ~self.contact, self.grid, self.slabs, self.comm)
+            self.extra.update(flow.select(FLOW_FIELDS))
+            if (error := flow.flow_error) > MAX_ERROR:
+                warn_caller(f"flow: the proved relative error of the transmissivities is {error:.2g}")
+        return computed["flow"]
 
     def residual_surface(self):
         """Return the permanent indentation as a surface. Collective.

@@ -13,6 +13,7 @@ UNITS = {
     "background_pressure": "N/mm2",
     "worn_depth": "mm",
     "contact": "1",
+    **dict.fromkeys(("flux_x", "flux_y"), "mm2"),
     "plastic": "1",
 }
 _LONG_NAMES = {

@@ -12,6 +12,7 @@ from functools import cache
 from math import nan
 from pathlib import Path
 
+from app.flow.results import FLOW_NUMBERS
 from app.io.contact_fields import ATTRIBUTE_NAMES
 from app.io.files import hash_file
 from app.io.result import read_result
@@ -27,7 +28,7 @@ _WORK = (
 )  # fmt: skip
 WHERE_KNOWN = (  # columns only if a run has them
     "indentation", "contact_area", "mean_contact_pressure", "stiffness", "unloading_stiffness", "conductance_width",
-    "electrical_conductance", "thermal_conductance", "contact_patches", "largest_patch",
+    "electrical_conductance", "thermal_conductance", *FLOW_NUMBERS, "contact_patches", "largest_patch",
     "plastic_area", "plastic_fraction", "plastic_volume", "mean_plastic_depth", "persson_fraction", "rms_height",
     "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error", "max_pressure_error",
     "contact_area_error",

@@ -31,6 +31,7 @@ from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, p
 
 _AXES = (  # drawn columns
     "load", "approach", "indentation", "max_pressure", "contact_area", "stiffness", "contact_fraction", "mean_gap",
+    "transmissivity_x",
 )  # fmt: skip
 # Drawn column -> column to which the error is relative, and column of the error; default: NAME, NAME_error.
 _ERRORS = {
@@ -109,21 +110,24 @@ def make_path(columns, name):
 
 @with_style
 def path_figure(paths, heading=""):
-    """Draw load paths in four panels.
+    """Draw load paths in four panels, and in a fifth the transmissivity if it is known.
 
     For nominally flat rough bodies the panels show contact fraction, kappa, mean gap and stiffness against pressure,
     with the theories of Persson and of Bush, Gibson and Thomas. kappa is the contact fraction divided by the relative
     pressure. For other bodies the panels show load, pressure, area and stiffness.
     """
     rough = all(path.scale > 0 and path.select("mean_pressure", _FRACTION) is not None for path in paths)
-    figure, panels = new_panels([(7.0, 4.3)] * 4, 2, heading)
+    has_flow = any("transmissivity_x" in path.columns for path in paths)
+    figure, panels = new_panels([(7.0, 4.3)] * (4 + has_flow), 2, heading)
     shown, note = _complete_stiffness(list(map(_add_bars, paths)))
     labels = {}
     for name in _AXES:
         factor, labels[name] = scale_for_axis(np.abs(_select_all(paths, name)).max(), name)
         shown = [path.multiply(factor, name) for path in shown]
     labels["stiffness"] += note
-    (_draw_rough if rough else _draw_smooth)(panels, shown, labels)
+    (_draw_rough if rough else _draw_smooth)(panels[:4], shown, labels)
+    if has_flow:
+        _draw_panel(panels[4], shown, labels, "load", "transmissivity_x")
     return figure
 
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from app.base.errors import InputError, check_type
-from app.plots import curves, figures, load_curves
+from app.plots import curves, figures, flow, load_curves
 from app.plots.maps import Canvas
 from app.plots.style import interactive, new_figure, with_style
 from app.reference.hertz import EllipticHertz
@@ -78,6 +78,7 @@ PICTURES = {
     "sections": figures.section_figure,
     "distributions": lambda result, _: curves.distribution_figure(result),
     "spectrum": lambda result, _: curves.spectrum_figure(result),
+    "flow": lambda result, _: flow.flow_figure(result, figures.make_title(result)),
     "path": _path_figure,
     "history": lambda result, _: figures.history_figure(result),
     "summary": figures.summary_figure,

@@ -23,7 +23,7 @@ KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPT
 OTHERS = {"options_file", "skip_petscrc", "help", "citations", "cone_slope"}
 OTHERS |= {"contact_area", "contact_area_path"}  # of an example
 PETSCS = re.compile(
-    r"((punch_|gear_)?ksp|pc|mg_levels|mg_coarse|snes|log|malloc|objects|options|prefix|on_error)_\w*|info|citations"
+    r"((punch_|gear_|flow_)?(ksp|pc)|mg_levels|mg_coarse|snes|log|malloc|objects|options|prefix|on_error)_\w*|info|citations"
 )
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
