@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from cases import self_affine
 
-from app import Grid
+from app import ContactSolver, Grid
 from app.base.mpi import MPI
 from app.flow.gap_flow import MAX_ERROR, PREFIX, solve_flow
 from app.flow.percolation import find_percolating_sets
@@ -53,3 +54,16 @@ def test_percolating_sets_are_independent_of_ranks(comm, periodic):
             expected, count = find_percolating_sets(is_open, grid, along, Slabs(grid.ny))
             sets, same = find_percolating_sets(is_open[slabs.rows], grid, along, slabs, comm)
             assert same == count and np.array_equal(sets > 0, expected[slabs.rows] > 0)
+
+
+@pytest.mark.mpi(2, 3)
+def test_gathered_solutions_keep_their_flow(comm):
+    with ContactSolver(self_affine(32), comm=comm) as solver:
+        solution = solver.solve(load=3.0)
+        flow = solution.flow()
+    whole = solution.gather()
+    if whole is None:
+        return
+    assert whole.computed["flow"].y.flux_y.shape == whole.flow().fluid_pressure.shape == (32, 32)
+    assert whole.transmissivity_x == flow.transmissivity_x
+    assert np.array_equal(whole.extra["flux_x"][solution.slabs.rows], flow.flux_x)
