@@ -61,7 +61,7 @@ class SolutionTable:
         return to_dataframe(self.table)
 
     def save(self, path):
-        """Write the table as ``.csv``, ``.h5``, ``.md`` or ``.txt``.
+        """Write the table as ``.csv``, ``.h5``, ``.mat``, ``.md`` or ``.txt``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Tables as Markdown, plain text, CSV and HDF5.
+"""Tables as Markdown, plain text, CSV, HDF5 and MATLAB files.
 
 A table is a sequence of mappings, one per row. A missing key or a value of None is an empty cell.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from app.base.errors import InputError
-from app.io.files import atomic_hdf5, report_write_errors, write_text
+from app.io.files import atomic_file, atomic_hdf5, report_write_errors, write_text
 
 
 def format_markdown(rows, columns=None, formats=None):
@@ -51,8 +51,9 @@ def format_csv(rows, columns=None):
 def write_table(path, rows, columns=None):
     """Write a table atomically, in the suffix's format.
 
-    The suffix is ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``; InputError for any other. An HDF5 file has a
-    dataset for each key: int64, float64 with NaN for empty cells, or strings.
+    The suffix is ``.md``, ``.txt``, ``.csv``, ``.h5``, ``.hdf5`` or ``.mat``; InputError for any other. An HDF5 file
+    has a dataset for each key: int64, float64 with NaN for empty cells, or strings. A MATLAB file has a column vector
+    for each key, or a cell array of strings.
     """
     path = Path(path)
     formatters = {".md": format_markdown, ".txt": format_text, ".csv": format_csv}
@@ -61,12 +62,22 @@ def write_table(path, rows, columns=None):
         with report_write_errors(path):
             write_text(path, formatters[suffix](rows, columns))
         return
-    if suffix not in (".h5", ".hdf5"):
-        raise InputError(f"table {path}: the name must end in one of {', '.join(formatters)}, .h5, .hdf5")
+    if suffix not in (".h5", ".hdf5", ".mat"):
+        raise InputError(
+            f"table {path}: the name must end in one of {', '.join(formatters)}, .h5, .hdf5, .mat"
+        )
+    columns = list(columns or _list_keys(rows))
+    arrays = {key: _to_array([row.get(key) for row in rows]) for key in columns}
+    if suffix == ".mat":
+        from scipy.io import savemat  # loads slowly
+
+        with report_write_errors(path), atomic_file(path) as temporary:
+            savemat(temporary, arrays, appendmat=False, oned_as="column")
+        return
     with report_write_errors(path), atomic_hdf5(path) as file:
-        file.attrs["columns"] = columns = list(columns or _list_keys(rows))  # in this order
-        for key in columns:
-            file[key] = _to_array([row.get(key) for row in rows])
+        file.attrs["columns"] = columns  # in this order
+        for key, array in arrays.items():
+            file[key] = array
 
 
 def _list_keys(rows):

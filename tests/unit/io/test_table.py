@@ -6,6 +6,7 @@ import io
 import h5py
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 from app.io.table import format_csv, format_markdown, format_text, write_table
 
@@ -59,6 +60,11 @@ def test_tables_are_written_in_every_format(tmp_path):
         assert file["its"][:].tolist() == [6, 10]
         assert np.array_equal(file["residual"], [1.25e-7, np.nan], equal_nan=True)
         assert file["note"].asstr()[:].tolist() == ["", "C"]
+    write_table(tmp_path / "a.mat", ROWS)
+    mat = loadmat(tmp_path / "a.mat")
+    assert mat["its"].tolist() == [[6], [10]]
+    assert np.array_equal(mat["residual"], [[1.25e-7], [np.nan]], equal_nan=True)
+    assert mat["grid"][1, 0] == "64|64"
     with pytest.raises(ValueError, match=r"a\.xls: the name must end in one of"):
         write_table(tmp_path / "a.xls", ROWS)
     assert format_markdown([], ["a"]).splitlines() == ["| a   |", "|-----|"]
