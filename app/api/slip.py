@@ -124,16 +124,27 @@ class Friction:
         Raises
         ------
         InputError
-            If a number is not allowed, the bodies are not similar, or the problem has a hardness or a background
-            pressure.
+            If a number is not allowed, the bodies are not similar, or the problem has a hardness, a background
+            pressure or a surface compliance.
         """
         self._check_open()
         loads = np.atleast_1d(tangential_load).tolist()
         check_equal_on_ranks(self.comm, (load, friction, loads), "slip")
-        ratio = compliance_ratio(self.problem.material)
-        for name in ("hardness", "background_pressure"):
-            if getattr(self.problem, name) is not None:
+        ratio = self._check_slip(load, friction, loads)
+        normal = self.solve(load=load)
+        slips = [self._slip(normal, ratio, float(friction), float(each)) for each in loads]
+        return slips if np.ndim(tangential_load) else slips[0]
+
+    def _check_similar(self):
+        """Return the ratio of the compliances, if slip can be solved for this problem."""
+        for name in ("hardness", "background_pressure", "surface_compliance"):
+            if np.any(getattr(self.problem, name)):
                 raise InputError(f"slip: not with a {name.replace('_', ' ')}")
+        return compliance_ratio(self.problem.material)
+
+    def _check_slip(self, load, friction, loads):
+        """Check the arguments of `slip`; return the ratio of the compliances."""
+        ratio = self._check_similar()
         for name, values in (("load", [load]), ("friction", [friction]), ("tangential_load", loads)):
             for value in map(plain_number, values):
                 if not (
@@ -146,9 +157,7 @@ class Friction:
             if each > friction * load:
                 most = f"must be at most {format_exact(friction * load)} N, friction times load"
                 raise InputError(f"tangential_load {format_exact(each)}: the bodies slide; {most}")
-        normal = self.solve(load=load)
-        slips = [self._slip(normal, ratio, float(friction), float(each)) for each in loads]
-        return slips if np.ndim(tangential_load) else slips[0]
+        return ratio
 
     def _slip(self, normal, ratio, friction, tangential_load):
         smaller = max(normal.load - tangential_load / friction, 0.0)

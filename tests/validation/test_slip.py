@@ -149,6 +149,18 @@ def test_other_bodies_are_refused(material, message):
         solver.slip(load=100, friction=0.3, tangential_load=10)
 
 
+def test_compliant_surfaces_are_refused():
+    """Their normal compliance has no constant ratio to the tangential one."""
+    problem = ContactProblem(
+        Grid.from_domain(16, 16, (-1, 1, -1, 1)),
+        Material.isotropic(210e3, 0.3),
+        Sphere(10),
+        surface_compliance=1e-6,
+    )
+    with ContactSolver(problem) as solver, pytest.raises(InputError, match="not with a surface compliance"):
+        solver.slip(load=100, friction=0.3, tangential_load=10)
+
+
 @pytest.mark.mpi(2, 3)
 def test_ranks_agree(comm):
     with ContactSolver(ball(0.3, 48), comm=comm) as solver:
