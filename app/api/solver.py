@@ -22,6 +22,7 @@ from app.api.analytic_values import analytic_values, theories
 from app.api.arguments import check_disks, parse_arguments
 from app.api.derivatives import Derivatives
 from app.api.histories import Histories
+from app.api.law import Laws
 from app.api.layer_approach import add_uniform_displacement, search_approach
 from app.api.load_path import LoadPath
 from app.api.notes import NoteWarnings, notes_on
@@ -77,7 +78,7 @@ def solve(problem, *, method=None, options=None, comm=None, start=None, **loadin
         return solver.solve(start=start, **loading)
 
 
-class ContactSolver(Derivatives, Histories, Friction):
+class ContactSolver(Derivatives, Histories, Friction, Laws):
     """Solver of a contact problem for any loading.
 
     The constructor and all methods are collective over `comm`. `update` replaces the problem. The solver is freed at
