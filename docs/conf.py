@@ -37,6 +37,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "slip": None,
         "wear": None,
         "flow": None,
+        "law": None,
         "sensitivities": None,
         "methods": None,
         "operator": "The operator as a Mat",

@@ -100,7 +100,7 @@ class ContactLaw:
 
         Parameters
         ----------
-        load, approach, indentation : float or array_like
+        **given : float or array_like
             Exactly one of load [N], approach [mm], and approach beyond first touch [mm].
 
         Returns
@@ -168,8 +168,6 @@ class Laws:
 
         Parameters
         ----------
-        load, mean_pressure : pair of float
-            Smallest and largest load [N], or mean pressure [N/mm2], positive; give one of the two.
         tolerance : float
             Largest relative change of the interpolated load by another point.
         flow : bool
@@ -179,6 +177,8 @@ class Laws:
             has three columns of `slip`.
         max_points : int
             Largest number of solved loads. A RuntimeWarning is issued if it does not suffice.
+        **loadings : pair of float
+            Smallest and largest load [N], or mean_pressure [N/mm2], positive; exactly one of the two.
 
         Returns
         -------

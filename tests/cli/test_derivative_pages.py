@@ -1,4 +1,4 @@
-"""docs/conductance.md, creep.md, slip.md, wear.md and sensitivities.md: their code runs."""
+"""docs/conductance.md, creep.md, slip.md, wear.md, law.md and sensitivities.md: their code runs."""
 
 import numpy as np
 import pytest
@@ -24,6 +24,15 @@ def test_slip_of_the_page_sums_to_the_tangential_load():
 def test_wear_of_the_page_has_the_volume_of_archard():
     names = run_blocks(blocks_of("wear.md"))
     assert names["path"].table["worn_volume"][-1] == pytest.approx(1e-9 * 50 * 4000)
+
+
+def test_law_of_the_page_is_a_spring(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names = run_blocks(blocks_of("law.md"))
+    law, spring = names["law"], names["spring"]
+    assert law.table["load"][0] < spring["load"] < law.table["load"][-1]
+    assert spring["tangential_stiffness"] / spring["stiffness"] == pytest.approx(14 / 17, rel=0.01)
+    assert (tmp_path / "law.csv").is_file()
 
 
 def test_conductance_of_the_page_is_near_that_of_a_circle():

@@ -67,6 +67,16 @@ def creep(names):
     assert (np.diff(names["fraction"]) >= 0).all()
 
 
+def contact_law(names):
+    """The bars and the faces carry one force, and add up to the displacement."""
+    force, closing = names["forces"][-1], names["closing"]
+    assert names["law"].at(indentation=closing)["load"] == pytest.approx(force)
+    bars = 2 * names["length"] / names["young"] * force
+    assert closing + bars == pytest.approx(names["push"], rel=1e-9)
+    with names["ContactSolver"](names["problem"]) as solver:
+        assert solver.solve(load=force).indentation == pytest.approx(closing, rel=1e-3)
+
+
 def indentation(names):
     """The plate unloads with the stiffness of a circle."""
     loaded, table = names["loaded"], names["table"]
@@ -110,8 +120,8 @@ def wear(names):
 
 CHECKS = {"two_bodies": ball_on_flat}
 for check in (
-    *(ball_on_flat, crowned_roller, optimal_crown, contact_resistance, coating_thickness, creep, indentation),
-    *(wheel_on_rail, measured_surface, rough_surfaces, leakage, wear),
+    *(ball_on_flat, crowned_roller, optimal_crown, contact_resistance, coating_thickness, contact_law, creep),
+    *(indentation, wheel_on_rail, measured_surface, rough_surfaces, leakage, wear),
 ):
     CHECKS[check.__name__] = check
 
