@@ -34,6 +34,7 @@ from app.io.frames import to_dataframe
 from app.problems.arrays import check_hardness
 from app.problems.contact_problem import ContactProblem
 from app.problems.residual_surface import ResidualSurface
+from app.problems.roller import NUMBERS as ROLLER_NUMBERS
 
 # Columns of the table that are numbers of a Solution.
 COLUMNS = (
@@ -320,7 +321,7 @@ class _LoadHistory:
 
 def numbers_of(solution):
     """Return a solution's numbers for a row of a table. Collective."""
-    optional = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
+    optional = (*THEORIES, *ROLLER_NUMBERS, *(f"analytic_{name}" for name in ANALYTIC))
     return {
         **{name: getattr(solution, name) for name in COLUMNS},
         **({} if solution.plastic is None else {name: getattr(solution, name) for name in PLASTIC_NUMBERS}),

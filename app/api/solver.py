@@ -256,6 +256,8 @@ class ContactSolver(Derivatives, Histories, Friction, Laws):
                 listener.begin(self.settings)
                 stack.callback(listener.end)
             solution = self._note_late_options(self._solve(loading, start))
+            if more := self.problem.measure(solution):
+                solution = replace(solution, problem=solution.problem | more)
             if self.problem.material.is_conducting and not self.quiet:
                 solution = self.with_stiffness(solution)
         report_compilation()

@@ -141,6 +141,8 @@ def _describe_pressure(facts, grid):
             angle = round_to_cell(facts["major_axis_angle"], 0.01)
             parts = [f"elliptic contact: semi-axes {axes} mm, the longer at {angle:.4g} degrees from x"]
         lines.append(", ".join(parts))
+    if "line_load" in facts:
+        lines += _describe_roller(facts)
     if places:
         lines.append(
             f"centre of pressure {', '.join(f'{name} = {at:.6g} mm' for name, at in places.items())}"
@@ -152,6 +154,18 @@ def _describe_pressure(facts, grid):
     if "flow_error" in facts:
         lines.append(_describe_flow(facts))
     return lines
+
+
+def _describe_roller(facts):
+    """Return lines on a roller's line load, edge factor and widths."""
+    text = f"line load {facts['line_load']:.6g} N/mm"
+    if "line_pressure" in facts:
+        text += (
+            f", for which Hertz's line contact has {facts['line_pressure']:.6g} N/mm2 and half width "
+            f"{facts['line_half_width']:.6g} mm, edge factor {facts['edge_factor']:.4g}"
+        )
+    middle, *ends = (facts[f"half_width_{where}"] for where in ("middle", "lower_end", "upper_end"))
+    return [text, f"half width {middle:.6g} mm in the middle, {ends[0]:.6g} and {ends[1]:.6g} mm at the ends"]
 
 
 def centre_of_pressure(facts, grid):

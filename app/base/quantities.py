@@ -43,6 +43,15 @@ QUANTITIES = {
     "half_length": Quantity("mm", "half length of the contact"),
     "half_width": Quantity("mm", "half width of the contact", "where it is widest"),
     "mean_half_width": Quantity("mm", "mean half width", "contact area over twice its length"),
+    "line_load": Quantity("N/mm", "line load", "load over the length of the roller between its chamfers"),
+    "line_pressure": Quantity(
+        "N/mm2", "line pressure", "maximum of Hertz's line contact under the line load"
+    ),
+    "line_half_width": Quantity("mm", "Hertz's half width", "of the line contact under the line load"),
+    "edge_factor": Quantity("1", "edge factor", "largest pressure near the ends over the line pressure"),
+    "half_width_middle": Quantity("mm", "half width in the middle", "of the roller"),
+    "half_width_lower_end": Quantity("mm", "half width at the lower end", "of the contact, in y"),
+    "half_width_upper_end": Quantity("mm", "half width at the upper end", "of the contact, in y"),
     "major_axis_angle": Quantity("degree", "larger semi-axis from x"),
     "persson_fraction": Quantity(
         "1", "Persson's theory", "contact fraction at this mean pressure, E* and rms slope"

@@ -27,12 +27,13 @@ from app.io.files import check_output_path, report_write_errors, write_text
 from app.io.result import read_result
 from app.plots import figures, style
 from app.plots.pictures import PICTURES, analytic_reference, pictures_of
+from app.problems.roller import NUMBERS as ROLLER_NUMBERS
 
 _QUANTITIES = (
     "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
     "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
-    "largest_patch", "perimeter", *SEMI_AXES, *EXTENTS, "load_per_length", "half_length",
-    "half_width", "mean_half_width", "pressure_centre_x", "pressure_centre_y", "plastic_area", "plastic_fraction",
+    "largest_patch", "perimeter", *SEMI_AXES, *EXTENTS, "load_per_length", "half_length", "half_width",
+    "mean_half_width", *ROLLER_NUMBERS, "pressure_centre_x", "pressure_centre_y", "plastic_area", "plastic_fraction",
     "persson_hardness_fraction", "persson_plastic_fraction", "plastic_volume", "mean_plastic_depth", "hardness",
     "largest_load", "mean_gap", "stiffness", "unloading_stiffness", "conductance_width", "electrical_conductance",
     "thermal_conductance", "transmissivity_x", "hydraulic_aperture_x", "transmissivity_y", "hydraulic_aperture_y",

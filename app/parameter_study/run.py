@@ -17,6 +17,7 @@ from app.io.contact_fields import ATTRIBUTE_NAMES
 from app.io.files import hash_file
 from app.io.result import read_result
 from app.options.option_table import FILES, list_named_files
+from app.problems.roller import NUMBERS as ROLLER_NUMBERS
 
 ROOT = Path(__file__).resolve().parents[2]
 _ANSWER = (
@@ -31,7 +32,7 @@ WHERE_KNOWN = (  # columns only if a run has them
     "electrical_conductance", "thermal_conductance", *FLOW_NUMBERS, "contact_patches", "largest_patch",
     "plastic_area", "plastic_fraction", "plastic_volume", "mean_plastic_depth", "persson_fraction", "rms_height",
     "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error", "max_pressure_error",
-    "contact_area_error",
+    "contact_area_error", *ROLLER_NUMBERS,
 )  # fmt: skip
 CHECKS = ("largest_penetration", "smallest_pressure", "complementarity")
 OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")

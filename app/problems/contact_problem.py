@@ -235,6 +235,10 @@ class ContactProblem(Problem):
             return None
         return self.shape.analytic(self.material.contact_modulus, approach=approach)
 
+    def measure(self, solution):
+        """Return more numbers of a Solution, those of the shape."""
+        return self.shape.measure(solution) if hasattr(self.shape, "measure") else {}
+
     def describe(self):
         """Return data on gap, material, surfaces for result files."""
         own = self.shape.describe()

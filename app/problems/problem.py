@@ -75,6 +75,10 @@ class Problem:
         """Return the analytic solution, None if unknown."""
         return None
 
+    def measure(self, solution):
+        """Return more numbers of a `Solution` by name, for its attributes and files. Collective."""
+        return {}
+
     def describe(self):
         """Return names and values that describe the problem in result files."""
         return {

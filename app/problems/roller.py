@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.base.errors import InputError, format_exact, is_number
+from app.parallel.reductions import sum_over
 from app.problems.arrays import real_numbers
 from app.problems.shapes import Shape, check_length
 from app.reference.base import require_positive
@@ -12,6 +13,12 @@ from app.reference.line import LineContact
 
 CROWNS = ("none", "log", "arc")
 MAX_TILT = 0.1  # rad; slopes must be small
+NUMBERS = (  # of a Solution, see `Roller.measure`
+    "line_load", "line_pressure", "line_half_width", "edge_factor", "half_width_middle", "half_width_lower_end",
+    "half_width_upper_end",
+)  # fmt: skip
+_NOT_HERTZ = {"background_pressure", "relaxation_times", "surface_compliance"}
+_END = 0.1  # share of the length that counts as an end, for the edge factor
 
 
 @dataclass(frozen=True)
@@ -137,6 +144,37 @@ class Roller(Shape):
     def check_grid(self, grid):
         """Raise if a grid is unsuitable, see `check_length`."""
         check_length(grid, "roller", self.length, self.half_length)
+
+    def measure(self, solution):
+        """Return numbers of a roller by their names, `NUMBERS`. Collective.
+
+        The line load is the load over the length between the chamfers [N/mm]. Hertz's line contact has the line
+        pressure [N/mm2] and line half-width [mm] under it; they are unknown for coated, viscoelastic and compliant
+        bodies, and with a background pressure. The edge factor is the largest pressure on the last tenth of this length
+        at either end, over the line pressure, the nominal one of bearing design. It is about 1 under a good crown, 0 if
+        the contact does not reach the ends, and at a sharp end the larger, the finer the grid. The half-widths [mm] are
+        those of the cells in contact, in the middle of the roller, and in the first and last row of contact.
+        """
+        if not solution.contact_cells:
+            return {}
+        grid, facts = solution.grid, solution.problem
+        y, counts, largest = np.abs(grid.y()), np.zeros(grid.ny), np.zeros(grid.ny)
+        counts[solution.slabs.rows] = solution.contact.sum(axis=1)
+        largest[solution.slabs.rows] = solution.pressure.max(axis=1, initial=0.0)
+        counts, largest = sum_over(solution.comm, [counts, largest])
+        widths, (lower, upper) = counts * grid.dx / 2, np.flatnonzero(counts)[[0, -1]]
+        numbers = {
+            "line_load": solution.load / (2 * self.half_length),
+            "half_width_middle": float(widths[y < y.min() + grid.dy / 2].mean()),
+            "half_width_lower_end": float(widths[lower]),
+            "half_width_upper_end": float(widths[upper]),
+        }
+        if "contact_modulus" in facts and not {*facts, *solution.extra} & _NOT_HERTZ:
+            line = self.line_contact(facts["contact_modulus"], load=solution.load)
+            at_ends = largest[y >= (1 - 2 * _END) * self.half_length].max(initial=0.0)
+            numbers |= {"line_pressure": line.max_pressure, "line_half_width": line.a}
+            numbers["edge_factor"] = float(at_ends / line.max_pressure)
+        return numbers
 
     def describe(self):
         """Return sizes and crown by name, for result files."""

@@ -3,7 +3,7 @@
 Lengths are numbers [mm] or texts with units, such as "10 um".
 
 A shape has `name`, `sampled`, `shape_on` and `describe`, as `app.problems.problem.Problem` has. A shape may have a
-method `check_grid`, which raises InputError for a grid that does not fit.
+method `check_grid`, which raises InputError for a grid that does not fit, and a method `measure` as a problem has.
 """
 
 import math

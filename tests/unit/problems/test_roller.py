@@ -3,9 +3,21 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem, Cylinder, EllipticHertz, Grid, InputError, Material, Roller, solve
+from app import (
+    ContactProblem,
+    ContactSolver,
+    Cylinder,
+    EllipticHertz,
+    Grid,
+    InputError,
+    Material,
+    Roller,
+    read_result,
+    solve,
+)
+from app.base.mpi import MPI
 from app.problems.default_patch import default_patch
-from app.problems.roller import read_profile
+from app.problems.roller import NUMBERS, read_profile
 from app.reference.line import LineContact
 
 RADIUS, LENGTH, LOAD = 10.0, 16.0, 20000.0
@@ -36,6 +48,79 @@ def test_straight_roller_has_pressure_peaks_at_its_ends():
     assert 0.9 * line.max_pressure < middle < line.max_pressure < 0.6 * solution.max_pressure
     row = np.unravel_index(solution.pressure.argmax(), solution.pressure.shape)[0]
     assert abs(solution.y[row]) == pytest.approx(LENGTH / 2, abs=solution.grid.dy)
+
+
+@pytest.mark.parametrize("crown", [LOG, {}])
+def test_numbers_of_a_roller_are_those_of_line_contact(crown):
+    """The edge factor of a good crown is near 1; that of a sharp end grows without limit."""
+    line = LineContact(RADIUS, LENGTH - 2.0, STEEL.contact_modulus, LOAD)
+    roller = Roller(RADIUS, LENGTH, end_chamfer=1.0, **crown)
+    coarse, solution = (pressed(roller, n) for n in (32, 64))
+    half_cell = solution.grid.dx / 2
+    assert solution.line_load == pytest.approx(LOAD / 14)
+    assert solution.line_pressure == pytest.approx(line.max_pressure)
+    assert solution.line_half_width == pytest.approx(line.a)
+    assert solution.half_width_middle == pytest.approx(line.a, abs=half_cell + 0.05 * line.a)
+    assert solution.half_width_lower_end == solution.half_width_upper_end
+    # The middle carries what Hertz's line contact carries, from its width to its pressure.
+    middle = solution.pressure[len(solution.y) // 2].max()
+    assert middle == pytest.approx(2 * solution.line_load / np.pi / solution.line_half_width, rel=0.1)
+    if crown:
+        assert 0.9 < solution.edge_factor < 1.2
+        assert solution.half_width_lower_end < solution.half_width_middle + 2 * half_cell
+    else:
+        assert solution.edge_factor == solution.max_pressure / solution.line_pressure > 1.6
+        assert solution.edge_factor > 1.1 * coarse.edge_factor
+        assert solution.half_width_lower_end > solution.half_width_middle
+
+
+def test_numbers_of_a_tilted_roller_change_ends_with_the_tilt():
+    up, down = (pressed(Roller(RADIUS, LENGTH, tilt=tilt, **LOG)) for tilt in (3e-4, -3e-4))
+    assert up.half_width_lower_end == down.half_width_upper_end < up.half_width_upper_end
+    assert up.half_width_upper_end == down.half_width_lower_end
+    assert up.edge_factor == pytest.approx(down.edge_factor, rel=1e-3) and up.edge_factor > 1.05
+
+
+def test_numbers_of_a_roller_are_in_files_paths_and_texts(tmp_path):
+    roller = Roller(RADIUS, LENGTH, crown="arc", crown_radius=1000.0)
+    patch = default_patch(roller, STEEL.contact_modulus, load=100)
+    problem = ContactProblem(Grid.from_domain(32, 32, patch), STEEL, roller)
+    with ContactSolver(problem) as solver:
+        path = solver.path(load=[50, 100])
+        *_, solution = path
+        untouched = solver.solve(load=0)
+    solution.save(tmp_path / "roller.h5")
+    result = read_result(tmp_path / "roller.h5")
+    assert solution.edge_factor == 0  # the contact does not reach the ends
+    for name in NUMBERS:
+        assert getattr(result, name) == getattr(solution, name) == path.table[name][1]
+    assert "line load 6.25 N/mm, for which Hertz's line contact has" in solution.summary()
+    assert not untouched.attributes.keys() & set(NUMBERS)
+
+
+def test_bodies_without_a_line_contact_of_hertz_have_widths_only():
+    roller = Roller(RADIUS, LENGTH)
+    patch = default_patch(roller, STEEL.contact_modulus, load=LOAD)
+    coated = Material.coated((4e5, 2e5), (0.2, 0.3), 0.1)
+    for problem in (
+        ContactProblem(Grid.from_domain(32, 32, patch), coated, roller),
+        ContactProblem(Grid.from_domain(32, 32, patch), STEEL, roller, surface_compliance=1e-6),
+        ContactProblem(Grid.from_domain(32, 32, patch), STEEL, roller, background_pressure=1.0),
+    ):
+        solution = solve(problem, load=LOAD)
+        assert solution.attributes.keys() & {"line_pressure", "line_half_width", "edge_factor"} == set()
+        assert solution.half_width_middle > 0 and solution.line_load == LOAD / LENGTH
+        assert "edge factor" not in solution.summary()
+
+
+@pytest.mark.mpi(2, 3)
+def test_numbers_of_a_roller_are_the_same_on_all_ranks(comm):
+    roller = Roller(RADIUS, LENGTH, tilt=3e-4, **LOG)
+    patch = default_patch(roller, STEEL.contact_modulus, load=LOAD)
+    problem = ContactProblem(Grid.from_domain(32, 32, patch), STEEL, roller)
+    shared, alone = (solve(problem, load=LOAD, comm=ranks) for ranks in (comm, MPI.COMM_SELF))
+    for name in NUMBERS:
+        assert getattr(shared, name) == pytest.approx(getattr(alone, name), rel=1e-4)
 
 
 def test_light_load_on_an_arc_is_the_contact_of_hertz():
