@@ -139,7 +139,7 @@ class Derivatives:
         Solution
             A copy with `stiffness`, `unloading_stiffness` and `conductance_width`. The copy has
             `electrical_conductance` and `thermal_conductance` if the problem's material has the constants, see
-            `Material.conducting`. With a coating only the stiffness is known.
+            `Material.conducting`. With a coating or a surface compliance only the stiffness is known.
         """
         self._check_solution(solution)
         if solution.stiffness is not None:
@@ -149,7 +149,8 @@ class Derivatives:
         if self._sum(elastic) < self._sum(solution.contact):
             stiffness = self._stiffness_of(elastic)
         solution = replace(solution, stiffness=stiffness, unloading_stiffness=unloading)
-        if not self.problem.material.is_half_space:  # Barber's theorem holds for half-spaces only
+        # Barber's theorem holds for half-spaces only.
+        if not self.problem.material.is_half_space or self.problem.surface_compliance:
             return solution
         width = unloading / self.problem.material.contact_modulus
         return replace(solution, conductance_width=width, **conductances(self.problem.material, width))

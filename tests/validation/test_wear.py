@@ -44,6 +44,15 @@ def test_a_very_compliant_surface_is_winklers():
     np.testing.assert_allclose(found.pressure, winkler, atol=1e-4 * winkler.max())
 
 
+def test_stiffness_of_a_compliant_surface_gives_no_conductance():
+    """It is that of bodies and surface in series if all cells are in contact."""
+    grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    problem = ContactProblem(grid, STEEL, np.zeros(grid.shape), surface_compliance=1.0)
+    with ContactSolver(problem) as solver:
+        found = solver.with_stiffness(solver.solve(approach=0.01))
+    assert found.stiffness == pytest.approx(grid.area / 1.0, rel=1e-3) and found.conductance_width is None
+
+
 def test_without_compliance_nothing_changes():
     grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
     plain, none, tiny = (
